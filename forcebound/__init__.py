@@ -1,0 +1,1 @@
+"""Force feedback over a network, without ROS, that provably stays passive."""

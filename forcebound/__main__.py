@@ -1,0 +1,5 @@
+"""``python -m forcebound`` is the command ``forcebound``."""
+
+from forcebound.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""What a recorded run says: numbers (:mod:`.metrics`) and pictures (:mod:`.plots`)."""

@@ -1,0 +1,309 @@
+"""What a run looks like: position, force with its bound, energy and loop delay, runs side by side.
+
+matplotlib is imported when a figure is made, and without pyplot: no window, no global state. The
+colours are Okabe and Ito's, which people with any colour vision can tell apart; the same thing has
+the same colour in every panel. A figure of the same data is the same file, byte by byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from forcebound.analysis.metrics import Floats, Surface, law, penetration, surface
+from forcebound.errors import ConfigError
+from forcebound.recording import TelemetryColumns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]
+
+# Source: Okabe, Ito, Color universal design, 2008.
+HAPPENS = "#0072B2"  # blue: what physically happens
+ASKED = "#E69F00"  # orange: what was asked for
+BELIEVED = "#009E73"  # green: what the law believes
+FORBIDDEN = "#D55E00"  # vermilion: where energy would come from nowhere
+NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
+
+SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
+DELAY_CLIP = 3.0  # times the 99th percentile: above, a delay is told in words, not drawn to scale
+
+FORMATS = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}  # without dates
+
+
+@dataclass(frozen=True)
+class View:
+    """What a panel draws from: the samples of a run from its engagement on, along one axis."""
+
+    time: Floats  # s
+    columns: TelemetryColumns
+    shown: slice  # samples since the force engaged
+    axis: int
+    wall: Surface | None
+
+
+def _view(run: Run) -> View:
+    _, columns, config = run
+    wall = surface(config)
+    if wall is not None:
+        penetration(columns, wall)  # refuses an axis that the run does not have
+    start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
+    shown = slice(start, None)
+    return View(columns.time[shown], columns, shown, wall.axis if wall else 0, wall)
+
+
+def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
+    if np.isfinite(y).any():  # hardware knows no ground truth: then neither line nor legend entry
+        axes.plot(x, y, label=label, **style)
+
+
+def _draw_position(axes: Axes, view: View) -> None:
+    columns, shown, axis = view.columns, view.shown, view.axis
+    if view.wall is not None:
+        style = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
+        axes.axhline(view.wall.position * 1e3, label="surface", **style)
+    true_position = columns.true_position[shown, axis] * 1e3
+    _line(axes, view.time, true_position, "true", color=HAPPENS, linewidth=2.2, alpha=0.45)
+    position = columns.position[shown, axis] * 1e3
+    _line(axes, view.time, position, "read", color="black", linewidth=0.6)
+
+
+def _draw_force(axes: Axes, view: View) -> None:
+    columns, shown, axis = view.columns, view.shown, view.axis
+    limit = columns.force_limit[shown]
+    band = {"color": NEUTRAL, "alpha": 0.25, "linewidth": 0.0}
+    axes.fill_between(view.time, -limit, limit, label="bound", **band)
+    asked = columns.commanded_force[shown, axis]
+    _line(axes, view.time, asked, "asked", color=ASKED, linewidth=0.8)
+    applied = columns.applied_force[shown, axis]
+    _line(axes, view.time, applied, "applied", color=HAPPENS, linewidth=1.1)
+
+
+def _draw_energy(axes: Axes, view: View) -> None:
+    axes.axhline(0.0, color=NEUTRAL, linewidth=0.8)
+    estimated = view.columns.estimated_energy[view.shown] * 1e3
+    _line(axes, view.time, estimated, "estimated\nby the law", color=BELIEVED, linewidth=1.0)
+    true = view.columns.true_energy[view.shown] * 1e3
+    _line(axes, view.time, true, "true", color=HAPPENS, linewidth=1.4)
+
+
+def _draw_delay(axes: Axes, view: View) -> None:
+    delay = view.columns.loop_delay[view.shown] * 1e3
+    _line(axes, view.time, delay, "state\nto force", color=HAPPENS, linewidth=0.6)
+
+
+def _draw_force_over_penetration(axes: Axes, view: View) -> None:
+    if view.wall is None:
+        return
+    depth = penetration(view.columns, view.wall)[view.shown] * 1e3
+    if view.wall.stiffness is not None:
+        style = {"color": ASKED, "linestyle": "--", "linewidth": 1.0}
+        axes.axline((0.0, 0.0), slope=view.wall.stiffness * 1e-3, label="wall asked for", **style)
+    applied = view.columns.applied_force[view.shown, view.axis]
+    _line(axes, depth, applied, "applied", color=HAPPENS, linewidth=0.8)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One row of a figure."""
+
+    draw: Callable[[Axes, View], None]
+    label: str
+    x_label: str = "time since the force engaged (s)"
+
+
+PANELS: dict[str, Panel] = {
+    "position": Panel(_draw_position, "position (mm)"),
+    "force": Panel(_draw_force, "force (N)"),
+    "energy": Panel(_draw_energy, "energy (mJ)"),
+    "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
+    "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", "penetration (mm)"),
+}
+
+DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
+
+
+def figure(runs: Sequence[Run], panels: Sequence[str] = DEFAULT_PANELS) -> Figure:
+    """Return a figure with one column per run and one row per panel.
+
+    A row has one scale, so that runs can be compared by eye. Where their ranges differ more than
+    tenfold, the energies go on a symmetric logarithmic scale, and the other rows get a scale per
+    run, which the panel then says.
+
+    Args:
+        runs: Label, telemetry, and launch file as resolved, of each run; at least one.
+        panels: Keys of ``PANELS``, from top to bottom.
+
+    Raises:
+        ConfigError: If a panel is unknown, or a launch file does not fit its run.
+        ValueError: If there are no runs or no panels.
+    """
+    from matplotlib.figure import Figure
+
+    if not runs or not panels:
+        raise ValueError("a figure needs at least one run and one panel")
+    for name in panels:
+        if name not in PANELS:
+            raise ConfigError(f"no panel {name!r}; there are {', '.join(PANELS)}")
+    size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(panels))
+    drawing = Figure(figsize=size, dpi=150, layout="constrained")
+    grid = drawing.subplots(len(panels), len(runs), squeeze=False)
+    for column, run in enumerate(runs):
+        view = _view(run)
+        grid[0, column].set_title(_title(run), fontsize=11)
+        for row, name in enumerate(panels):
+            PANELS[name].draw(grid[row, column], view)
+    for name, row_axes in zip(panels, grid, strict=True):
+        _arrange_row(name, list(row_axes))
+    for column_axes in grid.T:
+        _share_time(panels, list(column_axes))
+    drawing.align_ylabels(list(grid[:, 0]))
+    return drawing
+
+
+def _title(run: Run) -> str:
+    label, _, config = run
+    name = law(config)
+    return label if name is None or name in label else f"{label} (law: {name})"
+
+
+def _arrange_row(name: str, row: list[Axes]) -> None:
+    for axes in row:
+        axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+        axes.margins(x=0.01)
+    row[0].set_ylabel(PANELS[name].label, fontsize=9)
+    if name == "energy":
+        _scale_energy(row)
+    elif name == "loop_delay":
+        _scale_delay(row)
+    else:
+        _share_or_say(row)
+    handles: dict[str, Any] = {}
+    for axes in row:  # a run may lack a line that another has
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    if handles:
+        row[-1].legend(
+            handles.values(),
+            handles.keys(),
+            loc="center left",
+            bbox_to_anchor=(1.01, 0.5),
+            frameon=False,
+            fontsize=8,
+            handlelength=1.4,
+        )
+
+
+def _share_or_say(row: list[Axes]) -> None:
+    limits = np.array([axes.get_ylim() for axes in row])
+    spans = limits[:, 1] - limits[:, 0]
+    if spans.max() <= SHARED_RATIO * spans.min():
+        for axes in row:
+            axes.set_ylim(limits[:, 0].min(), limits[:, 1].max())
+        _label_outer(row)
+    else:
+        for axes in row:
+            _note(axes, "own scale")
+
+
+def _scale_energy(row: list[Axes]) -> None:
+    # The extent of the data, not of the axis: a margin is no energy.
+    lows = [min(axes.dataLim.y0, 0.0) for axes in row]
+    highs = [max(axes.dataLim.y1, 0.0) for axes in row]
+    sizes = [size for low, high in zip(lows, highs, strict=True) if (size := max(-low, high)) > 0.0]
+    low, high = min(lows), max(highs)
+    if sizes and max(sizes) > SHARED_RATIO * min(sizes):
+        linear = 10.0 ** np.round(np.log10(min(sizes)))
+        for axes in row:
+            axes.set_yscale("symlog", linthresh=linear)
+        row[0].set_ylabel(f"energy (mJ)\nlog beyond ±{linear:g}", fontsize=9)
+        bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
+    else:
+        margin = 0.08 * (high - low) or 1.0
+        bottom, top = low - margin, high + margin
+    shade = {"color": FORBIDDEN, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
+    for axes in row:
+        axes.axhspan(bottom, 0.0, label="not passive", **shade)
+        axes.set_ylim(bottom, top)
+    _label_outer(row)
+
+
+def _scale_delay(row: list[Axes]) -> None:
+    delays = [_finite(np.asarray(axes.lines[0].get_ydata())) for axes in row if axes.lines]
+    known = [values for values in delays if values.size]
+    if not known:
+        for axes in row:
+            axes.set_ylim(0.0, 1.0)
+            _note(axes, "no answer came")
+        return
+    top = max(
+        min(float(values.max()), DELAY_CLIP * float(np.percentile(values, 99.0)))
+        for values in known
+    )
+    for axes in row:
+        axes.set_ylim(0.0, 1.15 * top or 1.0)
+        values = _finite(np.asarray(axes.lines[0].get_ydata())) if axes.lines else np.empty(0)
+        if not values.size:
+            _note(axes, "no answer came")
+        elif values.max() > 1.15 * top:
+            _note(axes, f"longest: {values.max():.3g} ms")
+    _label_outer(row)
+
+
+def _finite(values: Floats) -> Floats:
+    return values[np.isfinite(values)]
+
+
+def _note(axes: Axes, text: str) -> None:
+    axes.text(
+        0.99, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, color=NEUTRAL
+    )
+
+
+def _label_outer(row: list[Axes]) -> None:
+    """Leave the numbers of a shared scale to the first column."""
+    for axes in row[1:]:
+        axes.tick_params(labelleft=False)
+
+
+def _share_time(panels: Sequence[str], column: list[Axes]) -> None:
+    over_time = [
+        axes
+        for name, axes in zip(panels, column, strict=True)
+        if PANELS[name].x_label == PANELS["position"].x_label
+    ]
+    for name, axes in zip(panels, column, strict=True):
+        if axes not in over_time or axes is over_time[-1]:
+            axes.set_xlabel(PANELS[name].x_label, fontsize=9)
+        else:
+            axes.tick_params(labelbottom=False)
+    for axes in over_time[1:]:
+        axes.sharex(over_time[0])
+
+
+def save(drawing: Figure, path: str | PathLike[str]) -> None:
+    """Write a figure to a ``.png`` or ``.svg`` file, the same bytes for the same figure.
+
+    Raises:
+        ConfigError: If the file name ends otherwise, or the file cannot be written.
+    """
+    import matplotlib
+
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
+    try:
+        with matplotlib.rc_context({"svg.hashsalt": "forcebound"}):
+            drawing.savefig(path, format=suffix[1:], metadata=FORMATS[suffix])
+    except OSError as error:
+        raise ConfigError(f"cannot write the picture {path}: {error.strerror}") from error

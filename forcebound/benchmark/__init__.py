@@ -1,0 +1,122 @@
+"""Benchmarks: each measures its own limit in the same run, in turns, and reports the ratio.
+
+Absolute times mean nothing on a machine that is shared; a ratio between neighbours does. The limit
+is the same work in C, or in bare pyzmq.
+
+To add a benchmark: write a module with ``run(duration, rate, say)`` that returns what
+:func:`report` makes, and add one line to ``BENCHMARKS``; ``tests/test_benchmark.py`` then runs it.
+"""
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+Result: TypeAlias = dict[str, Any]
+Say: TypeAlias = Callable[[str], None]
+
+
+def _say_nothing(_: str) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One benchmark.
+
+    Attributes:
+        summary: What it measures, in one line.
+        module: Where its ``run`` is; imported when it runs.
+        duration: How long its contestants run together by default, in s.
+    """
+
+    summary: str
+    module: str
+    duration: float
+
+    def run(
+        self, duration: float | None = None, rate: float = 1000.0, say: Say = _say_nothing
+    ) -> Result:
+        """Run it and return figures, limits, ratios, targets and conditions; fit for JSON.
+
+        Args:
+            duration: Time for all contestants together, in s; starting them comes on top.
+            rate: Ticks a second, in Hz.
+            say: Called with a line on what is being measured, for people who wait.
+
+        Raises:
+            RunError: If a contestant could not be run.
+        """
+        run = importlib.import_module(self.module).run
+        result: Result = run(self.duration if duration is None else duration, rate, say)
+        return result
+
+
+BENCHMARKS: dict[str, Benchmark] = {
+    "loop": Benchmark(
+        "the four-hop loop of the default launch file against bare pyzmq",
+        "forcebound.benchmark.loop",
+        30.0,
+    ),
+    "servo": Benchmark(
+        "punctuality and cost of the device's servo against a C loop",
+        "forcebound.benchmark.servo",
+        30.0,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for people: title, column heads, rows of as many cells."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def tables(result: Result) -> list[Table]:
+    """Return what :meth:`Benchmark.run` measured as tables for people."""
+    return [
+        Table(
+            f"{result['benchmark']}: measured, in us",
+            ("", "p50", "p99", "p99.9", "max", "ticks", "missed", "processor"),
+            tuple(_measured(one) for one in result["contestants"].values()),
+        ),
+        Table(
+            f"{result['benchmark']}: against limits and targets",
+            ("", "here", "round by round", "target", "reached"),
+            tuple(_judged(one) for one in result["comparisons"].values()),
+        ),
+        Table(
+            "conditions", ("", ""), tuple((k, _text(v)) for k, v in result["conditions"].items())
+        ),
+    ]
+
+
+def _measured(one: Result) -> tuple[str, ...]:
+    times = (f"{one[key]:.1f}" for key in ("p50_us", "p99_us", "p99_9_us", "max_us"))
+    share = f"{one['processor_share']:.1%}"
+    return (one["label"], *times, str(one["count"]), str(one["missed"]), share)
+
+
+def _judged(one: Result) -> tuple[str, ...]:
+    def number(value: float) -> str:
+        return f"{value:.1%}" if one["unit"] == "share" else f"{value:.3g}"
+
+    unit = one["unit"] if one["unit"] in ("us",) else ""
+    spread = f"{number(one['lowest'])} to {number(one['highest'])}" if "lowest" in one else ""
+    if one["target"] is None:
+        return (one["what"], f"{number(one['value'])} {unit}".strip(), spread, "", "")
+    return (
+        one["what"],
+        f"{number(one['value'])} {unit}".strip(),
+        spread,
+        f"at most {number(one['target'])} {unit}".strip(),
+        "yes" if one["reached"] else "no",
+    )
+
+
+def _text(value: object) -> str:
+    listed = isinstance(value, Sequence) and not isinstance(value, str)
+    return ", ".join(map(str, value)) if listed else str(value)

@@ -1,0 +1,169 @@
+"""The limit of the four-hop loop: the same sockets and bytes in bare pyzmq, nothing else.
+
+One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
+``controller`` forwards it as a query, waits for the reply and forwards that as a command;
+``environment`` answers. Frames are real packets as opaque bytes, encoded once; the last eight bytes
+are overwritten with the number of the tick, so that a late answer is never taken for the next one.
+
+::
+
+    python -m forcebound.benchmark.bare_loop ROLE FOLDER CORE POLICY PERIOD_NS COUNT
+
+CORE -1 leaves the process as and where the kernel starts it. Otherwise it is placed and scheduled
+by the very function that does it for the real nodes (:func:`forcebound.realtime.enter`).
+"""
+
+import os
+import signal
+import struct
+import sys
+import time
+from collections.abc import Callable
+from typing import TypeAlias
+
+import zmq
+
+from forcebound.benchmark.workers import TIMEOUT_NS, WARMUP, write_times
+from forcebound.messages.codec import encode
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+    Packet,
+)
+from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
+
+Send: TypeAlias = Callable[[bytes], object]
+Receive: TypeAlias = Callable[[], bytes]
+
+_TICK = struct.Struct("<q")
+_SPIN_NS = Settings().spin_ns
+_READY = 10.0  # s for the three processes to start and find each other
+_NOW, _BIG = 2**60 + 1, 10**6  # as long on the wire as a real stamp and sequence number
+PACKETS: tuple[Packet, ...] = (
+    DeviceState(_BIG, _NOW, 1.5, (0.012,), (0.1,), (1.5,)),
+    EnvironmentQuery(_BIG, _NOW, _BIG, _NOW, 1.5, (0.012,), (0.1,)),
+    EnvironmentReply(_BIG, _NOW, _BIG, _NOW, _BIG, _NOW, (1.5,)),
+    ForceCommand(_BIG, _NOW, _BIG, _NOW, (1.5,)),
+)
+
+
+def _sender(context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]) -> Send:
+    packet = next(packet for packet in PACKETS if type(packet) is kind)
+    head = encode(packet)[: -_TICK.size]
+    socket = context.socket(zmq.PUB)
+    socket.linger = 0
+    socket.bind(f"ipc://{folder}/{TOPIC_OF[kind]}")
+    send = socket.send
+    return lambda tick: send(head + tick)
+
+
+def _receiver(
+    context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]
+) -> Receive:
+    socket = context.socket(zmq.SUB)
+    socket.linger = 0
+    socket.conflate = True  # has no effect after connect
+    socket.rcvtimeo = TIMEOUT_NS // 1_000_000
+    socket.subscribe(b"")
+    socket.connect(f"ipc://{folder}/{TOPIC_OF[kind]}")
+    receive = socket.recv
+    return lambda: receive()[-_TICK.size :]
+
+
+def _serve_environment(queries: Receive, reply: Send) -> None:
+    while True:
+        try:
+            reply(queries())
+        except zmq.Again:
+            continue
+
+
+def _serve_controller(states: Receive, query: Send, replies: Receive, command: Send) -> None:
+    while True:
+        try:
+            query(states())
+            command(replies())
+        except zmq.Again:
+            continue
+
+
+def _answer(tick: bytes, commands: Receive) -> int | None:
+    """Wait for the answer to ``tick``; return when it came, in ns, or None if it did not."""
+    try:
+        while commands() != tick:
+            pass
+    except zmq.Again:
+        return None
+    return time.monotonic_ns()
+
+
+def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
+    """Measure ``count`` round trips, one a period, and write them to standard output."""
+    deadline = time.monotonic() + _READY
+    number = 0
+    while True:  # until the loop is closed: subscriptions take a moment
+        tick = _TICK.pack(number)
+        states(tick)
+        if _answer(tick, commands) is not None:
+            break
+        if time.monotonic() > deadline:
+            sys.exit("the bare loop did not close: one of its processes is missing")
+        number += 1
+    times_ns: list[int] = []
+    missed = processor_ns = begin_ns = 0
+    next_ns = time.monotonic_ns() + period_ns
+    for index in range(-WARMUP, count):
+        if index == 0:
+            times_ns.clear()
+            missed, processor_ns, begin_ns = 0, time.process_time_ns(), time.monotonic_ns()
+        wait_until(next_ns, _SPIN_NS)
+        number += 1
+        tick = _TICK.pack(number)
+        sent_ns = time.monotonic_ns()
+        states(tick)
+        arrived_ns = _answer(tick, commands)
+        if arrived_ns is not None:
+            times_ns.append(arrived_ns - sent_ns)
+        if arrived_ns is None or arrived_ns - sent_ns > period_ns:
+            missed += 1
+        next_ns += period_ns * max(1, 1 + (time.monotonic_ns() - next_ns) // period_ns)
+    write_times(
+        times_ns, missed, time.process_time_ns() - processor_ns, time.monotonic_ns() - begin_ns
+    )
+
+
+def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:
+    """Be one of the three processes; only the device ends by itself."""
+    die_with_parent(signal.SIGKILL)
+    if core >= 0:
+        enter(Settings(policy=policy, core=core), role)
+    context = zmq.Context()
+    freeze_garbage()
+    if role == "device":
+        _drive(
+            _sender(context, folder, DeviceState),
+            _receiver(context, folder, ForceCommand),
+            period_ns,
+            count,
+        )
+        os._exit(0)  # the context's threads have nothing left to say
+    elif role == "controller":
+        _serve_controller(
+            _receiver(context, folder, DeviceState),
+            _sender(context, folder, EnvironmentQuery),
+            _receiver(context, folder, EnvironmentReply),
+            _sender(context, folder, ForceCommand),
+        )
+    else:
+        _serve_environment(
+            _receiver(context, folder, EnvironmentQuery),
+            _sender(context, folder, EnvironmentReply),
+        )
+
+
+if __name__ == "__main__":
+    _role, _folder, _core, _policy, _period_ns, _count = sys.argv[1:]
+    main(_role, _folder, int(_core), _policy, int(_period_ns), int(_count))

@@ -1,0 +1,139 @@
+"""What is a row of measured times, in a few figures, and how do two of them compare?"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+SHARES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}
+
+
+def percentile(ordered: Sequence[int], share: float) -> int:
+    """Return the smallest value that at least ``share`` of all values do not exceed.
+
+    Always a value that was measured (nearest rank), never one between two of them.
+
+    Args:
+        ordered: Values in ascending order, at least one.
+        share: 0 to 1.
+
+    Raises:
+        ValueError: If there are no values.
+    """
+    if not ordered:
+        raise ValueError("a percentile needs at least one value")
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+
+
+@dataclass
+class Measured:
+    """What one contestant did in all its rounds.
+
+    Attributes:
+        label: Who it is, for people.
+        rounds: Its times, one list a round, in ns.
+        missed: Ticks skipped, or left without an answer in time.
+        processor_ns: Processor time used by its process, in ns.
+        elapsed_ns: Time that passed meanwhile, in ns.
+    """
+
+    label: str
+    rounds: list[list[int]] = field(default_factory=list)
+    missed: int = 0
+    processor_ns: int = 0
+    elapsed_ns: int = 0
+
+    def add(self, times_ns: list[int], missed: int, processor_ns: int, elapsed_ns: int) -> None:
+        """Take in one round."""
+        self.rounds.append(times_ns)
+        self.missed += missed
+        self.processor_ns += processor_ns
+        self.elapsed_ns += elapsed_ns
+
+    @property
+    def processor_share(self) -> float:
+        """Share of one processor that it used, 0 to 1."""
+        return self.processor_ns / self.elapsed_ns if self.elapsed_ns else 0.0
+
+    def at(self, name: str) -> float:
+        """Return the percentile ``name`` (a key of ``SHARES``) of all rounds together, in ns.
+
+        Raises:
+            ValueError: If it has no times.
+        """
+        together = [time_ns for times_ns in self.rounds for time_ns in times_ns]
+        return percentile(sorted(together), SHARES[name])
+
+    def summary(self) -> dict[str, Any]:
+        """Return what a report says of it: percentiles in us, and counts.
+
+        Raises:
+            ValueError: If it has no times.
+        """
+        return {
+            "label": self.label,
+            **{f"{name}_us": self.at(name) / 1e3 for name in SHARES},
+            "count": sum(map(len, self.rounds)),
+            "missed": self.missed,
+            "processor_share": self.processor_share,
+        }
+
+
+def compare(
+    ours: Measured, limit: Measured, name: str, target: float | None
+) -> dict[str, Any]:
+    """Return how a percentile of ours compares with that of the limit in the same run.
+
+    Args:
+        ours: The contestant.
+        limit: What it is measured against; as many rounds, run in turns.
+        name: A key of ``SHARES``.
+        target: Largest ratio that is good enough; None: only for information.
+
+    Returns:
+        ``what``, ``value`` (the ratio over all rounds), ``unit``, ``lowest`` and ``highest`` (the
+        ratio of a round to the limit's round beside it), ``target`` and ``reached``.
+    """
+
+    def ratio(mine: float, other: float) -> float:
+        return max(mine, 1) / max(other, 1)  # a clock that did not move counts as 1 ns
+
+    share = SHARES[name]
+    beside = [
+        ratio(percentile(sorted(mine), share), percentile(sorted(other), share))
+        for mine, other in zip(ours.rounds, limit.rounds, strict=True)
+        if mine and other
+    ]
+    value = ratio(ours.at(name), limit.at(name))
+    return {
+        "what": f"{ours.label} / {limit.label}, {name}",
+        "value": value,
+        "unit": "ratio",
+        "lowest": min(beside),
+        "highest": max(beside),
+        **_verdict(value, target),
+    }
+
+
+def judge(what: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
+    """Return a figure with its target, in the form of :func:`compare`."""
+    return {"what": what, "value": value, "unit": unit, **_verdict(value, target)}
+
+
+def _verdict(value: float, target: float | None) -> dict[str, Any]:
+    return {"target": target, "reached": None if target is None else value <= target}
+
+
+def plan(duration: float, contestants: int, rate: float) -> tuple[int, int]:
+    """Share ``duration`` out: return the number of rounds and the ticks of a contestant in each.
+
+    A round is a second or a little more; short runs have one round. Never fewer than 20 ticks.
+
+    Args:
+        duration: Time for all contestants together, in s.
+        contestants: How many take turns.
+        rate: Ticks a second, in Hz.
+    """
+    each = duration / contestants
+    rounds = max(1, int(each))
+    return rounds, max(20, round(each / rounds * rate))

@@ -1,0 +1,38 @@
+"""How late does our pacing wake up on an absolute schedule? One contestant; see ``pacing.c``.
+
+::
+
+    python -m forcebound.benchmark.pacing CORE POLICY PERIOD_NS COUNT
+"""
+
+import signal
+import sys
+import time
+
+from forcebound.benchmark.workers import WARMUP, write_times
+from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
+
+
+def main(core: int, policy: str, period_ns: int, count: int) -> None:
+    """Wake up ``count`` times and write each lateness to standard output."""
+    die_with_parent(signal.SIGKILL)
+    settings = Settings(policy=policy, core=core)
+    enter(settings, "device")
+    freeze_garbage()
+    spin_ns = settings.spin_ns
+    late_ns = [0] * (WARMUP + count)
+    skipped = processor_ns = begin_ns = 0
+    next_ns = time.monotonic_ns() + period_ns
+    for index in range(WARMUP + count):
+        if index == WARMUP:
+            skipped, processor_ns, begin_ns = 0, time.process_time_ns(), time.monotonic_ns()
+        late = wait_until(next_ns, spin_ns) - next_ns
+        late_ns[index] = late
+        skipped += late // period_ns
+        next_ns += period_ns * (1 + late // period_ns)
+    processor_ns = time.process_time_ns() - processor_ns
+    write_times(late_ns[WARMUP:], skipped, processor_ns, time.monotonic_ns() - begin_ns)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,105 @@
+"""The paper's less conservative law: all energy dissipated so far may be spent.
+
+It remembers what free motion has dissipated, and can give it back at contact: stiff walls, and
+oscillation after contact (the paper's memory effect). What it does not cover is measured in
+``docs/theory.md``: friction is counted twice, once in E1 and once as a guess of the future, and
+readings are taken for positions.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from forcebound.bounding.law import BoundingLaw, Dissipation, keep, read_state, start_empty
+
+
+def limit(
+    state: float,
+    asked: float,
+    elapsed: float,
+    distance: float,
+    clear_square: float,
+    path: float,
+    work: float,
+    held: float,
+    held_sum: float,
+    damping: float,
+    friction: float,
+    half_resolution: float,
+    period: float,
+    hold_limit: float,
+    axes: float,
+) -> tuple[float, float, float]:
+    r"""Limit the force by the energy observed so far; arguments in :mod:`forcebound.bounding.law`.
+
+    .. math::
+
+        E_1(n) &= E_1(n-1) + B \Delta x(n)^2 + f_c |\Delta x(n)| + F_d(n-1) \Delta x(n) \\
+        F_{max}(n) &= \sqrt{4 B (E_1(n) + f_c |\Delta x(n)|)}
+
+    with :math:`B = b / T`. An argument of the root below 0, which the paper leaves open, gives
+    :math:`F_{max} = 0`.
+
+    Source: Eq. 11 and 14 of the paper; with f_c = 0 Eq. 35 and 36.
+    """
+    stiffness = damping / period
+    energy = state + stiffness * distance * distance + friction * distance + work
+    budget = energy + friction * distance
+    return energy, math.sqrt(4.0 * stiffness * max(budget, 0.0)), 0.0
+
+
+LESS_CONSERVATIVE = BoundingLaw(
+    summary="less conservative, viscous damping and Coulomb friction",
+    start=start_empty,
+    limit=limit,
+    settle=keep,
+    energy=read_state,
+)
+
+LESS_CONSERVATIVE_VISCOUS = BoundingLaw(
+    summary="less conservative, viscous damping alone",
+    start=start_empty,
+    limit=limit,
+    settle=keep,
+    energy=read_state,
+    uses_friction=False,
+)
+
+
+def less_conservative_noncausal(
+    positions: Sequence[float], asked: Sequence[float], dissipation: Dissipation
+) -> list[float]:
+    r"""Return the force of the non-causal original of the law on a recorded trace, one axis.
+
+    .. math:: F_{max}(n) = \sqrt{4 B (E_1(n) + f_c |\Delta x(n+1)|)}
+
+    It needs the position of the next sample, so it serves to check the causal law offline (paper,
+    Fig. 20). The last sample has no next one and is taken to rest.
+
+    Args:
+        positions: Position at each sample, in m, shape ``(n,)``.
+        asked: Force asked for at each sample, in N, shape ``(n,)``.
+        dissipation: The device.
+
+    Returns:
+        Bounded force at each sample, in N, shape ``(n,)``.
+
+    Raises:
+        ValueError: If the lengths differ.
+
+    Source: Eq. 11 to 13 of the paper.
+    """
+    if len(positions) != len(asked):
+        raise ValueError(f"got {len(positions)} positions but {len(asked)} forces")
+    stiffness = dissipation.damping / dissipation.period
+    moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
+    energy = force = 0.0
+    forces: list[float] = []
+    for n, wanted in enumerate(asked):
+        energy += stiffness * moves[n] ** 2 + dissipation.friction * abs(moves[n])
+        energy += force * moves[n]
+        budget = energy + dissipation.friction * abs(moves[n + 1])
+        largest = min(math.sqrt(4.0 * stiffness * max(budget, 0.0)), dissipation.saturation)
+        force = max(-largest, min(largest, wanted))
+        forces.append(force)
+    return forces

@@ -1,0 +1,154 @@
+"""The paper's more conservative law: what was dissipated before and not needed is given up.
+
+The state is β, the share of the dissipation capability B = b/T that the last force needed, in N/m.
+Because nothing is remembered beyond one sample, a wall does not oscillate after contact; it is
+softer: a saturated viscous wall shows exactly 2B.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from forcebound.bounding.law import BoundingLaw, Dissipation, keep
+
+# Smallest share of B that β may take: far below any force that matters, far above underflow. A β
+# above the required one keeps Eq. 21 satisfied as long as it is at most B.
+SMALLEST_SHARE = 1e-30
+
+
+def start(
+    damping: float,
+    friction: float,
+    half_resolution: float,
+    period: float,
+    hold_limit: float,
+    axes: float,
+) -> float:
+    """Return β at the start: B, in N/m (paper, after Eq. 30)."""
+    return damping / period
+
+
+def limit(
+    state: float,
+    asked: float,
+    elapsed: float,
+    distance: float,
+    clear_square: float,
+    path: float,
+    work: float,
+    held: float,
+    held_sum: float,
+    damping: float,
+    friction: float,
+    half_resolution: float,
+    period: float,
+    hold_limit: float,
+    axes: float,
+) -> tuple[float, float, float]:
+    r"""Limit the force by what the last hold has left; arguments in :mod:`forcebound.bounding.law`.
+
+    .. math::
+
+        \gamma &= 2 \beta(n-1) \Delta x(n) + F_d(n-1) \\
+        \rho &= 4 \beta(n-1) f_c |\Delta x(n)| \\
+        \beta(n) &= \min(B, \beta(n-1) F_e^2 / (\gamma^2 + \rho)) \\
+        F_{max} &= \sqrt{\beta(n) / \beta(n-1) \cdot (\gamma^2 + \rho)}
+
+    In several axes :math:`\gamma` is a vector and :math:`\gamma^2` its square. Cases that the paper
+    leaves open: :math:`F_e = 0` or :math:`\gamma^2 + \rho = 0` give :math:`F_{max} = 0` and
+    :math:`\beta = B`, since Eq. 21 then holds for any β.
+
+    Eq. 25 as printed has :math:`4 \beta(i-1) f_c |\Delta x|` where its derivation, Eq. 21, gives
+    :math:`4 \beta(i) f_c |\Delta x|`; Eq. 30, used here, agrees with the derivation.
+
+    Source: Eq. 26 to 31 of the paper; with f_c = 0 Eq. 37 to 40.
+    """
+    capability = damping / period
+    gamma_square = (2.0 * state * distance) ** 2 + 4.0 * state * work + held * held
+    rho = 4.0 * state * friction * distance
+    square = max(gamma_square, 0.0) + rho  # below 0 by rounding only
+    if asked == 0.0 or square == 0.0:
+        return capability, 0.0, 0.0
+    needed = max(state * asked * asked / square, SMALLEST_SHARE * capability)
+    needed = min(capability, needed)
+    return needed, math.sqrt(needed / state * square), 0.0
+
+
+def energy(
+    state: float,
+    held: float,
+    held_sum: float,
+    damping: float,
+    friction: float,
+    half_resolution: float,
+    period: float,
+    hold_limit: float,
+    axes: float,
+) -> float:
+    r"""Return the energy that the law has kept, in J: :math:`F_d(n)^2 / (4 \beta(n))`.
+
+    All else has been given up: the sum of Eq. 20 is zero (paper, after Eq. 25).
+    """
+    return held * held / (4.0 * state)
+
+
+MORE_CONSERVATIVE = BoundingLaw(
+    summary="more conservative, viscous damping and Coulomb friction",
+    start=start,
+    limit=limit,
+    settle=keep,
+    energy=energy,
+)
+
+MORE_CONSERVATIVE_VISCOUS = BoundingLaw(
+    summary="more conservative, viscous damping alone",
+    start=start,
+    limit=limit,
+    settle=keep,
+    energy=energy,
+    uses_friction=False,
+)
+
+
+def more_conservative_noncausal(
+    positions: Sequence[float], asked: Sequence[float], dissipation: Dissipation
+) -> list[float]:
+    r"""Return the force of the non-causal original of the law on a recorded trace, one axis.
+
+    :math:`\rho = 4 \beta(n-1) f_c |\Delta x(n+1)|` in place of :math:`|\Delta x(n)|`: it needs the
+    position of the next sample, so it serves to check the causal law offline (paper, Fig. 21). The
+    last sample has no next one and is taken to rest.
+
+    Args:
+        positions: Position at each sample, in m, shape ``(n,)``.
+        asked: Force asked for at each sample, in N, shape ``(n,)``.
+        dissipation: The device.
+
+    Returns:
+        Bounded force at each sample, in N, shape ``(n,)``.
+
+    Raises:
+        ValueError: If the lengths differ.
+
+    Source: Eq. 26 to 30 of the paper.
+    """
+    if len(positions) != len(asked):
+        raise ValueError(f"got {len(positions)} positions but {len(asked)} forces")
+    capability = dissipation.damping / dissipation.period
+    moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
+    beta, force = capability, 0.0
+    forces: list[float] = []
+    for n, wanted in enumerate(asked):
+        wanted = max(-dissipation.saturation, min(dissipation.saturation, wanted))
+        gamma = 2.0 * beta * moves[n] + force
+        rho = 4.0 * beta * dissipation.friction * abs(moves[n + 1])
+        square = gamma * gamma + rho
+        largest, needed = 0.0, capability
+        if wanted != 0.0 and square != 0.0:
+            needed = max(beta * wanted * wanted / square, SMALLEST_SHARE * capability)
+            needed = min(capability, needed)
+            largest = math.sqrt(needed / beta * square)
+        beta = needed
+        force = max(-largest, min(largest, wanted))
+        forces.append(force)
+    return forces

@@ -1,0 +1,226 @@
+"""The command line. Heavy imports happen inside the commands that need them.
+
+Exit status: 0 done, 1 the run failed, 2 the input was wrong. With ``--json`` a command prints one
+JSON document on standard output and nothing else there.
+"""
+
+import json
+import logging
+import sys
+from collections.abc import Callable
+from functools import wraps
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import click
+
+from forcebound.errors import ConfigError, ForceboundError
+
+P = ParamSpec("P")
+
+_ARGUMENTS = "[NAME:=VALUE]..."
+
+
+def _reports_errors(command: Callable[P, None]) -> Callable[P, None]:
+    """Turn our own errors into a message and an exit status; leave bugs their traceback."""
+
+    @wraps(command)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except ForceboundError as error:
+            click.echo(f"forcebound: {error}", err=True)
+            sys.exit(2 if isinstance(error, ConfigError) else 1)
+        except KeyboardInterrupt:
+            click.echo("forcebound: interrupted", err=True)
+            sys.exit(130)
+
+    return wrapper
+
+
+def _duration(_: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    if text is None:
+        return None
+    from forcebound.quantities import parse_quantity
+
+    try:
+        seconds = parse_quantity(text, "s")
+    except ConfigError as error:
+        raise click.BadParameter(str(error)) from None
+    if not seconds > 0:
+        raise click.BadParameter(f"must be > 0 s, got {text}")
+    return seconds
+
+
+_json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+_duration_option = click.option(
+    "--duration", callback=_duration, metavar="TIME", help="How long to run, such as 5s or 500ms."
+)
+_record_option = click.option(
+    "--record",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="RUN.mcap",
+    help="Keep the recording in this file.",
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("forcebound"), prog_name="forcebound")
+def main() -> None:
+    """Force feedback over a network that provably stays passive."""
+    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
+
+
+@main.command("launch")
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=_ARGUMENTS)
+@_duration_option
+@_record_option
+@click.option("--check", is_flag=True, help="Check the launch file and start nothing.")
+@click.option("--show-args", is_flag=True, help="Show the arguments that the file takes.")
+@_json_option
+@_reports_errors
+def launch_graph(
+    file: str,
+    arguments: tuple[str, ...],
+    duration: float | None,
+    record: Path | None,
+    check: bool,
+    show_args: bool,
+    as_json: bool,
+) -> None:
+    """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
+    from forcebound.launch.loader import load
+
+    if show_args:
+        _show_arguments(file, as_json)
+        return
+    config = load(file, arguments)
+    if check:
+        _print_document(config) if as_json else click.echo(f"{file}: correct")
+        return
+    from forcebound.launch.live import run_live
+
+    _report(run_live(config, duration, record), record, as_json)
+
+
+@main.command()
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=_ARGUMENTS)
+@_duration_option
+@_record_option
+@click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
+@_json_option
+@_reports_errors
+def simulate(
+    file: str,
+    arguments: tuple[str, ...],
+    duration: float | None,
+    record: Path | None,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Run the same launch file in virtual time: deterministic, faster than real time."""
+    from dataclasses import replace
+
+    from forcebound.launch.loader import load
+    from forcebound.launch.virtual import run_virtual
+
+    config = load(file, arguments)
+    if seed is not None:
+        config = replace(config, seed=seed)
+    _report(run_virtual(config, duration, record), record, as_json)
+
+
+@main.command()
+@click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--run-dir",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    required=True,
+    help="Folder of the run's sockets; every node of a run names the same.",
+)
+@click.option(
+    "--supervised",
+    is_flag=True,
+    hidden=True,
+    help="End when the starting process ends, wait for its word to engage.",
+)
+@_reports_errors
+def node(kind: str, file: Path, run_dir: Path, supervised: bool) -> None:
+    """Run one node of a launch file by hand."""
+    raise NotImplementedError
+
+
+@main.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write, .png or .svg; beside the first recording by default.",
+)
+@_json_option
+@_reports_errors
+def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
+    """Draw recordings, side by side: position, forces with the bound, energy, loop delay."""
+    from forcebound.analysis.plots import figure, save
+    from forcebound.launch.results import RunResult
+
+    results = [RunResult.from_recording(Path(run)) for run in runs]
+    if output is None:
+        output = Path(runs[0]).with_suffix(".png")
+    save(figure([(r.label, r.columns, r.document) for r in results]), output)
+    if as_json:
+        _print_json({"picture": str(output), "runs": [r.summary for r in results]})
+        return
+    _print_table(results)
+    click.echo(f"picture: {output}")
+
+
+def _show_arguments(file: str, as_json: bool) -> None:
+    from forcebound.launch.loader import arguments_of
+
+    arguments = arguments_of(file)
+    if as_json:
+        _print_json([{"name": a.name, "default": a.default, "help": a.help} for a in arguments])
+        return
+    for argument in arguments:
+        click.echo(f"{argument.name}:={argument.default}    {argument.help}")
+
+
+def _report(result: Any, record: Path | None, as_json: bool) -> None:
+    if as_json:
+        _print_json(result.summary)
+        return
+    _print_table([result])
+    if record is not None:
+        click.echo(f"recording: {record}")
+
+
+def _print_table(results: list[Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from forcebound.analysis.metrics import summary_rows
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    columns = [dict(summary_rows(result.summary)) for result in results]
+    for result in results:
+        table.add_column(result.label, justify="right")
+    for label in columns[0]:
+        table.add_row(label, *(column.get(label, "-") for column in columns))
+    Console().print(table)
+
+
+def _print_document(config: Any) -> None:
+    from forcebound.launch.config import to_document
+
+    _print_json(to_document(config))
+
+
+def _print_json(document: Any) -> None:
+    click.echo(json.dumps(document, indent=2, allow_nan=False))

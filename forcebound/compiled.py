@@ -1,0 +1,69 @@
+"""One way to compile a function, for the whole project.
+
+Kernels are plain functions of numbers; :func:`jit` compiles them with numba when they are first
+needed. Two things are handled here and nowhere else:
+
+* numba costs most of a second to import, so it is imported when something is compiled;
+* numba's cache looks only at the file of the compiled function. A changed callee in another file
+  would leave stale machine code behind. The cache folder is therefore named after a digest of
+  every source file of the package, and where no such folder can be written nothing is cached.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@cache
+def _cache_folder() -> str | None:
+    """Return a writable folder for compiled code of exactly these sources; None without one."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    home = os.path.expanduser("~")
+    bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
+    for base in [*bases, Path(tempfile.gettempdir()) / f"forcebound-{os.getuid()}"]:
+        folder = base / "forcebound" / digest.hexdigest()[:16]
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
+            return str(folder)
+    return None
+
+
+@cache
+def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False) -> Callable[P, R]:
+    """Return ``function`` compiled to machine code, cached on disk where that is possible.
+
+    Args:
+        function: A function of numbers and arrays that numba understands.
+        parallel: Spread ``numba.prange`` loops over the cores.
+        fast: Allow reassociation of sums, so that results differ in rounding. Never for anything
+            that must equal the interpreted function.
+    """
+    import numba
+
+    folder = _cache_folder()
+    if folder is not None:
+        numba.config.CACHE_DIR = folder
+    compiled: Callable[P, R] = numba.njit(
+        cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy"
+    )(function)
+    return compiled
+
+
+def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
+    """Let compiled kernels call these plain functions; they stay plain for everyone else."""
+    from numba.extending import register_jitable
+
+    for function in functions:
+        register_jitable(function)

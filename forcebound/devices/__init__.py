@@ -1,0 +1,96 @@
+"""Devices: what the hand holds.
+
+To add a device: copy ``phantom.py`` to ``my_device.py``, add one line to ``DEVICES``;
+``tests/test_devices.py`` tests it with all the others, and launch files know it as
+``device: {kind: my_device}``. A member of the table is a frozen dataclass of parameters whose
+:meth:`DeviceModel.open` gives a :class:`Device`.
+
+Damping and friction are *minimum* values: the bounder's guarantee rests on them, so state where
+they come from (measured, data sheet).
+"""
+
+from typing import NamedTuple, Protocol
+
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+
+
+class Truth(NamedTuple):
+    """What a simulated device knows and no law may see."""
+
+    position: Vector  # m, not quantised
+    velocity: Vector  # m/s
+    hand_force: Vector  # N, of the hand on the handle, positive into the environment
+    energy: float  # J, integral of hand force times velocity since the start
+
+
+class Device(Protocol):
+    """What the device node asks of a device."""
+
+    @property
+    def axes(self) -> int:
+        """Number of axes, 1 to 6."""
+        ...
+
+    def engage(self, time_ns: int) -> None:
+        """Tell the device that the run starts now; a simulated hand begins to move."""
+        ...
+
+    def read(self, time_ns: int) -> Vector:
+        """Return the encoder readings at ``time_ns``, in m."""
+        ...
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold ``force``, in N, from ``time_ns`` on; return what is really applied.
+
+        The device lets the force fall to zero by itself when it is older than the hold limit.
+        """
+        ...
+
+    def truth(self) -> Truth | None:
+        """Return the ground truth at the last read or write; None for hardware."""
+        ...
+
+
+class DeviceModel(Protocol):
+    """Parameters of a kind of device."""
+
+    @property
+    def axes(self) -> int:
+        """Number of axes, 1 to 6."""
+        ...
+
+    @property
+    def damping(self) -> float:
+        """Minimum viscous damping b, in N s/m."""
+        ...
+
+    @property
+    def friction(self) -> float:
+        """Minimum Coulomb friction f_c, in N."""
+        ...
+
+    @property
+    def resolution(self) -> float:
+        """Encoder resolution at the tip, in m; 0 for none."""
+        ...
+
+    @property
+    def saturation(self) -> float:
+        """Largest force, in N."""
+        ...
+
+    def open(self, operator: Operator, hold_limit: float) -> Device:
+        """Return the device, ready to read.
+
+        Args:
+            operator: The hand on a simulated device; hardware ignores it.
+            hold_limit: Longest time that a force is held without a new one, in s.
+        """
+        ...
+
+
+DEVICES: dict[str, type[DeviceModel]] = {
+    "phantom_premium_1_5": PhantomPremium15,
+}

@@ -1,0 +1,90 @@
+"""Environments that try to hurt: each one gives energy to the hand whenever it is let.
+
+They exist for audits (``forcebound.audit``) and for showing what a bounder is for.
+"""
+
+from dataclasses import dataclass
+
+from forcebound.environments.wall import on_first_axis, wall_force
+from forcebound.messages.packets import Vector
+from forcebound.quantities import Damping, Force, Length, Speed, Stiffness, Time
+
+
+@dataclass(frozen=True)
+class ActiveWall:
+    """A stiff wall that pushes harder on the way out than on the way in (negative damping)."""
+
+    stiffness: Stiffness = 10_000.0
+    damping: Damping = -20.0
+    position: Length = 0.010
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the wall's force; see :class:`forcebound.environments.Environment`."""
+        force = wall_force(position[0], self.stiffness, self.position)
+        if force > 0.0:
+            force += self.damping * velocity[0]
+        return on_first_axis(force, len(position))
+
+
+@dataclass(frozen=True)
+class NegativeDamper:
+    """A medium that pushes along with every motion, ``b v`` with negative b."""
+
+    damping: Damping = -5.0
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the medium's force; see :class:`forcebound.environments.Environment`."""
+        return tuple(self.damping * v for v in velocity)
+
+
+@dataclass(frozen=True)
+class VelocityPusher:
+    """A force of constant magnitude along the direction of motion: the greediest giver."""
+
+    magnitude: Force = 8.5
+    threshold: Speed = 0.001  # below it the direction is not known
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the pushing force; see :class:`forcebound.environments.Environment`."""
+        return tuple(
+            0.0 if abs(v) < self.threshold else (-self.magnitude if v > 0 else self.magnitude)
+            for v in velocity
+        )
+
+
+@dataclass(frozen=True)
+class RandomForce:
+    """A force that jumps to a new random value every ``interval``, whatever the position.
+
+    The value is a function of time and seed alone, so a run can be repeated.
+    """
+
+    magnitude: Force = 8.5
+    interval: Time = 0.005
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if self.interval <= 0:
+            raise ValueError(f"interval must be > 0 s, got {self.interval} s")
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the random force; see :class:`forcebound.environments.Environment`."""
+        step = int(elapsed / self.interval)
+        return tuple(
+            self.magnitude * (2.0 * _uniform(self.seed, step, axis) - 1.0)
+            for axis in range(len(position))
+        )
+
+
+def _uniform(seed: int, step: int, axis: int) -> float:
+    """Return a number in [0, 1) that looks random and depends on its arguments alone.
+
+    The finaliser of SplitMix64: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number
+    generators", OOPSLA 2014. A generator object would make the force depend on how often it is
+    asked, and so on the network.
+    """
+    mask = (1 << 64) - 1
+    z = (seed * 0x9E3779B97F4A7C15 + step * 0xD1342543DE82EF95 + axis * 0xA0761D6478BD642F) & mask
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+    return ((z ^ (z >> 31)) >> 11) / (1 << 53)

@@ -1,0 +1,17 @@
+"""A viscous medium."""
+
+from dataclasses import dataclass
+
+from forcebound.messages.packets import Vector
+from forcebound.quantities import Damping
+
+
+@dataclass(frozen=True)
+class Damper:
+    """A force ``b v`` along every axis, everywhere."""
+
+    damping: Damping = 5.0
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the damper's force; see :class:`forcebound.environments.Environment`."""
+        return tuple(self.damping * v for v in velocity)

@@ -1,0 +1,34 @@
+"""A wall whose force grows with a power of the penetration, like soft tissue or a contact."""
+
+from dataclasses import dataclass
+
+from forcebound.environments.wall import on_first_axis
+from forcebound.messages.packets import Vector
+from forcebound.quantities import Length, Ratio, Stiffness
+
+
+@dataclass(frozen=True)
+class PowerLawWall:
+    """A wall ``F = k d_0 (d / d_0)^p`` across the first axis, with d the penetration.
+
+    Written with a reference penetration d_0 so that ``stiffness`` keeps the unit N/m: at d = d_0
+    the wall answers as a linear one of that stiffness. Exponent 1.5 is the contact of two spheres
+    (H. Hertz, J. reine angew. Math. 92, 1881); 1 is the linear wall.
+    """
+
+    stiffness: Stiffness = 10_000.0
+    exponent: Ratio = 1.5
+    reference: Length = 0.001
+    position: Length = 0.010
+
+    def __post_init__(self) -> None:
+        if self.exponent <= 0:
+            raise ValueError(f"exponent must be > 0, got {self.exponent}")
+        if self.reference <= 0:
+            raise ValueError(f"reference must be > 0 m, got {self.reference} m")
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the wall's force; see :class:`forcebound.environments.Environment`."""
+        depth = max(position[0] - self.position, 0.0) / self.reference
+        force = self.stiffness * self.reference * depth**self.exponent
+        return on_first_axis(force, len(position))

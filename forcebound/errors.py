@@ -1,0 +1,38 @@
+"""What can go wrong, and who was wrong.
+
+::
+
+    ForceboundError
+     +-- ConfigError (ValueError)   the launch file or a parameter is wrong: before start
+     +-- PacketError (ValueError)   a peer sent bytes that are not the promised packet
+     +-- DeviceError (OSError)      the device does not answer, or answers nonsense
+     +-- RunError (RuntimeError)    a started graph could not be kept running
+"""
+
+
+class ForceboundError(Exception):
+    """Base of every error that forcebound raises on purpose."""
+
+
+class ConfigError(ForceboundError, ValueError):
+    """A launch file, an argument or a parameter is wrong; raised before anything starts."""
+
+
+class PacketError(ForceboundError, ValueError):
+    """Received bytes are not the promised packet.
+
+    Attributes:
+        reason: One word for counting: ``"malformed"``, ``"version"``, ``"keys"`` or ``"value"``.
+    """
+
+    def __init__(self, reason: str, message: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class DeviceError(ForceboundError, OSError):
+    """A device does not answer, or answers nonsense."""
+
+
+class RunError(ForceboundError, RuntimeError):
+    """A graph was started and could not be kept running."""

@@ -1,0 +1,299 @@
+"""How bytes travel: ZeroMQ sockets with every known trap handled in one place.
+
+The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) and what is done:
+
+1. CONFLATE works only if set before connect or bind: every option is set before.
+2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
+   IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time.
+3. IPv6 is off by default and then ``[::1]`` fails silently: on.
+4. A peer may send a frame of any size: MAXMSGSIZE.
+5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
+6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
+7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
+8. ``zmq_poll`` counts in milliseconds. ``select`` on the sockets' descriptors waits to the
+   microsecond; but such a descriptor is edge-triggered, so EVENTS is asked before every sleep.
+"""
+
+import errno
+import select
+import socket as unix
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import msgpack
+import zmq
+
+from forcebound.errors import ConfigError
+
+MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
+QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
+HANDSHAKE_MS = 2_000
+RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
+HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
+HEARTBEAT_TIMEOUT_MS = 300
+IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
+
+ADVICE = {
+    errno.EADDRINUSE: "the address is in use: stop the other run, or choose another port",
+    errno.EADDRNOTAVAIL: "no network interface of this machine has this address",
+    errno.ENODEV: "no network interface of this machine has this address",
+    errno.EACCES: "no permission: choose a port above 1023, or a directory you may write to",
+    errno.ENOENT: "the directory does not exist",
+    errno.EINVAL: "write it like tcp://127.0.0.1:5555 or ipc:///run/user/1000/name",
+    errno.EPROTONOSUPPORT: "use tcp:// or ipc://",
+    errno.ENAMETOOLONG: f"an ipc path has at most {IPC_PATH_LIMIT} characters",
+}
+
+
+class Receiver(Protocol):
+    """A socket that one can wait for."""
+
+    @property
+    def descriptor(self) -> int:
+        """File descriptor that becomes readable when something may have happened."""
+        ...
+
+    def pending(self) -> bool:
+        """Whether a message is there; costs no exception."""
+        ...
+
+
+def make_socket(
+    context: "zmq.Context[zmq.Socket[bytes]]",
+    kind: int,
+    endpoint: str,
+    *,
+    bind: bool,
+    newest_only: bool = False,
+) -> "zmq.Socket[bytes]":
+    """Return a socket that is bound or connected to ``endpoint``, with its options set before.
+
+    Args:
+        context: Where its input and output thread lives.
+        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ`` or ``zmq.REP``.
+        endpoint: ``ipc://PATH`` or ``tcp://HOST:PORT``.
+        bind: Whether this end binds.
+        newest_only: Whether a newer message replaces one that was not received yet.
+
+    Raises:
+        ConfigError: If the endpoint is malformed, in use or not permitted.
+    """
+    socket = context.socket(kind)
+    socket.set(zmq.LINGER, 0)
+    socket.set(zmq.IMMEDIATE, 1)
+    socket.set(zmq.IPV6, 1)
+    socket.set(zmq.MAXMSGSIZE, MAX_FRAME)
+    socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+    socket.set(zmq.RECONNECT_IVL, RECONNECT_MS)
+    socket.set(zmq.SNDHWM, QUEUE_LIMIT)
+    socket.set(zmq.RCVHWM, QUEUE_LIMIT)
+    if endpoint.startswith("tcp:"):
+        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+        socket.set(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
+    if newest_only:
+        socket.set(zmq.CONFLATE, 1)
+    if kind == zmq.SUB:
+        socket.set(zmq.SUBSCRIBE, b"")
+    if kind == zmq.REQ:  # a request without an answer may be followed by another one
+        socket.set(zmq.REQ_RELAXED, 1)
+        socket.set(zmq.REQ_CORRELATE, 1)
+    try:
+        if bind:
+            _refuse_to_steal(endpoint)
+            socket.bind(endpoint)
+        else:
+            socket.connect(endpoint)
+    except (zmq.ZMQError, ConfigError) as error:
+        socket.close()
+        if isinstance(error, ConfigError):
+            raise
+        advice = ADVICE.get(error.errno or 0, error.strerror)
+        raise ConfigError(
+            f"cannot {'bind' if bind else 'connect'} to {endpoint}: {advice}"
+        ) from None
+    return socket
+
+
+class Publisher:
+    """One stream out; never blocks, and drops what nobody takes."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+        self._send = socket.send
+
+    def send(self, data: bytes) -> None:
+        """Send one packet to whoever is there."""
+        self._send(data)
+
+
+class Subscriber:
+    """One stream in."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
+        self._socket = socket
+        self._get = socket.get
+        self._recv = socket.recv
+        self._newest_only = newest_only
+        self.descriptor = int(socket.FD)
+
+    def pending(self) -> bool:
+        """Whether a packet is there."""
+        return bool(int(self._get(zmq.EVENTS)) & zmq.POLLIN)
+
+    def receive(self) -> list[bytes]:
+        """Return what has arrived, oldest first; at most one packet if only the newest counts."""
+        messages: list[bytes] = []
+        with suppress(zmq.Again):  # a peer that vanished between EVENTS and here
+            while int(self._get(zmq.EVENTS)) & zmq.POLLIN:
+                messages.append(self._recv(zmq.DONTWAIT))
+                if self._newest_only:
+                    break
+        return messages
+
+
+class ControlServer:
+    """Answers requests, msgpack maps, from whoever looks after this process."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+        self._socket = socket
+        self.descriptor = int(socket.FD)
+
+    def pending(self) -> bool:
+        """Whether a request is there."""
+        return bool(int(self._socket.get(zmq.EVENTS)) & zmq.POLLIN)
+
+    def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
+        """Answer all requests that are there; one that is not a map gets an ``error``."""
+        while self.pending():
+            request = _unpack_map(b"".join(self._socket.recv_multipart(zmq.DONTWAIT)))
+            reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
+            with suppress(zmq.Again):
+                self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
+
+
+class ControlClient:
+    """Asks a :class:`ControlServer`, without ever waiting."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+        self._socket = socket
+        self.descriptor = int(socket.FD)
+
+    def pending(self) -> bool:
+        """Whether an answer is there."""
+        return bool(int(self._socket.get(zmq.EVENTS)) & zmq.POLLIN)
+
+    def ask(self, request: Mapping[str, Any]) -> bool:
+        """Send a request, forgetting the one before; return False while nobody is there."""
+        if not int(self._socket.get(zmq.EVENTS)) & zmq.POLLOUT:
+            return False
+        try:
+            self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
+        except zmq.Again:
+            return False
+        return True
+
+    def answer(self) -> dict[str, Any] | None:
+        """Return the answer to the last request, or None while it has not come."""
+        if not self.pending():
+            return None
+        return _unpack_map(b"".join(self._socket.recv_multipart(zmq.DONTWAIT)))
+
+
+class Network:
+    """The sockets of one process; leaving the ``with`` block closes them all.
+
+    Args:
+        farewell_ms: How long, in ms, the last packets may take to leave when it is closed.
+    """
+
+    def __init__(self, farewell_ms: int = 200) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._farewell_ms = farewell_ms
+        self._sockets: list[zmq.Socket[bytes]] = []
+
+    def publisher(self, endpoint: str, *, bind: bool = True) -> Publisher:
+        """Open one stream out; see :func:`make_socket` for errors."""
+        return Publisher(self._open(zmq.PUB, endpoint, bind=bind))
+
+    def subscriber(self, endpoint: str, *, newest_only: bool, bind: bool = False) -> Subscriber:
+        """Open one stream in; see :func:`make_socket` for errors."""
+        socket = self._open(zmq.SUB, endpoint, bind=bind, newest_only=newest_only)
+        return Subscriber(socket, newest_only)
+
+    def control_server(self, endpoint: str) -> ControlServer:
+        """Open the place where this process answers requests."""
+        return ControlServer(self._open(zmq.REP, endpoint, bind=True))
+
+    def control_client(self, endpoint: str) -> ControlClient:
+        """Open a line to another process's :meth:`control_server`."""
+        return ControlClient(self._open(zmq.REQ, endpoint, bind=False))
+
+    def close(self) -> None:
+        """Close all sockets; returns within ``farewell_ms``."""
+        for socket in self._sockets:
+            socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
+        self._sockets.clear()
+        self._context.term()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _open(self, kind: int, endpoint: str, **options: bool) -> "zmq.Socket[bytes]":
+        socket = make_socket(self._context, kind, endpoint, **options)
+        self._sockets.append(socket)
+        return socket
+
+
+def wait(
+    receivers: Sequence[Receiver], timeout_ns: int | None, descriptors: Sequence[int] = ()
+) -> None:
+    """Sleep until something may have arrived.
+
+    It may return early for ZeroMQ's own reasons; ask the receivers.
+
+    Args:
+        receivers: Sockets to wait for.
+        timeout_ns: Longest sleep, in ns; not positive: none; None: without end.
+        descriptors: Other file descriptors whose readability ends the sleep.
+    """
+    if timeout_ns is not None and timeout_ns <= 0:
+        return
+    watched = [*descriptors]
+    for receiver in receivers:
+        if receiver.pending():
+            return
+        watched.append(receiver.descriptor)
+    select.select(watched, (), (), None if timeout_ns is None else timeout_ns * 1e-9)
+
+
+def _refuse_to_steal(endpoint: str) -> None:
+    """Raise if somebody listens at this ipc path, or if it is too long."""
+    if not endpoint.startswith("ipc://"):
+        return
+    path = endpoint.removeprefix("ipc://")
+    if len(path.encode()) > IPC_PATH_LIMIT:
+        raise ConfigError(f"cannot bind to {endpoint}: {ADVICE[errno.ENAMETOOLONG]}")
+    if not Path(path).exists():
+        return
+    with unix.socket(unix.AF_UNIX, unix.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        if probe.connect_ex(path) in (0, errno.EAGAIN, errno.EINPROGRESS):
+            raise ConfigError(f"cannot bind to {endpoint}: {ADVICE[errno.EADDRINUSE]}")
+
+
+def _unpack_map(data: bytes) -> dict[str, Any] | None:
+    try:
+        value = msgpack.unpackb(data)
+    except ValueError:  # every msgpack error is one
+        return None
+    return value if isinstance(value, dict) else None

@@ -1,0 +1,50 @@
+"""Operators: the hand that holds the device, and where it wants to go.
+
+A hand is a mass that is fixed to the device's handle and pulled by a spring and a damper towards a
+target that moves along a path. Such a hand is passive around its target, which is what the
+passivity argument asks of a human (``docs/theory.md``, section 1).
+
+To add an operator: write ``my_operator.py`` with a frozen dataclass of its parameters that fulfils
+:class:`Operator`, add one line to ``OPERATORS``; ``tests/test_operators.py`` tests it with all the
+others.
+"""
+
+from typing import Protocol
+
+from forcebound.messages.packets import Vector
+from forcebound.operators.pressing import PressingHand
+from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.trajectory import TrajectoryHand
+
+
+class Operator(Protocol):
+    """What a simulated device asks of the hand on its handle."""
+
+    @property
+    def mass(self) -> float:
+        """Mass that moves with the handle, in kg."""
+        ...
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the spring from handle to target, in N/m."""
+        ...
+
+    @property
+    def damping(self) -> float:
+        """Damping between handle and target, in N s/m."""
+        ...
+
+    def target(self, elapsed: float) -> Vector:
+        """Return where the hand wants to be, in m, ``elapsed`` s after the force engaged.
+
+        A path of fewer axes than the device leaves the hand at 0 in the remaining ones.
+        """
+        ...
+
+
+OPERATORS: dict[str, type[Operator]] = {
+    "pressing": PressingHand,
+    "sinusoidal": SinusoidalHand,
+    "trajectory": TrajectoryHand,
+}

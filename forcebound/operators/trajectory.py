@@ -1,0 +1,78 @@
+"""A hand that follows a recorded path."""
+
+import csv
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.quantities import Damping, Mass, Stiffness
+
+
+@dataclass(frozen=True)
+class TrajectoryHand:
+    """Mass, spring and damper whose target follows a CSV file.
+
+    The file has a header line; its first column is the time in s, strictly increasing, the others
+    (1 to 6) are the target's position in m, one per axis. Between two lines the target moves in a
+    straight line; before the first and after the last it rests.
+
+    Raises:
+        ConfigError: If the file cannot be read or is not such a table; names the line.
+    """
+
+    file: Path
+    mass: Mass = 0.275
+    stiffness: Stiffness = 950.0
+    damping: Damping = 2.8
+    _times: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _positions: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        times, positions = _read_path(Path(self.file))
+        object.__setattr__(self, "_times", times)
+        object.__setattr__(self, "_positions", positions)
+
+    def target(self, elapsed: float) -> Vector:
+        """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
+        after = bisect_right(self._times, elapsed)
+        if after == 0:
+            return self._positions[0]
+        if after == len(self._times):
+            return self._positions[-1]
+        before = after - 1
+        share = (elapsed - self._times[before]) / (self._times[after] - self._times[before])
+        return tuple(
+            a + share * (b - a)
+            for a, b in zip(self._positions[before], self._positions[after], strict=True)
+        )
+
+
+def _read_path(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.reader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"cannot read the trajectory {file}: {error}") from error
+    expected = "time in s, then 1 to 6 positions in m, after one header line"
+    times: list[float] = []
+    positions: list[Vector] = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            values = [float(cell) for cell in row]
+        except ValueError:
+            raise ConfigError(f"{file}:{number}: expected {expected}, got {row!r}") from None
+        if not 2 <= len(values) <= 1 + MAX_AXES or len(values) != len(rows[0]):
+            raise ConfigError(f"{file}:{number}: expected {expected}, got {len(values)} columns")
+        if not all(abs(value) < float("inf") for value in values):
+            raise ConfigError(f"{file}:{number}: expected finite numbers, got {row!r}")
+        if times and values[0] <= times[-1]:
+            raise ConfigError(f"{file}:{number}: time must increase: {values[0]} after {times[-1]}")
+        times.append(values[0])
+        positions.append(tuple(values[1:]))
+    if not times:
+        raise ConfigError(f"{file}: expected {expected}, got no line of numbers")
+    return tuple(times), tuple(positions)

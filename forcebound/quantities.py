@@ -1,0 +1,246 @@
+"""Physical quantities: plain floats in SI units, and the unit that a launch file may write.
+
+A parameter declares its unit in its type, ``stiffness: Stiffness = 10_000.0``; the launch file may
+then say ``10 N/mm``. In the program every quantity is a float in SI units. A parameter may also
+declare what values make sense, ``rate: Annotated[Frequency, POSITIVE] = 1000.0``.
+
+Units and ranges are checked where text comes in, by the launch files (:mod:`forcebound.launch`), not
+when a dataclass is made in Python.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from forcebound.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pint
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The SI unit of an annotated float, in the notation of launch files."""
+
+    symbol: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Let pydantic read the annotated number with :func:`parse_quantity`."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(
+            lambda value: parse_quantity(value, self.symbol), metadata={_UNIT_KEY: self.symbol}
+        )
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        """Describe the annotated number to editors: a number, or text with a unit."""
+        name, example = _NAMES.get(self.symbol, ("quantity", ""))
+        unit = f" in {self.symbol}" if self.symbol else ""
+        described = f"{name}{unit}" + (f"; or with its unit, e.g. {example}" if example else "")
+        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": described}
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values of an annotated number that make sense; bounds in the number's own SI unit."""
+
+    above: float | None = None  # excluded
+    at_least: float | None = None
+    at_most: float | None = None
+    below: float | None = None  # excluded
+
+    def check(self, value: float, symbol: str = "") -> float:
+        """Return ``value``, in the unit ``symbol``.
+
+        Raises:
+            ConfigError: If it is outside.
+        """
+        outside = [
+            f"{sign} {bound:g} {symbol}".rstrip()
+            for sign, bound, holds in (
+                (">", self.above, self.above is None or value > self.above),
+                (">=", self.at_least, self.at_least is None or value >= self.at_least),
+                ("<=", self.at_most, self.at_most is None or value <= self.at_most),
+                ("<", self.below, self.below is None or value < self.below),
+            )
+            if not holds
+        ]
+        if outside:
+            raise ConfigError(f"must be {outside[0]}, got {value:g} {symbol}".rstrip())
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Let pydantic check the range after the number has been read."""
+        from pydantic_core import core_schema
+
+        inner = handler(source)
+        symbol = inner.get("metadata", {}).get(_UNIT_KEY, "")
+        return core_schema.no_info_after_validator_function(
+            lambda value: self.check(value, symbol), inner, metadata={_UNIT_KEY: symbol}
+        )
+
+
+POSITIVE = Range(above=0)
+NOT_NEGATIVE = Range(at_least=0)
+SHARE = Range(at_least=0, at_most=1)
+
+Damping: TypeAlias = Annotated[float, Unit("N s/m")]
+Force: TypeAlias = Annotated[float, Unit("N")]
+Frequency: TypeAlias = Annotated[float, Unit("Hz")]
+Length: TypeAlias = Annotated[float, Unit("m")]
+Mass: TypeAlias = Annotated[float, Unit("kg")]
+Ratio: TypeAlias = Annotated[float, Unit("")]
+Speed: TypeAlias = Annotated[float, Unit("m/s")]
+Stiffness: TypeAlias = Annotated[float, Unit("N/m")]
+StiffnessRate: TypeAlias = Annotated[float, Unit("N/m/s")]
+Time: TypeAlias = Annotated[float, Unit("s")]
+
+
+def parse_quantity(value: object, unit: str) -> float:
+    """Return a quantity as a finite float in the SI unit ``unit``.
+
+    Args:
+        value: A number, taken as SI, or text: ``"10 N/mm"``, ``"5ms"``, ``"40 %"``; text without a
+            unit is SI too.
+        unit: Symbol of the expected SI unit, such as ``"N/m"``; ``""`` for a plain ratio.
+
+    Raises:
+        ConfigError: If it is not a finite number, its unit is unknown, or its dimension differs.
+    """
+    expected = _expected(unit)
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ConfigError(f"expected {expected}; got {_shown(value)}")
+    if not isinstance(value, str):
+        return _finite(value, value, expected)
+    match = _QUANTITY.fullmatch(value.strip())
+    if match is None:
+        raise ConfigError(f"expected {expected}; got {_shown(value)}")
+    number = _finite(float(match["number"]), value, expected)
+    if not match["unit"]:
+        return number
+    return _finite(_convert(number, match["unit"], unit, value, expected), value, expected)
+
+
+# The unit part is matched before pint sees it: pint evaluates arithmetic, also `9**9**9**9`.
+_FACTOR = r"(?:1|[A-Za-zµμ%]+(?:(?:\^|\*\*)-?[0-9]{1,2}|[²³])?)"
+_QUANTITY = re.compile(
+    r"(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    rf"\s*(?P<unit>{_FACTOR}(?:(?:\s*[*·/]\s*|\s+){_FACTOR}){{0,7}})?"
+)
+
+_UNIT_KEY = "forcebound_unit"
+
+# Unit -> name of the quantity and an example, for messages.
+_NAMES = {
+    "": ("ratio", "0.4 or 40 %"),
+    "Hz": ("frequency", "1 kHz"),
+    "J": ("energy", "2 mJ"),
+    "N": ("force", "8.5 N"),
+    "N s/m": ("damping", "0.27 N s/m"),
+    "N/m": ("stiffness", "10 N/mm"),
+    "N/m/s": ("rate of stiffness", "0.06 N/mm/s"),
+    "kg": ("mass", "75 g"),
+    "m": ("length", "0.03 mm"),
+    "m/s": ("speed", "200 mm/s"),
+    "m/s^2": ("acceleration", "9.81 m/s^2"),
+    "rad": ("angle", "30 deg"),
+    "s": ("time", "5 ms"),
+}
+
+# Only what a force-feedback experiment needs: pint's own list takes 0.13 s to read and knows so
+# many words (`a` is a year, `p` a pico) that a slip of the pen is often a unit of something.
+_DEFINITIONS = """
+nano- = 1e-9 = n-
+micro- = 1e-6 = µ- = μ- = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+meter = [length] = m = metre
+second = [time] = s = sec
+gram = [mass] = g
+radian = [] = rad
+degree = 0.017453292519943295 * radian = deg
+percent = 0.01 = %
+newton = kilogram * meter / second ** 2 = N = Newton
+joule = newton * meter = J
+hertz = 1 / second = Hz = Hertz
+minute = 60 * second = min
+inch = 0.0254 * meter = in
+pound_force = 4.4482216152605 * newton = lbf
+"""
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint  # 0.15 s: only who reads text with units pays
+
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+def _convert(number: float, given: str, unit: str, value: str, expected: str) -> float:
+    import pint
+
+    registry = _registry()
+    text = given.replace("²", "^2").replace("³", "^3").replace("·", "*")
+    try:
+        source = registry.parse_units(text)
+    except pint.UndefinedUnitError as error:
+        names = error.unit_names
+        unknown = names if isinstance(names, str) else ", ".join(names)
+        raise ConfigError(f"unknown unit {unknown!r} in {value!r}: expected {expected}") from None
+    target = registry.parse_units(unit)
+    if source.dimensionality != target.dimensionality:
+        raise ConfigError(f"expected {expected}; got {value!r}, which is {_named(source)}")
+    factor = registry.convert(1.0, source, target)
+    # 5 ms is 5 / 1000: dividing by a whole number rounds once, multiplying by 0.001 twice.
+    whole, inverse = round(factor), round(1 / factor)
+    if math.isclose(inverse * factor, 1, rel_tol=1e-12):
+        return number / inverse
+    return number * (whole if math.isclose(factor, whole, rel_tol=1e-12) else factor)
+
+
+def _named(unit: Any) -> str:
+    """The quantity that a unit of pint measures, with its article."""
+    for symbol, (name, _) in _NAMES.items():
+        if _registry().parse_units(symbol).dimensionality == unit.dimensionality:
+            return _article(name)
+    return f"of dimension {unit.dimensionality}"
+
+
+def _expected(unit: str) -> str:
+    name, example = _NAMES.get(unit, ("quantity", ""))
+    return (
+        _article(name)
+        + (f" in {unit}" if unit else "")
+        + (f", for example {example}" if example else "")
+    )
+
+
+def _article(name: str) -> str:
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
+def _finite(number: float, value: object, expected: str) -> float:
+    try:
+        result = float(number)
+    except OverflowError:  # an int beyond the floats
+        result = math.inf
+    if not math.isfinite(result):
+        raise ConfigError(f"expected {expected}, finite; got {_shown(value)}")
+    return result
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print some
+        return "an enormous number"
+    text = repr(value) if isinstance(value, str | int | float) else f"a {type(value).__name__}"
+    if isinstance(value, bool):
+        text = text.lower()
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,219 @@
+"""How a process keeps its appointments: scheduling, placement, memory, and waiting for an instant.
+
+How it works:
+
+1. The chain of nodes (device, controller, environment) lives on *one* core, because waking a
+   process on another core costs more than the messages themselves; launcher and recorder stay
+   off that core (:func:`choose_core`, :func:`stand_aside`).
+2. On that core the nodes run under SCHED_FIFO, the device above the controller above the
+   environment (:data:`PRIORITIES`). Never without a core of their own: FIFO processes that wander
+   between cores are slower than ordinary ones.
+3. The kernel may be late by the timer slack, 50 us by default; 1 ns costs nothing and needs no
+   right.
+4. A page fault or a garbage collection in the loop costs more than the loop: memory is locked
+   where the limits allow it, the objects that exist are frozen, and the collector is switched off.
+   The nodes make no reference cycles, so nothing grows.
+5. An instant is met by sleeping until shortly before and spinning the rest (:func:`wait_until`).
+   A FIFO process that spins lets nobody else run on its core, so the spin is short, and shorter
+   still when the wait is short.
+
+Nothing here is required for a correct run, only for a punctual one: what is not permitted is said
+in a sentence with what to do about it, and the run goes on.
+"""
+
+import ctypes
+import gc
+import os
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from forcebound.errors import ConfigError
+
+PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+PR_SET_TIMERSLACK = 29  # <linux/prctl.h>
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <asm-generic/mman.h>
+CAP_IPC_LOCK = 14  # <linux/capability.h>
+
+TIMER_SLACK_NS = 1  # smallest that is not "the default of 50 us"
+
+MAX_SPIN_SHARE = 8  # a wait is spun for at most this fraction of it, 1/8
+
+PRIORITIES = {"device": 50, "controller": 40, "environment": 30}  # SCHED_FIFO, 1 to 99
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How punctual a process is asked to be.
+
+    Attributes:
+        policy: ``"fifo"`` or ``"other"`` (ordinary scheduling).
+        core: Number of the core that the chain of nodes shares; None: wherever the kernel likes,
+            and then never SCHED_FIFO.
+        lock_memory: Whether pages in use stay in memory.
+        spin_ns: How long before an instant the sleep ends and the spinning begins, in ns.
+    """
+
+    policy: str = "fifo"
+    core: int | None = None
+    lock_memory: bool = True
+    spin_ns: int = 100_000
+
+
+def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> int | None:
+    """Return the core for the chain of nodes.
+
+    Args:
+        wanted: ``"auto"``, ``"none"`` or the number of a core.
+        allowed: Cores that this process may use; by default what the kernel says.
+
+    Returns:
+        The core; the highest one for ``"auto"``, because core 0 takes most interrupts. None for
+        ``"none"``.
+
+    Raises:
+        ConfigError: If the core is not one of those allowed.
+    """
+    cores = sorted(os.sched_getaffinity(0) if allowed is None else allowed)
+    if wanted == "none":
+        return None
+    if wanted == "auto":
+        return cores[-1]
+    if wanted not in cores:
+        known = ", ".join(str(core) for core in cores)
+        raise ConfigError(
+            f"realtime.cores: this process may not run on core {wanted}; "
+            f"use one of {known}, or auto, or none"
+        )
+    return int(wanted)
+
+
+def stand_aside(core: int | None) -> set[int]:
+    """Keep this process off ``core`` if there is another one; return the cores used until now."""
+    before = os.sched_getaffinity(0)
+    rest = before - {core}
+    if core is not None and rest and rest != before:
+        os.sched_setaffinity(0, rest)
+    return before
+
+
+def enter(settings: Settings, role: str) -> list[str]:
+    """Make this process as punctual as it is permitted to be.
+
+    Call it before the ZeroMQ context exists: its input and output thread inherits what is set
+    here.
+
+    Args:
+        settings: What is wanted.
+        role: ``"device"``, ``"controller"`` or ``"environment"``; any other role (the recorder)
+            is kept off the chain's core and scheduled ordinarily.
+
+    Returns:
+        Sentences for the log: what was set, what was not permitted and what to do about it.
+    """
+    _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
+    if role not in PRIORITIES:
+        stand_aside(settings.core)
+        return []
+    said = [_pin(settings.core), _schedule(settings, role)]
+    if settings.lock_memory:
+        said.append(_lock_memory())
+    return said
+
+
+def freeze_garbage() -> None:
+    """Collect once, set aside what is left, and switch the cyclic garbage collector off.
+
+    Call it last before the loop, when everything that lives long exists.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+def wait_until(time_ns: int, spin_ns: int) -> int:
+    """Sleep until shortly before an instant of the monotonic clock, then spin; return the time.
+
+    Returns at once if the instant has passed. A caught signal does not shorten the wait. At least
+    seven eighths of the wait are slept, because while this process spins under SCHED_FIFO, the
+    processes on the same core whose answer it waits for do not run.
+
+    Args:
+        time_ns: The instant, in ns.
+        spin_ns: How long before it the sleep ends, in ns.
+    """
+    now = time.monotonic_ns()
+    wait_ns = time_ns - now
+    if wait_ns > 0:
+        time.sleep((wait_ns - min(spin_ns, wait_ns // MAX_SPIN_SHARE)) * 1e-9)
+        now = time.monotonic_ns()
+    while now < time_ns:
+        now = time.monotonic_ns()
+    return now
+
+
+def die_with_parent(signal_number: int) -> None:
+    """Ask the kernel to send this process a signal when the process that started it is gone.
+
+    A parent that died before this call is not noticed: compare ``os.getppid()`` afterwards.
+    """
+    _libc.prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number))
+
+
+def _pin(core: int | None) -> str:
+    if core is None:
+        return "on any core (realtime.cores: none); one core for the chain is about twice as fast"
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError as error:
+        return f"not on core {core}: {error.strerror}; choose another one with realtime.cores"
+    return f"on core {core}"
+
+
+def _schedule(settings: Settings, role: str) -> str:
+    if settings.policy != "fifo":
+        return "ordinary scheduling, as asked (realtime.policy: other)"
+    if settings.core is None or os.sched_getaffinity(0) != {settings.core}:
+        return "ordinary scheduling, because SCHED_FIFO without a core of its own is slower"
+    priority = PRIORITIES[role]
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        return (
+            "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; add "
+            "'@realtime - rtprio 95' to /etc/security/limits.d/ and yourself to that group, "
+            "or give CAP_SYS_NICE"
+        )
+    except OSError as error:
+        return f"ordinary scheduling, because SCHED_FIFO is refused here: {error.strerror}"
+    return f"SCHED_FIFO priority {priority}"
+
+
+def _lock_memory() -> str:
+    # With a finite limit the call itself may succeed and a later allocation then fails.
+    import resource  # Unix only, and only here
+
+    limits = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limits[0] != resource.RLIM_INFINITY and not _has_capability(CAP_IPC_LOCK):
+        if limits[1] != resource.RLIM_INFINITY:
+            return (
+                "memory not locked, because the limit is "
+                f"{limits[1] // 1024} KiB: expect rare late ticks; add "
+                "'@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
+            )
+        resource.setrlimit(resource.RLIMIT_MEMLOCK, (limits[1], limits[1]))
+    if _libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
+        return f"memory not locked: {os.strerror(ctypes.get_errno())}"
+    return "memory locked"
+
+
+def _has_capability(number: int) -> bool:
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+    except OSError:
+        return False
+    effective = next((line for line in status.splitlines() if line.startswith("CapEff:")), "0 0")
+    return bool(int(effective.split()[1], 16) >> number & 1)

@@ -1,0 +1,49 @@
+"""A launch file in virtual time: the very nodes of a live run, in this process."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from forcebound.errors import RunError
+from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.results import RunResult, run_metadata
+from forcebound.messages.packets import Packet, Telemetry
+from forcebound.recording import Recorder, TelemetryColumns
+from forcebound.simulation import Simulation
+
+
+def run_virtual(
+    config: GraphConfig, duration: float | None = None, record: Path | None = None
+) -> RunResult:
+    """Run a graph in virtual time.
+
+    Args:
+        config: What to run.
+        duration: How long, in s of virtual time; None: as the launch file says.
+        record: Where to write a recording; the same configuration writes the same bytes.
+
+    Raises:
+        RunError: If the run is too short to have a sample.
+    """
+    metadata = run_metadata(config)
+    samples: list[Telemetry] = []
+    recorder = None if record is None else Recorder(record, metadata)
+
+    def observe(packet: Packet) -> None:
+        if type(packet) is Telemetry:
+            samples.append(packet)
+        if recorder is not None:
+            recorder.write(packet)
+
+    device = build_device(config)
+    others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
+    simulation = Simulation([*others, device], build_links(config), observe)
+    device.engage()
+    try:
+        simulation.run(round((duration or config.duration) * 1e9))
+    finally:
+        if recorder is not None:
+            recorder.close()
+    if not samples:
+        raise RunError("the run ended before its first sample; ask for a longer --duration")
+    return RunResult(TelemetryColumns.from_packets(samples), to_document(config))

@@ -1,0 +1,222 @@
+"""The device node: the servo that reads, asks, bounds and writes.
+
+A tick has two instants at fixed phase. At 0: read the position, publish the state. At
+``reply_wait`` of the period: read again, take the newest command (the answer to this very tick's
+state, if it has come), run the safety chain, bound with the position just read, write, publish
+telemetry. Writes are strictly periodic, so the hold limit can stay close to the period; the
+samples of the law's ledger are the writes.
+
+Late ticks are skipped and counted, never run in a burst: after a stall the node goes on with the
+tick whose time it is.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.devices import Device, DeviceModel
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry, Vector
+from forcebound.nodes.safety import SafetyChain
+from forcebound.quantities import Frequency, Ratio, Time
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """How the device node runs its servo."""
+
+    law: str = "certified"  # a key of forcebound.bounding.LAWS
+    rate: Frequency = 1000.0
+    reply_wait: Ratio = 0.4  # share of the period between reading and writing
+    hold_limit: Ratio = 1.25  # periods that a force may be held: T_max
+    age_limit: Time = 0.1  # an answer to an older state gives no force
+    engage_time: Time = 0.1  # from no force to full force
+    velocity_cutoff: Frequency = 100.0  # of the low-pass on the backward difference
+
+    def __post_init__(self) -> None:
+        if not self.rate > 0:
+            raise ValueError(f"rate must be > 0 Hz, got {self.rate} Hz")
+        if not 0 <= self.reply_wait < 1:
+            raise ValueError(f"reply_wait must be in [0, 1) periods, got {self.reply_wait}")
+        if not self.hold_limit >= 1:
+            raise ValueError(f"hold_limit must be >= 1 period, got {self.hold_limit}")
+        if not self.age_limit > 0:
+            raise ValueError(f"age_limit must be > 0 s, got {self.age_limit} s")
+        if not self.engage_time >= 0:
+            raise ValueError(f"engage_time must be >= 0 s, got {self.engage_time} s")
+        if not self.velocity_cutoff > 0:
+            raise ValueError(f"velocity_cutoff must be > 0 Hz, got {self.velocity_cutoff} Hz")
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period, in ns."""
+        return round(1e9 / self.rate)
+
+    @property
+    def longest_hold(self) -> float:
+        """Longest time that a force may be held, T_max, in s."""
+        return round(self.hold_limit * self.period_ns) * 1e-9
+
+
+def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
+    """Return what the laws may rely on for this device at this rate."""
+    return Dissipation(
+        damping=model.damping,
+        friction=model.friction,
+        resolution=model.resolution,
+        period=servo.period_ns * 1e-9,
+        hold_limit=servo.longest_hold,
+        saturation=model.saturation,
+    )
+
+
+class DeviceNode:
+    """The servo of one device; see the module's page for what a tick is.
+
+    It publishes states and writes zero force from its first step on; the force engages, and a
+    simulated hand begins to move, after :meth:`engage`.
+    """
+
+    subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
+    wakes_on_arrival: ClassVar[bool] = False
+
+    def __init__(self, device: Device, dissipation: Dissipation, servo: ServoSettings) -> None:
+        self._device = device
+        self._servo = servo
+        self._period_ns = servo.period_ns
+        self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
+        self._bounder = ForceBounder(servo.law, dissipation, device.axes)
+        self._chain = SafetyChain(
+            axes=device.axes,
+            age_limit_ns=round(servo.age_limit * 1e9),
+            engage_time_ns=round(servo.engage_time * 1e9),
+            saturation=dissipation.saturation,
+        )
+        self._zero: Vector = (0.0,) * device.axes
+        self._start_ns: int | None = None  # of tick 0
+        self._tick = 0
+        self._writes_next = False
+        self._wake_ns = 0
+        self._engage_requested = False
+        self._engaged_ns: int | None = None
+        self._stopped = False
+        self._applied = self._zero
+        self._position = self._zero
+        self._velocity = self._zero
+        self._read_ns = 0
+        self.deadline_misses = 0
+
+    @property
+    def wake_ns(self) -> int:
+        """When the next instant of a tick is due, in ns."""
+        return self._wake_ns
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Packets refused so far, by reason."""
+        return self._chain.rejected
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether force may be shown: engaged and not stopped."""
+        return self._engaged_ns is not None and not self._stopped
+
+    def engage(self) -> None:
+        """Let the force engage, and a simulated hand move, from the next tick on."""
+        self._engage_requested = True
+
+    def reject(self, reason: str) -> None:
+        """Count a packet that was refused before it reached the node."""
+        self._chain.reject(reason)
+
+    def stop(self, time_ns: int) -> None:
+        """Write zero force, now and from now on."""
+        self._stopped = True
+        self._device.write(time_ns, self._zero)
+
+    def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
+        """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
+        for packet in received:
+            self._chain.accept(packet, time_ns)
+        if time_ns < self._wake_ns:
+            return []
+        if self._writes_next:
+            return [self._write(time_ns)]
+        return [self._sample(time_ns)]
+
+    def _sample(self, time_ns: int) -> DeviceState:
+        if self._start_ns is None:
+            self._start_ns = self._read_ns = time_ns
+            self._position = self._device.read(time_ns)
+            self._bounder.start(time_ns, self._position)
+        tick = (time_ns - self._start_ns) // self._period_ns
+        if tick > self._tick:
+            self.deadline_misses += tick - self._tick
+            self._tick = tick
+        if self._engage_requested and self._engaged_ns is None:
+            self._engaged_ns = time_ns
+            self._device.engage(time_ns)
+        position = self._device.read(time_ns)
+        self._estimate_velocity(position, time_ns)
+        state = DeviceState(
+            self._tick, time_ns, self._elapsed(time_ns), position, self._velocity, self._applied
+        )
+        self._chain.remember(state)
+        self._writes_next = True
+        self._wake_ns = self._start_ns + self._tick * self._period_ns + self._reply_wait_ns
+        return state
+
+    def _write(self, time_ns: int) -> Telemetry:
+        assert self._start_ns is not None
+        position = self._device.read(time_ns)
+        chain = self._chain
+        commanded = self._zero
+        if self.is_engaged:
+            commanded = chain.force(time_ns)
+        bounded = self._bounder.bound(time_ns, position, commanded)
+        applied = self._device.write(time_ns, bounded)
+        self._bounder.settle(applied)
+        self._applied = applied
+        answered = chain.answered_tick if self.is_engaged else None
+        truth = self._device.truth()
+        telemetry = Telemetry(
+            self._tick,
+            time_ns,
+            self._elapsed(time_ns),
+            position,
+            commanded,
+            applied,
+            self._bounder.limit,
+            self._bounder.estimated_energy,
+            None if truth is None else truth.energy,
+            None if truth is None else truth.position,
+            None if truth is None else truth.hand_force,
+            chain.engagement,
+            answered,
+            None if answered is None else (time_ns - chain.answered_ns) * 1e-9,
+            self.deadline_misses,
+            chain.rejected,
+        )
+        self._writes_next = False
+        self._tick += 1
+        self._wake_ns = self._start_ns + self._tick * self._period_ns
+        return telemetry
+
+    def _elapsed(self, time_ns: int) -> float:
+        return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9
+
+    def _estimate_velocity(self, position: Vector, time_ns: int) -> None:
+        dt = (time_ns - self._read_ns) * 1e-9
+        if dt > 0.0:
+            angle = 2.0 * math.pi * self._servo.velocity_cutoff * dt
+            share = angle / (1.0 + angle)  # backward Euler of a first-order low-pass
+            self._velocity = tuple(
+                [
+                    v + share * ((q - p) / dt - v)
+                    for v, q, p in zip(self._velocity, position, self._position, strict=True)
+                ]
+            )
+        self._position = position
+        self._read_ns = time_ns

@@ -1,0 +1,122 @@
+"""The safety chain of the device node, from a received packet to a force that may be bounded.
+
+In this order, each stage only ever refusing a packet or making the force smaller::
+
+    decode and validate   the runner and the codec; refusals are counted here
+    expected              a force command with one finite number per axis
+    newest                by the device's own tick number that the command echoes
+    age limit             an answer to a state older than the limit is no answer
+    engage ramp           from 0 to 1 after the start, a fault, a silence
+    saturate              the vector, its direction kept
+
+The bounder follows in :mod:`forcebound.nodes.device`; nothing follows the bounder.
+
+A command is ordered and aged by the tick that it answers, not by its sender's clock or counter: the
+device knows when it measured that tick, so a restarted, a lying or a remote sender with another
+clock can neither look fresh nor lock out its successor. The echoed ``device_time_ns`` must be
+the very time that the device remembers; after a restart of the device, answers to its former life
+do not match.
+"""
+
+import math
+
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
+
+_REMEMBERED = 4096  # ticks whose times are kept; more than any age limit worth the name at 4 kHz
+
+
+class SafetyChain:
+    """Keeps the newest acceptable command and says which force follows from it."""
+
+    def __init__(
+        self, axes: int, age_limit_ns: int, engage_time_ns: int, saturation: float
+    ) -> None:
+        self._axes = axes
+        self._age_limit_ns = age_limit_ns
+        self._engage_time_ns = engage_time_ns
+        self._saturation = saturation
+        self._zero: Vector = (0.0,) * axes
+        self._tick_times: list[int] = [-1] * _REMEMBERED
+        self._newest_tick = -1
+        self._command: ForceCommand | None = None
+        self._answered_ns = 0  # when the state that the command answers was measured
+        self._ramp_start_ns: int | None = None
+        self.engagement = 0.0
+        self.rejected: dict[str, int] = {}
+
+    @property
+    def answered_tick(self) -> int | None:
+        """Tick whose state the force in use answers; None while there is none."""
+        return None if self._command is None else self._command.device_seq
+
+    @property
+    def answered_ns(self) -> int:
+        """When that state was measured, in ns; meaningless while there is none."""
+        return self._answered_ns
+
+    def reject(self, reason: str) -> None:
+        """Count a refused packet. The mapping is replaced, so telemetry may keep the old one."""
+        self.rejected = {**self.rejected, reason: self.rejected.get(reason, 0) + 1}
+
+    def remember(self, state: DeviceState) -> None:
+        """Note when a tick was measured."""
+        self._newest_tick = state.seq
+        self._tick_times[state.seq % _REMEMBERED] = state.time_ns
+
+    def accept(self, packet: Packet, time_ns: int) -> None:
+        """Take a received packet if it passes every stage; count why if not."""
+        if type(packet) is not ForceCommand:
+            self.reject("unexpected")
+        elif len(packet.force) != self._axes:
+            self.reject("wrong_length")
+        elif not all(map(math.isfinite, packet.force)):
+            self.reject("not_finite")
+        else:
+            reason = self._order(packet, time_ns)
+            if reason is None:
+                self._command = packet
+                self._answered_ns = packet.device_time_ns
+            else:
+                self.reject(reason)
+
+    def force(self, time_ns: int) -> Vector:
+        """Return the force to bound at ``time_ns``, in N; zero without a fresh command."""
+        command = self._command
+        if command is not None and time_ns - self._answered_ns > self._age_limit_ns:
+            command = self._command = None
+        if command is None:
+            self.disengage()
+            return self._zero
+        if self._ramp_start_ns is None:
+            self._ramp_start_ns = time_ns
+        since = time_ns - self._ramp_start_ns
+        if since >= self._engage_time_ns:
+            self.engagement = scale = 1.0
+        else:
+            self.engagement = scale = since / self._engage_time_ns
+        force = command.force
+        magnitude = abs(force[0]) if self._axes == 1 else math.hypot(*force)
+        if scale * magnitude > self._saturation:
+            scale = self._saturation / magnitude
+        return force if scale == 1.0 else tuple([scale * f for f in force])
+
+    def disengage(self) -> None:
+        """Begin the ramp anew at the next fresh command."""
+        self._ramp_start_ns = None
+        self.engagement = 0.0
+
+    def _order(self, command: ForceCommand, time_ns: int) -> str | None:
+        tick = command.device_seq
+        if tick > self._newest_tick:
+            return "from_the_future"
+        if self._newest_tick - tick >= _REMEMBERED:
+            return "too_old"
+        measured_ns = self._tick_times[tick % _REMEMBERED]
+        if measured_ns != command.device_time_ns:
+            return "wrong_echo"
+        if time_ns - measured_ns > self._age_limit_ns:
+            return "too_old"
+        held = self._command
+        if held is not None and (tick, command.seq) <= (held.device_seq, held.seq):
+            return "not_newer"
+        return None
