@@ -54,7 +54,7 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
 
     folder = _cache_folder()
     if folder is not None:
-        numba.config.CACHE_DIR = folder
+        vars(numba.config)["CACHE_DIR"] = folder  # a module made at run time, unknown to checkers
     compiled: Callable[P, R] = numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy"
     )(function)

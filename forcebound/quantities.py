@@ -4,13 +4,14 @@ A parameter declares its unit in its type, ``stiffness: Stiffness = 10_000.0``; 
 then say ``10 N/mm``. In the program every quantity is a float in SI units. A parameter may also
 declare what values make sense, ``rate: Annotated[Frequency, POSITIVE] = 1000.0``.
 
-Units and ranges are checked where text comes in, by the launch files (:mod:`forcebound.launch`), not
-when a dataclass is made in Python.
+Units and ranges are checked where text comes in, by the launch files (:mod:`forcebound.launch`),
+not when a dataclass is made in Python.
 """
 
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -120,14 +121,16 @@ def parse_quantity(value: object, unit: str) -> float:
     number = _finite(float(match["number"]), value, expected)
     if not match["unit"]:
         return number
-    return _finite(_convert(number, match["unit"], unit, value, expected), value, expected)
+    factor = _factor(match["unit"], unit, value, expected)
+    # 0.03 mm is 3e-5, the float nearest to what is written: floats would round twice.
+    return _finite(float(Decimal(repr(number)) * factor), value, expected)
 
 
 # The unit part is matched before pint sees it: pint evaluates arithmetic, also `9**9**9**9`.
-_FACTOR = r"(?:1|[A-Za-zµμ%]+(?:(?:\^|\*\*)-?[0-9]{1,2}|[²³])?)"
+_FACTOR_PATTERN = r"(?:1|[A-Za-zµμ%]+(?:(?:\^|\*\*)-?[1-9]|[²³])?)"
 _QUANTITY = re.compile(
     r"(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    rf"\s*(?P<unit>{_FACTOR}(?:(?:\s*[*·/]\s*|\s+){_FACTOR}){{0,7}})?"
+    rf"\s*(?P<unit>{_FACTOR_PATTERN}(?:(?:\s*[*·/]\s*|\s+){_FACTOR_PATTERN}){{0,7}})?"
 )
 
 _UNIT_KEY = "forcebound_unit"
@@ -182,7 +185,8 @@ def _registry() -> "pint.UnitRegistry[float]":
     return registry
 
 
-def _convert(number: float, given: str, unit: str, value: str, expected: str) -> float:
+def _factor(given: str, unit: str, value: str, expected: str) -> Decimal:
+    """How many of ``unit`` one of ``given`` is; powers of ten exactly."""
     import pint
 
     registry = _registry()
@@ -196,12 +200,7 @@ def _convert(number: float, given: str, unit: str, value: str, expected: str) ->
     target = registry.parse_units(unit)
     if source.dimensionality != target.dimensionality:
         raise ConfigError(f"expected {expected}; got {value!r}, which is {_named(source)}")
-    factor = registry.convert(1.0, source, target)
-    # 5 ms is 5 / 1000: dividing by a whole number rounds once, multiplying by 0.001 twice.
-    whole, inverse = round(factor), round(1 / factor)
-    if math.isclose(inverse * factor, 1, rel_tol=1e-12):
-        return number / inverse
-    return number * (whole if math.isclose(factor, whole, rel_tol=1e-12) else factor)
+    return Decimal(f"{_finite(registry.convert(1.0, source, target), value, expected):.15g}")
 
 
 def _named(unit: Any) -> str:

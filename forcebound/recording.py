@@ -184,12 +184,9 @@ class Recorder:
 
     def close(self) -> None:
         """Write index and footer and close the file; a second call does nothing."""
-        if self._file.closed:
-            return
-        try:
-            self._writer.finish()
-        finally:
-            self._file.close()
+        if not self._file.closed:
+            with self._file:
+                self._writer.finish()
 
     def __enter__(self) -> Self:
         return self

@@ -1,14 +1,30 @@
 """What a run leaves behind, live or in virtual time: samples, configuration, summary."""
 
 import json
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from forcebound.analysis.metrics import summarize
+from forcebound.launch.config import GraphConfig, to_document
 from forcebound.recording import TelemetryColumns, read
+
+_PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "pyzmq", "mcap")
+
+
+def run_metadata(config: GraphConfig) -> dict[str, str]:
+    """Return what a recording says of the run that made it: configuration, versions, seed."""
+    versions = {"python": platform.python_version()}
+    versions |= {package: version(package) for package in _PACKAGES}
+    return {
+        "launch": json.dumps(to_document(config), sort_keys=True),
+        "versions": json.dumps(versions),
+        "seed": str(config.seed),
+    }
 
 
 @dataclass(frozen=True)

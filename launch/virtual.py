@@ -1,11 +1,10 @@
 """A launch file in virtual time: the very nodes of a live run, in this process."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from forcebound.errors import RunError
 from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
-from forcebound.launch.config import GraphConfig
+from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.recording import Recorder, TelemetryColumns

@@ -27,7 +27,6 @@ Not-a-number and infinity *are* decoded: the safety chain of the device refuses 
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from operator import attrgetter
 from typing import Any, TypeAlias
 
 import msgpack
@@ -93,6 +92,7 @@ def _optional(read: _Reader) -> _Reader:
     return read_optional
 
 
+# By the type of the field; another kind of field needs its reader here.
 _READERS: dict[Any, _Reader] = {
     int: _read_count,
     float: _read_number,
@@ -109,22 +109,29 @@ class _Form:
     """How one packet looks on the wire."""
 
     packet: type[Packet]
+    topic: str
     keys: tuple[str, ...]  # all of them, in the order in which they are written
-    head: tuple[str, int]  # values of the first two keys
-    values: Callable[[Any], tuple[Any, ...]]  # of the other keys, from a packet
-    readers: tuple[tuple[str, _Reader], ...]  # of the other keys
-    vectors: tuple[str, ...]  # keys whose vectors must have one length; the first is never nil
+    to_map: Callable[[Packet], dict[str, Any]]
+    readers: tuple[tuple[str, _Reader], ...]  # of all keys but the first two
+    first_vector: str  # never nil
+    other_vectors: tuple[str, ...]  # must be as long as the first
 
 
 def _form(topic: str, packet: type[Packet]) -> _Form:
     types = {field.name: field.type for field in fields(packet)}
+    vectors = [name for name, kind in types.items() if kind in (Vector, Vector | None)]
+    # Written out once per class, as dataclasses do with __init__: a loop over names costs 3 times
+    # as much. The names are those of our own fields.
+    pairs = ", ".join(f"{name!r}: packet.{name}" for name in types)
+    to_map = eval(f"lambda packet: {{'packet': {topic!r}, 'version': {VERSION}, {pairs}}}")
     return _Form(
         packet=packet,
+        topic=topic,
         keys=("packet", "version", *types),
-        head=(topic, VERSION),
-        values=attrgetter(*types),
+        to_map=to_map,
         readers=tuple((name, _READERS[kind]) for name, kind in types.items()),
-        vectors=tuple(name for name, kind in types.items() if kind in (Vector, Vector | None)),
+        first_vector=vectors[0],
+        other_vectors=tuple(vectors[1:]),
     )
 
 
@@ -141,8 +148,7 @@ def encode(packet: Packet) -> bytes:
         KeyError: If ``packet`` is not an instance of one of the classes of ``TOPICS``.
         TypeError: If a value has a type that msgpack does not know.
     """
-    form = _FORM_OF[type(packet)]
-    data: bytes = _packer.pack(dict(zip(form.keys, form.head + form.values(packet), strict=True)))
+    data: bytes = _packer.pack(_FORM_OF[type(packet)].to_map(packet))
     return data
 
 
@@ -167,14 +173,19 @@ def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Pa
         raise _name_error(topic, expected)
     if len(message) != len(form.keys) or _pair_count(data) != len(form.keys):
         raise _keys_error(form, message)
+    values = []
+    name = ""
     try:
-        packet = form.packet(*[read(message[name]) for name, read in form.readers])
+        for name, read in form.readers:
+            values.append(read(message[name]))
     except KeyError:
         raise _keys_error(form, message) from None
-    except _UnfitError:
-        raise _value_error(form, message) from None
-    _check_axes(form, message)
-    return packet
+    except _UnfitError as error:
+        got = reprlib.repr(message[name])
+        raise PacketError("value", f"{form.topic}: {name} must be {error}, got {got}") from None
+    if form.other_vectors:
+        _check_axes(form, message)
+    return form.packet(*values)
 
 
 def _unpack(data: bytes | memoryview) -> dict[str, Any]:
@@ -209,15 +220,14 @@ def _pair_count(data: bytes | memoryview) -> int:
 
 
 def _check_axes(form: _Form, message: dict[str, Any]) -> None:
-    first, *others = form.vectors
-    axes = len(message[first])
-    for name in others:
+    axes = len(message[form.first_vector])
+    for name in form.other_vectors:
         vector = message[name]
         if vector is not None and len(vector) != axes:
             raise PacketError(
                 "value",
-                f"{form.head[0]}: expected vectors of one length, "
-                f"got {axes} axes in {first} and {len(vector)} in {name}",
+                f"{form.topic}: expected vectors of one length, "
+                f"got {axes} axes in {form.first_vector} and {len(vector)} in {name}",
             )
 
 
@@ -240,18 +250,7 @@ def _keys_error(form: _Form, message: dict[str, Any]) -> PacketError:
     if unknown:
         faults.append(f"unknown {_listed(unknown)}")
     got = " and ".join(faults) or "a key given twice"
-    return PacketError("keys", f"{form.head[0]}: expected the keys {_listed(form.keys)}, got {got}")
-
-
-def _value_error(form: _Form, message: dict[str, Any]) -> PacketError:
-    """Find the first unfit value again, so that the usual way needs no note of where it is."""
-    for name, read in form.readers:
-        try:
-            read(message[name])
-        except _UnfitError as error:
-            got = reprlib.repr(message[name])
-            return PacketError("value", f"{form.head[0]}: {name} must be {error}, got {got}")
-    raise AssertionError("no value is unfit")
+    return PacketError("keys", f"{form.topic}: expected the keys {_listed(form.keys)}, got {got}")
 
 
 def _listed(names: Any) -> str:

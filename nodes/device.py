@@ -98,6 +98,7 @@ class DeviceNode:
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
         self._writes_next = False
+        self._is_first_write = True
         self._wake_ns = 0
         self._engage_requested = False
         self._engaged_ns: int | None = None
@@ -150,7 +151,6 @@ class DeviceNode:
         if self._start_ns is None:
             self._start_ns = self._read_ns = time_ns
             self._position = self._device.read(time_ns)
-            self._bounder.start(time_ns, self._position)
         tick = (time_ns - self._start_ns) // self._period_ns
         if tick > self._tick:
             self.deadline_misses += tick - self._tick
@@ -175,7 +175,12 @@ class DeviceNode:
         commanded = self._zero
         if self.is_engaged:
             commanded = chain.force(time_ns)
-        bounded = self._bounder.bound(time_ns, position, commanded)
+        if self._is_first_write:  # the ledger begins here, with no force held
+            self._bounder.start(time_ns, position)
+            self._is_first_write = False
+            bounded = self._zero
+        else:
+            bounded = self._bounder.bound(time_ns, position, commanded)
         applied = self._device.write(time_ns, bounded)
         self._bounder.settle(applied)
         self._applied = applied

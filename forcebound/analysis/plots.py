@@ -67,8 +67,8 @@ def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
 def _draw_position(axes: Axes, view: View) -> None:
     columns, shown, axis = view.columns, view.shown, view.axis
     if view.wall is not None:
-        style = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
-        axes.axhline(view.wall.position * 1e3, label="surface", **style)
+        surface_line = view.wall.position * 1e3
+        axes.axhline(surface_line, label="surface", color=NEUTRAL, linestyle="--", linewidth=1.0)
     true_position = columns.true_position[shown, axis] * 1e3
     _line(axes, view.time, true_position, "true", color=HAPPENS, linewidth=2.2, alpha=0.45)
     position = columns.position[shown, axis] * 1e3
@@ -78,8 +78,9 @@ def _draw_position(axes: Axes, view: View) -> None:
 def _draw_force(axes: Axes, view: View) -> None:
     columns, shown, axis = view.columns, view.shown, view.axis
     limit = columns.force_limit[shown]
-    band = {"color": NEUTRAL, "alpha": 0.25, "linewidth": 0.0}
-    axes.fill_between(view.time, -limit, limit, label="bound", **band)
+    axes.fill_between(
+        view.time, -limit, limit, label="bound", color=NEUTRAL, alpha=0.25, linewidth=0.0
+    )
     asked = columns.commanded_force[shown, axis]
     _line(axes, view.time, asked, "asked", color=ASKED, linewidth=0.8)
     applied = columns.applied_force[shown, axis]
@@ -104,10 +105,19 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
         return
     depth = penetration(view.columns, view.wall)[view.shown] * 1e3
     if view.wall.stiffness is not None:
-        style = {"color": ASKED, "linestyle": "--", "linewidth": 1.0}
-        axes.axline((0.0, 0.0), slope=view.wall.stiffness * 1e-3, label="wall asked for", **style)
+        axes.axline(
+            (0.0, 0.0),
+            slope=view.wall.stiffness * 1e-3,
+            label="wall",
+            color=ASKED,
+            linestyle="--",
+            linewidth=1.0,
+        )
     applied = view.columns.applied_force[view.shown, view.axis]
     _line(axes, depth, applied, "applied", color=HAPPENS, linewidth=0.8)
+    deepest = float(depth.max()) if depth.size else 0.0
+    if deepest > 0.0:  # the way to the surface is long, and there is no force on it
+        axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
 
 
 @dataclass(frozen=True)
@@ -171,7 +181,9 @@ def figure(runs: Sequence[Run], panels: Sequence[str] = DEFAULT_PANELS) -> Figur
 def _title(run: Run) -> str:
     label, _, config = run
     name = law(config)
-    return label if name is None or name in label else f"{label} (law: {name})"
+    if label == name:
+        return f"law: {name}"
+    return label if name is None or name in label.split() else f"{label} (law: {name})"
 
 
 def _arrange_row(name: str, row: list[Axes]) -> None:
@@ -186,6 +198,8 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
     elif name == "loop_delay":
         _scale_delay(row)
     else:
+        if name == "force":
+            _leave_out_unused_sign(row)
         _share_or_say(row)
     handles: dict[str, Any] = {}
     for axes in row:  # a run may lack a line that another has
@@ -215,6 +229,18 @@ def _share_or_say(row: list[Axes]) -> None:
             _note(axes, "own scale")
 
 
+def _leave_out_unused_sign(row: list[Axes]) -> None:
+    """Cut off the half of the bound in which no force was asked for: a wall only pushes."""
+    forces = [_finite(np.asarray(line.get_ydata())) for axes in row for line in axes.lines]
+    known = [values for values in forces if values.size]
+    for axes in row:
+        low, high = axes.get_ylim()
+        if known and min(values.min() for values in known) >= 0.0:
+            axes.set_ylim(-0.05 * high, high)
+        elif known and max(values.max() for values in known) <= 0.0:
+            axes.set_ylim(low, -0.05 * low)
+
+
 def _scale_energy(row: list[Axes]) -> None:
     # The extent of the data, not of the axis: a margin is no energy.
     lows = [min(axes.dataLim.y0, 0.0) for axes in row]
@@ -225,14 +251,17 @@ def _scale_energy(row: list[Axes]) -> None:
         linear = 10.0 ** np.round(np.log10(min(sizes)))
         for axes in row:
             axes.set_yscale("symlog", linthresh=linear)
-        row[0].set_ylabel(f"energy (mJ)\nlog beyond ±{linear:g}", fontsize=9)
+            axes.yaxis.set_major_formatter("{x:g}")
+        # An entry of the legend without a line: in the panel it would lie over the curves.
+        row[-1].plot([], [], " ", label=f"log beyond\n±{linear:g} mJ")
         bottom, top = min(2.0 * low, -0.3 * linear), max(2.0 * high, 0.3 * linear)
     else:
         margin = 0.08 * (high - low) or 1.0
         bottom, top = low - margin, high + margin
-    shade = {"color": FORBIDDEN, "alpha": 0.12, "linewidth": 0.0, "zorder": 0}
     for axes in row:
-        axes.axhspan(bottom, 0.0, label="not passive", **shade)
+        axes.axhspan(
+            bottom, 0.0, label="not passive", color=FORBIDDEN, alpha=0.12, linewidth=0.0, zorder=0
+        )
         axes.set_ylim(bottom, top)
     _label_outer(row)
 

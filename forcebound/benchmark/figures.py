@@ -79,9 +79,7 @@ class Measured:
         }
 
 
-def compare(
-    ours: Measured, limit: Measured, name: str, target: float | None
-) -> dict[str, Any]:
+def compare(ours: Measured, limit: Measured, name: str, target: float | None) -> dict[str, Any]:
     """Return how a percentile of ours compares with that of the limit in the same run.
 
     Args:

@@ -115,7 +115,8 @@ def compile_c(source: str, folder: Path) -> Path:
 
 def permitted_policies() -> list[str]:
     """Return the scheduling classes that this process may use, ``"other"`` first."""
-    command = f"import os\nos.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
+    priority = max(PRIORITIES.values())
+    command = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({priority}))"
     tried = subprocess.run([sys.executable, "-c", command], capture_output=True)
     return ["other"] if tried.returncode else ["other", "fifo"]
 
@@ -126,7 +127,7 @@ def conditions() -> dict[str, Any]:
         "cores": sorted(os.sched_getaffinity(0)),
         "kernel": f"{platform.system()} {platform.release()} {platform.machine()}",
         "policies": permitted_policies(),
-        "load_average": os.getloadavg()[0],
+        "load_average": round(os.getloadavg()[0], 2),
         "python": platform.python_version(),
         "pyzmq": metadata.version("pyzmq"),
         "forcebound": metadata.version("forcebound"),

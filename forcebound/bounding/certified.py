@@ -6,19 +6,21 @@ ledger A. Between samples, with e = x - q and y the play operator, it keeps the 
 
     loss + work at t_n  >=  A + F(n-1)·e(n) + f_c |x(n) - y(n)|
 
-1. *In a hold.* By Cauchy-Schwarz a displacement d within T_max costs at least B d² + f_c|d|, so the
-   energy in it is at least G + B d² + f_c|d| + F·d >= G - (|F| - f_c)₊²/(4B), G = A - r Σ|F_i(n-1)|.
+1. *In a hold.* By Cauchy-Schwarz a displacement d within T_max costs at least B d² + f_c\|d\|, so
+   the energy in it is at least G + B d² + f_c\|d\| + F·d >= G - (\|F\| - f_c)₊²/(4B), where
+   G = A - r Σ_i\|F_i(n-1)\|.
 2. *Readings for positions.* Summation by parts turns Σ F·Δx into Σ F·Δq + F(n-1)·e(n) -
-   Σ ΔF(k)·e(k): a price r Σ_i|ΔF_i| for a change of force, not r|F| for every sample.
-3. *Friction.* When y moves by m, it moves towards x: |x - y| changes by at most (path of x) - m.
-   So f_c m may be credited; the unknown |x(0) - y(0)| <= r √axes is paid at the start.
-4. *In deficit* |F| <= f_c: friction eats all that such a force could give.
+   Σ ΔF(k)·e(k): a price r Σ_i\|ΔF_i\| for a change of force, not r\|F\| for every sample.
+3. *Friction.* When y moves by m, it moves towards x: \|x - y\| grows by at most (path of x) - m.
+   So f_c m may be credited; the unknown \|x(0) - y(0)\| <= r √axes is paid at the start.
+4. *In deficit* \|F\| <= f_c: friction eats all that such a force could give.
 
-Departures from ``spec``-like statements of this law found elsewhere: after an overrun (dt > T_max)
-the play operator *starts again* at the reading, for the price f_c r √axes of a start. Letting y follow
-as usual is not enough: the friction of the cut hold is already used in step 1, and |x - y| may have
-grown by 2r in it, which step 3 would credit a second time, f_c Δ for each overrun
-(``tests/test_bounding.py`` has the path). The factor √axes is the norm of n errors of at most r.
+What is easily missed: after an overrun (dt > T_max) the play operator must *start again* at the
+reading, for the price f_c r √axes of a start. Letting it follow the reading without credit is not
+enough. The friction of the cut hold is already used up in step 1, but \|x - y\| may have grown by 2r
+in it, and step 3 would credit that path a second time: f_c Δ for each overrun
+(``tests/test_certified_law.py`` walks the path on which this leaks). The factor √axes is the length
+of a vector of n errors of at most r.
 """
 
 import math

@@ -1,23 +1,24 @@
-"""What a bounding law is: four pure functions of numbers, and what it may know of the device.
+r"""What a bounding law is: four pure functions of numbers, and what it may know of the device.
 
-The functions take and return floats only and use nothing but arithmetic and :mod:`math`, so that the
-very same function objects run in plain Python in the live node and compiled in audits and sweeps.
+The functions take and return floats only and use nothing but arithmetic and :mod:`math`, so that
+the very same function objects run in plain Python in the live node, and compiled in audits and
+sweeps.
 
 Arguments that are the same for all laws:
 
 =====================  =======================================================================
 ``state``              the law's one remembered number: an energy, in J (or a stiffness, in N/m)
-``asked``              \\|F_e(n)\\|, N: magnitude of the force asked for, already saturated
+``asked``              \|F_e(n)\|, N: magnitude of the force asked for, already saturated
 ``elapsed``            measured time since the last sample, s, positive
-``distance``           \\|Δq\\|, m: how far the reading has moved since the last sample
-``clear_square``       Σ_i max(\\|Δq_i\\| - 2r, 0)², m²: what of it cannot be quantisation
+``distance``           \|Δq\|, m: how far the reading has moved since the last sample
+``clear_square``       Σ_i max(\|Δq_i\| - 2r, 0)², m²: what of it cannot be quantisation
 ``path``               increase of ‖(path_1, ..., path_n)‖₂, m; path_i is the way that the play
                        operator of axis i has gone; 0 when the hold limit was exceeded
 ``work``               F(n-1)·Δq, J
 ``held``               ‖F(n-1)‖₂, N: force held since the last sample
-``held_sum``           Σ_i \\|F_i(n-1)\\|, N; 0 in ``settle`` when the hold limit was exceeded
+``held_sum``           Σ_i \|F_i(n-1)\|, N; 0 in ``settle`` when the hold limit was exceeded
 ``applied``            ‖F(n)‖₂, N: force written at this sample
-``change_sum``         Σ_i \\|F_i(n) - F_i(n-1)\\|, N, with F(n-1) = 0 when the hold limit was exceeded
+``change_sum``         Σ_i \|F_i(n) - F_i(n-1)\|, N; F(n-1) = 0 when the hold limit was exceeded
 parameters             ``damping`` b, N s/m; ``friction`` f_c, N; ``half_resolution`` r, m;
                        ``period`` T, s; ``hold_limit`` T_max, s; ``axes`` number of axes
 =====================  =======================================================================
@@ -43,7 +44,7 @@ class Dissipation:
         friction: Minimum Coulomb friction f_c, in N.
         resolution: Step of the position reading Δ, in m; 0: exact readings.
         period: Nominal sampling period T, in s.
-        hold_limit: Longest time T_max that the device holds a force, in s; then it drops it to zero.
+        hold_limit: Longest time T_max that the device holds a force, in s; it then drops it to 0.
         saturation: Largest force F_sat, in N.
 
     Raises:

@@ -9,20 +9,12 @@ Damping and friction are *minimum* values: the bounder's guarantee rests on them
 they come from (measured, data sheet).
 """
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from forcebound.devices.phantom import PhantomPremium15
+from forcebound.devices.plant import Truth as Truth  # part of the contract
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-
-
-class Truth(NamedTuple):
-    """What a simulated device knows and no law may see."""
-
-    position: Vector  # m, not quantised
-    velocity: Vector  # m/s
-    hand_force: Vector  # N, of the hand on the handle, positive into the environment
-    energy: float  # J, integral of hand force times velocity since the start
 
 
 class Device(Protocol):

@@ -1,14 +1,11 @@
 """PHANToM Premium 1.5, simulated: the device of the paper's experiments."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from forcebound.devices.plant import SimulatedDevice
 from forcebound.messages.packets import MAX_AXES
+from forcebound.operators import Operator
 from forcebound.quantities import Damping, Force, Length, Mass, Time
-
-if TYPE_CHECKING:
-    from forcebound.devices import Device
-    from forcebound.operators import Operator
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,6 @@ class PhantomPremium15:
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must be >= 0 {unit}, got {getattr(self, name)} {unit}")
 
-    def open(self, operator: "Operator", hold_limit: float) -> "Device":
+    def open(self, operator: Operator, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
-        from forcebound.devices.plant import SimulatedDevice
-
         return SimulatedDevice(self, operator, hold_limit)

@@ -25,14 +25,20 @@ along the path of several axes.
 """
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import NamedTuple, Protocol
 
 from forcebound.compiled import jit
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 
-if TYPE_CHECKING:
-    from forcebound.devices import Truth
+
+class Truth(NamedTuple):
+    """What a simulated device knows and no law may see."""
+
+    position: Vector  # m, not quantised
+    velocity: Vector  # m/s
+    hand_force: Vector  # N, of spring and damper of the hand, positive into the environment
+    energy: float  # J, that has flowed from the hand into the device: integral of F_h v dt
 
 
 def advance(
@@ -198,10 +204,8 @@ class SimulatedDevice:
         self._dropped_ns = time_ns + self._hold_limit_ns
         return force
 
-    def truth(self) -> "Truth":
-        """Return the ground truth; see :class:`forcebound.devices.Truth`."""
-        from forcebound.devices import Truth
-
+    def truth(self) -> Truth:
+        """Return the ground truth; see :class:`Truth`."""
         hand_mass = self._operator.mass
         energy = 0.0
         for work, v in zip(self._work, self._v, strict=True):

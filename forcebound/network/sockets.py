@@ -4,7 +4,8 @@ The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) a
 
 1. CONFLATE works only if set before connect or bind: every option is set before.
 2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
-   IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time.
+   IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time; and at a SUB,
+   IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
 3. IPv6 is off by default and then ``[::1]`` fails silently: on.
 4. A peer may send a frame of any size: MAXMSGSIZE.
 5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
@@ -83,7 +84,7 @@ def make_socket(
     """
     socket = context.socket(kind)
     socket.set(zmq.LINGER, 0)
-    socket.set(zmq.IMMEDIATE, 1)
+    socket.set(zmq.IMMEDIATE, int(kind != zmq.SUB))
     socket.set(zmq.IPV6, 1)
     socket.set(zmq.MAXMSGSIZE, MAX_FRAME)
     socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
@@ -294,6 +295,6 @@ def _refuse_to_steal(endpoint: str) -> None:
 def _unpack_map(data: bytes) -> dict[str, Any] | None:
     try:
         value = msgpack.unpackb(data)
-    except ValueError:  # every msgpack error is one
+    except (ValueError, OverflowError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

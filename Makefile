@@ -1,0 +1,45 @@
+# `make demo` and `make test` need Python 3.11+, its venv module and make; they set up all else.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test check test-slow audit bench clean
+
+demo: $(STAMP)
+	$(BIN)/python experiments/demo.py
+
+test: check
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow" --cov --cov-report=term:skip-covered
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test-slow: $(STAMP)
+	$(BIN)/pytest -m slow
+
+audit: $(STAMP)
+	$(BIN)/python -m forcebound.audit --runs 20000
+
+bench: $(STAMP)
+	$(BIN)/forcebound bench servo
+	$(BIN)/forcebound bench loop
+	$(BIN)/python benchmarks/codec.py
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "forcebound needs Python 3.11 or newer; $(PYTHON) is `$(PYTHON) --version`."; \
+	  echo "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' || { \
+	  echo "Python's venv module is missing; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint constraints.txt --editable '.[dev]'
+	@touch $(STAMP)
+
+clean:
+	rm -rf $(VENV) build *.egg-info results .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,406 @@
+"""The live runner: one node, the real clock, ZeroMQ.
+
+One loop for every node: wait, receive, step, publish. Only the waiting differs:
+
+* A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
+  is through on an impaired link, or until its own ``wake_ns``.
+* A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
+  microseconds, and takes what is there by then.
+
+Strategy:
+
+1. The path from packet to packet does nothing that could be done before or after it: no exception,
+   no logging, no allocation of anything that the collector must visit.
+2. A perfect link costs nothing: the socket keeps only the newest packet, and no link object exists.
+   A link with an impairment drains its socket into its model.
+3. Packets that are refused are counted by reason, and the servo is told, so that telemetry shows
+   them.
+4. Whatever ends the loop, the servo writes zero force before anything else is done: a stop request,
+   a signal, the death of the launcher, a programming mistake.
+
+Each process answers on a control socket between two steps: ``{"request": "status"}``,
+``{"request": "engage"}``, ``{"request": "stop"}``.
+"""
+
+import logging
+import os
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Protocol, Self, runtime_checkable
+
+from forcebound import realtime
+from forcebound.errors import PacketError
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
+from forcebound.network import sockets
+from forcebound.network.link import Link
+from forcebound.network.sockets import Network
+from forcebound.nodes import Node
+
+CONTROL_INTERVAL = 8  # steps of a servo between two looks at its control socket
+IDLE_NS = 500_000_000  # longest sleep of a node to which nothing happens
+RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would cost half a core
+FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
+DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
+DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
+FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
+
+_logger = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class Servo(Node, Protocol):
+    """A node that moves something, and what its runner owes it."""
+
+    def engage(self) -> None:
+        """Let the force engage."""
+        ...
+
+    def stop(self, time_ns: int) -> None:
+        """Write zero force, now and from now on."""
+        ...
+
+    def reject(self, reason: str) -> None:
+        """Count a packet that was refused before it reached the node."""
+        ...
+
+
+class Sink(Protocol):
+    """Where a recorder puts packets; :class:`forcebound.recording.Recorder` is one."""
+
+    def write(self, packet: Packet) -> None:
+        """Record one packet."""
+        ...
+
+    def flush(self) -> None:
+        """Make everything written so far survive the death of this process."""
+        ...
+
+
+def topic_endpoint(run_dir: Path, topic: str) -> str:
+    """Return where the packets of a topic are published in a run on one machine."""
+    return f"ipc://{run_dir}/{topic}"
+
+
+def control_endpoint(run_dir: Path, name: str) -> str:
+    """Return where the process ``name`` of a run answers requests."""
+    return f"ipc://{run_dir}/control-{name}"
+
+
+class Stop:
+    """A request to end the loop, from a signal or from anyone who holds it.
+
+    Within the ``with`` block SIGTERM and SIGINT set :attr:`requested` and make
+    :attr:`descriptor` readable, also when they come just before a sleep.
+    """
+
+    _SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+    def __init__(self) -> None:
+        self.requested = False
+        self.descriptor, self._wake_descriptor = os.pipe()
+        os.set_blocking(self._wake_descriptor, False)
+        self._before: dict[int, Any] = {}
+        self._wake_before = -1
+
+    def request(self) -> None:
+        """Ask the loop to end."""
+        self.requested = True
+        os.write(self._wake_descriptor, b"\0")
+
+    def __enter__(self) -> Self:
+        self._wake_before = signal.set_wakeup_fd(self._wake_descriptor, warn_on_full_buffer=False)
+        for number in self._SIGNALS:
+            self._before[number] = signal.signal(number, self._caught)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._wake_before)
+        self.close()
+
+    def close(self) -> None:
+        """Close the descriptors."""
+        os.close(self.descriptor)
+        os.close(self._wake_descriptor)
+
+    def _caught(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+class _Inlet:
+    """One stream in: socket, codec, and the model of a bad network if there is one."""
+
+    def __init__(
+        self, network: Network, endpoint: str, expected: type[Packet], link: Link[Packet] | None
+    ) -> None:
+        self.topic = TOPIC_OF[expected]
+        self.expected = expected
+        self.link = link
+        self.subscriber = network.subscriber(endpoint, newest_only=link is None)
+        self.count = 0
+
+
+class Runner:
+    """Drives one node; :func:`run` is the loop around it.
+
+    Args:
+        node: What decides.
+        name: Of the process; its control socket is named after it.
+        run_dir: Directory of the run's ``ipc`` sockets.
+        links: Impaired links by topic; a topic that is not here has a perfect link.
+        network: Where the sockets are opened.
+        spin_ns: See :class:`forcebound.realtime.Settings`.
+
+    Raises:
+        ConfigError: If an endpoint is in use or not permitted.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        run_dir: Path,
+        links: Mapping[str, Link[Packet]],
+        network: Network,
+        spin_ns: int = 0,
+    ) -> None:
+        self._node = node
+        self._servo = node if isinstance(node, Servo) else None
+        self._spin_ns = spin_ns
+        self._publish = {
+            packet: network.publisher(topic_endpoint(run_dir, TOPIC_OF[packet])).send
+            for packet in node.publishes
+        }
+        self._inlets = [
+            _Inlet(network, topic_endpoint(run_dir, topic), packet, links.get(topic))
+            for packet, topic in ((packet, TOPIC_OF[packet]) for packet in node.subscribes)
+        ]
+        self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
+        self._control = network.control_server(control_endpoint(run_dir, name))
+        self._receivers: list[sockets.Receiver] = [inlet.subscriber for inlet in self._inlets]
+        self._receivers.append(self._control)
+        self._stop_requested = False
+        self._log: Sequence[str] = ()
+        self.steps = 0
+        self.rejected: dict[str, int] = {}
+
+    def run(self, stop: Stop, log: Sequence[str] = ()) -> None:
+        """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
+        self._log = log
+        try:
+            if self._node.wakes_on_arrival:
+                while not (stop.requested or self._stop_requested):
+                    self.turn(self.wait(stop.descriptor))
+                    if self._control.pending():
+                        self._control.serve(self.answer)
+            else:
+                while not (stop.requested or self._stop_requested):
+                    self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
+                    if self.steps % CONTROL_INTERVAL == 0 and self._control.pending():
+                        self._control.serve(self.answer)
+        finally:
+            if self._servo is not None:
+                self._servo.stop(time.monotonic_ns())
+        if self._servo is not None:
+            for _ in range(FAREWELL_STEPS):
+                self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
+
+    def wait(self, stop_descriptor: int) -> int:
+        """Sleep until there is something to do for a node that wakes on arrival; return the time.
+
+        Args:
+            stop_descriptor: Ends the sleep when it is readable.
+        """
+        until_ns = self._next_ns()
+        timeout_ns = IDLE_NS
+        if until_ns is not None:
+            timeout_ns = min(timeout_ns, until_ns - time.monotonic_ns())
+        sockets.wait(self._receivers, timeout_ns, (stop_descriptor,))
+        return time.monotonic_ns()
+
+    def turn(self, time_ns: int) -> None:
+        """Receive, step the node if it has something to do, publish."""
+        received = self.receive(time_ns)
+        wake_ns = self._node.wake_ns
+        if not received and (wake_ns is None or wake_ns > time_ns):
+            return
+        publish = self._publish
+        for packet in self._node.step(time_ns, received):
+            publish[type(packet)](encode(packet))
+        self.steps += 1
+
+    def receive(self, time_ns: int) -> list[Packet]:
+        """Return the packets that have arrived and are through their links at ``time_ns``."""
+        received: list[Packet] = []
+        for inlet in self._inlets:
+            link = inlet.link
+            for data in inlet.subscriber.receive():
+                try:
+                    packet = decode(data, inlet.expected)
+                except PacketError as error:
+                    self._reject(error.reason)
+                    continue
+                inlet.count += 1
+                if link is None:
+                    received.append(packet)
+                else:
+                    link.accept(time_ns, packet)
+            if link is not None:
+                received += link.due(time_ns)
+        return received
+
+    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the answer to one request of the control socket."""
+        wanted = request.get("request")
+        if wanted == "status":
+            return self.status()
+        if wanted == "engage" and self._servo is not None:
+            self._servo.engage()
+            return {"engaged": True}
+        if wanted == "stop":
+            self._stop_requested = True
+            return {"stopping": True}
+        known = "status, stop" if self._servo is None else "status, engage, stop"
+        return {"error": f"unknown request {wanted!r}; known: {known}"}
+
+    def status(self) -> dict[str, Any]:
+        """Return how the process is doing, as a map of plain values.
+
+        ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
+        ``received``, ``rejected``: counts by topic, by reason. ``deadline_misses``: of a servo.
+        """
+        received = {inlet.topic: inlet.count for inlet in self._inlets}
+        return {
+            **_readiness(received),
+            "rejected": dict(self.rejected),
+            "steps": self.steps,
+            "lost": {
+                inlet.topic: inlet.link.lost for inlet in self._inlets if inlet.link is not None
+            },
+            "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
+            "log": list(self._log),
+        }
+
+    def _next_ns(self) -> int | None:
+        """Return when the node or a link has something to do, in ns."""
+        next_ns = self._node.wake_ns
+        for link in self._links:
+            due_ns = link.next_due_ns
+            if due_ns is not None and (next_ns is None or due_ns < next_ns):
+                next_ns = due_ns
+        return next_ns
+
+    def _reject(self, reason: str) -> None:
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+        if self._servo is not None:
+            self._servo.reject(reason)
+
+
+def run(
+    node: Node,
+    name: str,
+    run_dir: Path,
+    links: Mapping[str, Link[Packet]],
+    settings: realtime.Settings,
+    stop: Stop,
+) -> dict[str, Any]:
+    """Run a node until it is asked to stop; return its last status.
+
+    Args:
+        node: What decides.
+        name: Of the process: ``"device"``, ``"controller"`` or ``"environment"``.
+        run_dir: Directory of the run's ``ipc`` sockets.
+        links: Impaired links by topic; a topic that is not here has a perfect link.
+        settings: How punctual to be.
+        stop: Ends the loop.
+
+    Raises:
+        ConfigError: If an endpoint is in use or not permitted.
+    """
+    said = realtime.enter(settings, name)
+    _logger.info("; ".join(said))
+    with Network() as network:
+        runner = Runner(node, name, run_dir, links, network, settings.spin_ns)
+        realtime.freeze_garbage()
+        runner.run(stop, said)
+        return runner.status()
+
+
+def record(
+    sink: Sink, name: str, run_dir: Path, topics: Sequence[str], core: int | None, stop: Stop
+) -> dict[str, Any]:
+    """Record every packet of some topics until asked to stop; return the last status.
+
+    Told to stop it takes what is still on its way, so stop the publishers before.
+
+    Args:
+        sink: Where the packets go; the caller closes it.
+        name: Of the process; its control socket is named after it.
+        run_dir: Directory of the run's ``ipc`` sockets.
+        topics: Keys of ``TOPICS``.
+        core: The chain's core, where the recorder does not run if there is another one.
+        stop: Ends the loop.
+    """
+    realtime.enter(realtime.Settings(core=core), name)
+    counts = dict.fromkeys(topics, 0)
+    rejected: dict[str, int] = {}
+    with Network() as network:
+        streams = [
+            (topic, network.subscriber(topic_endpoint(run_dir, topic), newest_only=False))
+            for topic in topics
+        ]
+        control = network.control_server(control_endpoint(run_dir, name))
+
+        def answer(request: Mapping[str, Any]) -> dict[str, Any]:
+            if request.get("request") == "stop":
+                stop.request()
+            return _recorder_status(counts, rejected)
+
+        def take() -> bool:
+            any_came = False
+            for topic, subscriber in streams:
+                for data in subscriber.receive():
+                    any_came = True
+                    try:
+                        packet = decode(data, TOPICS[topic])
+                    except PacketError as error:
+                        rejected[error.reason] = rejected.get(error.reason, 0) + 1
+                        continue
+                    counts[topic] += 1
+                    sink.write(packet)
+            return any_came
+
+        flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+        while not stop.requested:
+            sockets.wait((control,), RECORDER_PERIOD_NS, (stop.descriptor,))
+            control.serve(answer)
+            take()
+            if time.monotonic_ns() >= flush_ns:
+                sink.flush()
+                flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+        limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
+        silent_ns = 0
+        while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
+            silent_ns = 0 if take() else silent_ns + RECORDER_PERIOD_NS
+            sockets.wait((), RECORDER_PERIOD_NS)
+        sink.flush()
+    return _recorder_status(counts, rejected)
+
+
+def _recorder_status(counts: Mapping[str, int], rejected: Mapping[str, int]) -> dict[str, Any]:
+    return {**_readiness(counts), "rejected": dict(rejected), "log": []}
+
+
+def _readiness(received: Mapping[str, int]) -> dict[str, Any]:
+    waiting_for = [topic for topic, count in received.items() if count == 0]
+    return {"ready": not waiting_for, "waiting_for": waiting_for, "received": dict(received)}

@@ -1,0 +1,132 @@
+"""What a launch file lets one choose: its ``arguments:``, and ``name:=value`` on the command line."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from forcebound.launch.problems import Place, Problems, Related, unknown
+from forcebound.launch.substitution import Substitution
+from forcebound.launch.tree import BROKEN, Scalar, Value, scalar
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_KEYS = ("default", "help", "choices")
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument that a launch file declares."""
+
+    name: str
+    default: Scalar  # None: it must be given
+    help: str = ""
+    choices: tuple[Scalar, ...] = ()  # empty: any
+
+
+class Arguments:
+    """The arguments of one launch file and their values."""
+
+    def __init__(self, root: Value, problems: Problems) -> None:
+        self._problems = problems
+        self._substitution = Substitution(None, problems)
+        self._places: dict[str, Place] = {}
+        self._defaults: dict[str, Value | None] = {}
+        self.declared: dict[str, Argument] = {}
+        section = root.entries.get("arguments")
+        if section is None or section.content is None:
+            return
+        if not isinstance(section.content, Mapping):
+            problems.add(f"arguments must be a mapping, got {section}", section.place)
+        for name, value in section.entries.items():
+            self._declare(name, value)
+
+    def values(self, overrides: Sequence[str]) -> dict[str, Value]:
+        """Return the value of each argument; broken where a problem was noted."""
+        given: dict[str, Value] = {}
+        for text in overrides:
+            self._override(text, given)
+        values: dict[str, Value] = {}
+        for name, default in self._defaults.items():
+            value = given.get(name, default)
+            if value is None:
+                message = f"argument {name!r} has no default; give it: {name}:=..."
+                self._problems.add(message, self._places[name])
+                value = Value(BROKEN, self._places[name])
+            values[name] = self._chosen(name, value)
+        return values
+
+    def _declare(self, name: str, value: Value) -> None:
+        place = value.key or value.place
+        self._places[name] = place
+        if not _NAME.fullmatch(name):
+            message = f"an argument's name has letters, digits and _, got {name!r}"
+            self._problems.add(message, place)
+        for key, entry in value.entries.items():
+            if key not in _KEYS:
+                self._problems.add(unknown("key", key, _KEYS), entry.key or entry.place)
+        is_mapping = isinstance(value.content, Mapping)
+        default = value.entries.get("default") if is_mapping else value
+        if default is not None:
+            default = self._default(default)
+        self._defaults[name] = default
+        help_text = value.entries.get("help")
+        choices = self._choices(value.entries.get("choices"))
+        self.declared[name] = Argument(
+            name,
+            None if default is None or default.is_broken else default.plain,
+            "" if help_text is None else help_text.text,
+            choices,
+        )
+
+    def _default(self, value: Value) -> Value | None:
+        if isinstance(value.content, Mapping | tuple):
+            self._problems.add(f"a default is a single value, got {value}", value.place)
+            return Value(BROKEN, value.place)
+        filled = self._substitution.apply(value)
+        return None if filled.content is None else filled
+
+    def _choices(self, value: Value | None) -> tuple[Scalar, ...]:
+        if value is None:
+            return ()
+        if not isinstance(value.content, tuple) or any(
+            isinstance(choice.content, Mapping | tuple) for choice in value.content
+        ):
+            self._problems.add(f"choices must be a list of values, got {value}", value.place)
+            return ()
+        return tuple(choice.plain for choice in value.content)
+
+    def _override(self, text: str, given: dict[str, Value]) -> None:
+        shown = text.encode("utf-8", "replace").decode()
+        place = Place(f"argument {shown if len(shown) <= 200 else shown[:197] + '...'}")
+        name, separator, word = text.partition(":=")
+        if not separator:
+            first, equals, rest = text.partition("=")
+            hint = f"; did you mean '{first.rstrip(':')}:={rest}'?" if equals else ""
+            self._problems.add(f"expected name:=value{hint}", place)
+        elif name not in self.declared:
+            self._problems.add(unknown("argument", name, self.declared), place)
+        elif name in given:
+            message = f"argument {name!r} is given twice"
+            self._problems.add(message, place, Related("first", given[name].place))
+        else:
+            word = word.strip()
+            content = scalar(word)
+            given[name] = Value("" if content is None else content, place, text=word)
+
+    def _chosen(self, name: str, value: Value) -> Value:
+        choices = self.declared[name].choices
+        if value.is_broken or not choices or value.plain in choices:
+            return value
+        known = [str(choice) for choice in choices]
+        message = unknown(f"choice for argument {name!r}:", value.text, known)
+        self._problems.add(message, value.place)
+        return Value(BROKEN, value.place)
+
+
+def check_overrides_are_used(
+    overrides: Sequence[str], used: set[str], declared: Mapping[str, Argument], problems: Problems
+) -> None:
+    """Note each override that changes nothing, since no value of the launch file asks for it."""
+    for text in overrides:
+        name = text.partition(":=")[0]
+        if name in declared and name not in used:
+            problems.add("nothing in the launch file uses this argument", Place(f"argument {text}"))

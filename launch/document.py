@@ -1,0 +1,138 @@
+"""Which files a launch file is made of, and how they lie over each other.
+
+``include: other.yaml`` at the top of a file is read the same way and lies beneath the including
+file: what the including file says wins, key by key. A section that names another ``kind`` is
+replaced as a whole, since the parameters of one kind mean nothing to another. An included file is
+looked for beside the including one, then among those that come with the package.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from forcebound.launch.problems import Place, Problems
+from forcebound.launch.substitution import Substitution
+from forcebound.launch.tree import Value, parse
+
+MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
+
+SHIPPED = Path(__file__).parent
+
+
+def find(path: Path, beside: Path | None = None) -> Path | None:
+    """Return the launch file meant by ``path``: on disk, or else among those that are shipped.
+
+    Args:
+        path: As the user or an ``include`` wrote it.
+        beside: Folder that a relative path starts from; None: the current one.
+    """
+    on_disk = path if beside is None else beside / path
+    try:
+        if on_disk.is_file():
+            return on_disk
+        if path.parent in (Path(), Path("launch")):
+            for name in (path.name, f"{path.name}.yaml"):
+                if name in shipped():
+                    return SHIPPED / name
+        return on_disk if on_disk.exists() else None
+    except (OSError, ValueError):  # a path that no file can have
+        return None
+
+
+def shipped() -> list[str]:
+    """Return the names of the launch files that come with the package."""
+    return sorted(path.name for path in SHIPPED.glob("*.yaml"))
+
+
+def missing(path: object) -> str:
+    """Return the message for a launch file that does not exist."""
+    return f"there is no launch file {str(path)!r}; those that come with forcebound: " + ", ".join(
+        shipped()
+    )
+
+
+def read(path: Path, problems: Problems) -> Value | None:
+    """Return the tree of the file and all that it includes; None if nothing can be made of it."""
+    return _read(path, problems, ())
+
+
+def _read(path: Path, problems: Problems, including: tuple[Path, ...]) -> Value | None:
+    text = _text_of(path, problems)
+    root = None if text is None else parse(text, str(path), problems)
+    if root is None or "include" not in root.entries:
+        return root
+    return _include(root, path, problems, (*including, path.resolve()))
+
+
+def _include(
+    root: Value, path: Path, problems: Problems, including: tuple[Path, ...]
+) -> Value | None:
+    rest = {name: value for name, value in root.entries.items() if name != "include"}
+    wanted = Substitution(None, problems).apply(root.entries["include"])
+    if wanted.is_broken:
+        return None
+    if not isinstance(wanted.content, str):
+        problems.add(f"include must name one launch file, got {wanted}", wanted.place)
+        return None
+    found = find(Path(wanted.content), path.parent)
+    if found is None:
+        problems.add(missing(wanted.content), wanted.place)
+        return None
+    if found.resolve() in including:
+        chain = " includes ".join(str(file.name) for file in (*including, found))
+        problems.add(f"files include each other: {chain}", wanted.place)
+        return None
+    beneath = _read(found, problems, including)
+    return None if beneath is None else merge(beneath, replace(root, content=rest))
+
+
+def merge(beneath: Value, above: Value) -> Value:
+    """Return ``beneath`` with all that ``above`` says laid over it; see the module's page."""
+    if not isinstance(beneath.content, Mapping) or not isinstance(above.content, Mapping):
+        return above
+    kinds = [side.entries["kind"].plain for side in (beneath, above) if "kind" in side.entries]
+    if len(kinds) == 2 and kinds[0] != kinds[1]:
+        return above
+    entries = dict(beneath.content)
+    for name, value in above.content.items():
+        if name == "arguments" and name in entries:
+            value = replace(value, content={k: _default(v) for k, v in value.entries.items()})
+            old = entries[name]
+            entries[name] = replace(old, content={k: _default(v) for k, v in old.entries.items()})
+        entries[name] = merge(entries[name], value) if name in entries else value
+    return replace(above, content=entries)
+
+
+def _default(argument: Value) -> Value:
+    """``name: value`` as ``name: {default: value}``, so that help and choices stay beneath it."""
+    if isinstance(argument.content, Mapping):
+        return argument
+    return replace(argument, content={"default": argument})
+
+
+def _text_of(path: Path, problems: Problems) -> str | None:
+    place = Place(str(path))
+    try:
+        if path.is_dir():
+            problems.add("this is a folder, not a launch file", place)
+            return None
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        problems.add(f"cannot read the launch file: {error}", place)
+        return None
+    if len(data) > MAX_BYTES:
+        problems.add(f"more than {MAX_BYTES} bytes: this is no launch file", place)
+        return None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8-sig", "replace")
+        line = before.count("\n") + 1
+        start = before.rfind("\n") + 1
+        after = data[error.start :].decode("utf-8", "replace").partition("\n")[0]
+        problems.add(
+            f"byte 0x{data[error.start]:02x} is not UTF-8: save the file as UTF-8",
+            Place(str(path), line, len(before) - start + 1, before[start:] + after),
+        )
+        return None

@@ -1,0 +1,104 @@
+"""The promises that every environment keeps, and the law of each one."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forcebound.environments import ENVIRONMENTS, Environment
+from forcebound.environments.adversary import (
+    ActiveWall,
+    NegativeDamper,
+    RandomForce,
+    VelocityPusher,
+)
+from forcebound.environments.damper import Damper
+from forcebound.environments.power_law_wall import PowerLawWall
+from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.environments.wall import Wall
+
+WALLS = (Wall, TimeVaryingWall, PowerLawWall, ActiveWall)
+
+
+@pytest.fixture(params=sorted(ENVIRONMENTS))
+def environment(request: pytest.FixtureRequest) -> Environment:
+    return ENVIRONMENTS[request.param]()
+
+
+@pytest.mark.parametrize("name", sorted(ENVIRONMENTS))
+@given(data=st.data())
+def test_the_force_is_finite_has_one_entry_per_axis_and_depends_on_nothing_else(
+    name: str, data: st.DataObject
+) -> None:
+    axes = data.draw(st.integers(1, 6))
+    positions = data.draw(st.tuples(*[st.floats(-0.5, 0.5)] * axes))
+    velocities = data.draw(st.tuples(*[st.floats(-3, 3)] * axes))
+    elapsed = data.draw(st.floats(0, 1e4))
+    force = ENVIRONMENTS[name]().force(positions, velocities, elapsed)
+    assert len(force) == axes
+    assert all(math.isfinite(f) for f in force)
+    assert force == ENVIRONMENTS[name]().force(positions, velocities, elapsed)
+
+
+@pytest.mark.parametrize("wall", [wall() for wall in WALLS], ids=lambda wall: type(wall).__name__)
+def test_a_wall_is_free_before_its_surface_and_pushes_back_behind_it(wall: Environment) -> None:
+    assert wall.force((0.0099,), (0.0,), 1.0) == (0.0,)
+    assert wall.force((0.010,), (0.0,), 1.0) == (0.0,)
+    assert wall.force((0.011,), (0.0,), 1.0)[0] > 0.0
+    assert wall.force((0.011, 0.02, 0.03), (0.0, 0.0, 0.0), 1.0)[1:] == (0.0, 0.0)
+
+
+def test_the_wall_answers_stiffness_times_penetration() -> None:
+    assert Wall(stiffness=10_000.0, position=0.01).force((0.0102,), (0.0,), 0.0)[0] == (
+        pytest.approx(2.0)
+    )
+
+
+def test_the_time_varying_wall_grows_stiffer_as_in_equation_32() -> None:
+    wall = TimeVaryingWall()
+    assert wall.force((0.011,), (0.0,), 0.0)[0] == pytest.approx(0.3)
+    assert wall.force((0.011,), (0.0,), 5.0)[0] == pytest.approx(0.6)
+
+
+def test_the_power_law_wall_is_the_linear_one_at_its_reference_and_softer_before() -> None:
+    wall = PowerLawWall(stiffness=10_000.0, exponent=1.5, reference=0.001)
+    assert wall.force((0.011,), (0.0,), 0.0)[0] == pytest.approx(10.0)
+    assert wall.force((0.01025,), (0.0,), 0.0)[0] == pytest.approx(10.0 * 0.25**1.5)
+
+
+def test_the_damper_resists_motion_and_the_adversaries_push_along() -> None:
+    assert Damper(damping=5.0).force((0.0,), (0.2,), 0.0) == (1.0,)
+    assert NegativeDamper(damping=-5.0).force((0.0,), (0.2,), 0.0) == (-1.0,)
+    pusher = VelocityPusher(magnitude=2.0, threshold=0.001)
+    assert pusher.force((0.0, 0.0, 0.0), (0.1, -0.1, 0.0), 0.0) == (-2.0, 2.0, 0.0)
+    assert ActiveWall().force((0.011,), (-0.1,), 0.0) > ActiveWall().force((0.011,), (0.1,), 0.0)
+
+
+def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis() -> None:
+    forces = [
+        RandomForce(magnitude=1.0, interval=0.001, seed=7).force((0.0, 0.0), (0.0, 0.0), 0.001 * k)
+        for k in range(2000)
+    ]
+    first = [force[0] for force in forces]
+    assert abs(sum(first) / len(first)) < 0.05  # 3.9 standard errors
+    assert min(first) < -0.99
+    assert max(first) > 0.99
+    assert all(force[0] != force[1] for force in forces)
+    other = RandomForce(magnitude=1.0, interval=0.001, seed=8).force((0.0,), (0.0,), 0.0)
+    assert other[0] != first[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Wall(stiffness=-1.0), "stiffness must be >= 0 N/m"),
+        (lambda: PowerLawWall(exponent=0.0), "exponent must be > 0"),
+        (lambda: PowerLawWall(reference=0.0), "reference must be > 0 m"),
+        (lambda: RandomForce(interval=0.0), "interval must be > 0 s"),
+    ],
+)
+def test_parameters_without_meaning_are_refused(make: object, message: str) -> None:
+    assert callable(make)
+    with pytest.raises(ValueError, match=message):
+        make()

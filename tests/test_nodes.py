@@ -1,0 +1,305 @@
+"""What each node decides, fed by hand."""
+
+import logging
+import math
+from dataclasses import replace
+
+import pytest
+
+from fakes import MS, answer, device_node
+from forcebound.environments.wall import Wall
+from forcebound.messages.packets import (
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+    Packet,
+    Telemetry,
+    Vector,
+)
+from forcebound.nodes.controller import CONTROLLERS, ControllerNode, DirectController
+from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.environment import EnvironmentNode
+
+
+def sample(node: DeviceNode, time_ns: int) -> DeviceState:
+    (packet,) = node.step(time_ns, [])
+    assert isinstance(packet, DeviceState)
+    return packet
+
+
+def write(node: DeviceNode, time_ns: int, *received: Packet) -> Telemetry:
+    (packet,) = node.step(time_ns, received)
+    assert isinstance(packet, Telemetry)
+    return packet
+
+
+def tick(node: DeviceNode, start_ns: int, force: Vector | None = None) -> Telemetry:
+    """Run a whole tick, answered with ``force`` at once if there is one."""
+    state = sample(node, start_ns)
+    received = [] if force is None else [answer(state, force)]
+    return write(node, start_ns + 400_000, *received)
+
+
+# The device node's schedule
+
+
+def test_a_tick_reads_at_its_start_and_writes_after_the_reply_wait() -> None:
+    node, device = device_node(reply_wait=0.4)
+    state = sample(node, 5 * MS)
+    assert (state.seq, state.time_ns) == (0, 5 * MS)
+    assert node.wake_ns == 5 * MS + 400_000
+    assert node.step(5 * MS + 100_000, []) == []
+    telemetry = write(node, 5 * MS + 400_000)
+    assert telemetry.seq == 0
+    assert device.written == [(5 * MS + 400_000, (0.0,))]
+    assert node.wake_ns == 6 * MS
+
+
+def test_late_ticks_are_skipped_and_counted_and_the_phase_is_kept() -> None:
+    node, _ = device_node()
+    tick(node, 0)
+    state = sample(node, 4 * MS + 300_000)
+    assert state.seq == 4
+    assert node.deadline_misses == 3
+    assert node.wake_ns == 4 * MS + 400_000
+    write(node, 4 * MS + 400_000)
+    assert node.wake_ns == 5 * MS
+
+
+def test_a_late_write_does_not_move_the_schedule() -> None:
+    node, _ = device_node()
+    sample(node, 0)
+    write(node, 900_000)
+    assert node.wake_ns == 1 * MS
+    assert node.deadline_misses == 0
+
+
+def test_the_velocity_is_the_filtered_difference_of_readings() -> None:
+    node, device = device_node(velocity_cutoff=1e9)
+    for k in range(5):
+        device.position = (0.002 * k,)
+        state = sample(node, k * MS)
+        write(node, k * MS + 400_000)
+    assert state.velocity[0] == pytest.approx(2.0, rel=1e-3)
+
+
+# The safety chain
+
+
+def test_no_force_before_the_launcher_says_so() -> None:
+    node, device = device_node()
+    telemetry = tick(node, 0, (2.0,))
+    assert telemetry.applied_force == (0.0,)
+    assert telemetry.device_seq is None
+    assert device.engaged_ns is None
+    node.engage()
+    assert tick(node, 1 * MS, (2.0,)).applied_force == (2.0,)
+    assert device.engaged_ns == 1 * MS
+
+
+def test_a_force_that_answers_its_own_tick_is_written_in_it() -> None:
+    node, device = device_node()
+    node.engage()
+    tick(node, 0)
+    telemetry = tick(node, 1 * MS, (2.0,))
+    assert telemetry.device_seq == telemetry.seq == 1
+    assert telemetry.loop_delay == pytest.approx(0.4e-3)
+    assert device.written[-1] == (1_400_000, (2.0,))
+
+
+def test_the_first_write_is_zero_because_the_ledger_begins_there() -> None:
+    node, _ = device_node()
+    node.engage()
+    telemetry = tick(node, 0, (2.0,))
+    assert telemetry.commanded_force == (2.0,)
+    assert telemetry.applied_force == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        (ForceCommand(0, 0, 0, 0, (math.nan,)), "not_finite"),
+        (ForceCommand(0, 0, 0, 0, (math.inf,)), "not_finite"),
+        (ForceCommand(0, 0, 0, 0, (1.0, 2.0)), "wrong_length"),
+        (ForceCommand(0, 0, 1, 1 * MS, (1.0,)), "from_the_future"),
+        (ForceCommand(0, 0, 0, 7, (1.0,)), "wrong_echo"),
+        (DeviceState(0, 0, 0.0, (0.0,), (0.0,), (0.0,)), "unexpected"),
+    ],
+)
+def test_a_packet_that_is_not_acceptable_is_counted_and_gives_no_force(
+    command: Packet, reason: str
+) -> None:
+    node, _ = device_node()
+    node.engage()
+    sample(node, 0)
+    telemetry = write(node, 400_000, command)
+    assert telemetry.applied_force == (0.0,)
+    assert telemetry.rejected == {reason: 1}
+
+
+def test_only_a_newer_command_replaces_the_one_in_use() -> None:
+    node, _ = device_node()
+    node.engage()
+    old = sample(node, 0)
+    write(node, 400_000)
+    new = sample(node, 1 * MS)
+    first = answer(new, (2.0,), seq=1)
+    telemetry = write(node, 1_400_000, first, answer(old, (5.0,)), first, replace(first, seq=0))
+    assert telemetry.applied_force == (2.0,)
+    assert telemetry.rejected == {"not_newer": 3}
+
+
+def test_a_restarted_controller_whose_sequence_begins_again_is_heard() -> None:
+    node, _ = device_node()
+    node.engage()
+    write(node, 400_000, answer(sample(node, 0), (2.0,), seq=900))
+    telemetry = write(node, 1_400_000, answer(sample(node, 1 * MS), (3.0,), seq=0))
+    assert telemetry.applied_force == (3.0,)
+
+
+def test_the_force_ends_at_the_age_limit_and_comes_back_through_the_ramp() -> None:
+    node, _ = device_node(age_limit=0.003, engage_time=0.004)
+    node.engage()
+    forces = [tick(node, k * MS, (2.0,)).applied_force[0] for k in range(6)]
+    assert forces == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.0])
+    silent = [tick(node, k * MS) for k in range(6, 10)]
+    assert [t.applied_force[0] for t in silent] == pytest.approx([2.0, 2.0, 0.0, 0.0])
+    assert silent[-1].device_seq is None
+    back = [tick(node, k * MS, (2.0,)).applied_force[0] for k in range(10, 13)]
+    assert back == pytest.approx([0.0, 0.5, 1.0])
+
+
+def test_an_answer_that_arrives_too_old_is_refused() -> None:
+    node, _ = device_node(age_limit=0.003)
+    node.engage()
+    old = sample(node, 0)
+    write(node, 400_000)
+    sample(node, 4 * MS)
+    assert write(node, 4_400_000, answer(old, (2.0,))).rejected == {"too_old": 1}
+    for k in range(5, 5 + 4096):
+        sample(node, k * MS)
+        write(node, k * MS + 400_000)
+    sample(node, 5000 * MS)
+    assert write(node, 5000 * MS + 400_000, answer(old, (2.0,))).rejected == {"too_old": 2}
+
+
+def test_the_vector_is_saturated_in_its_direction() -> None:
+    node, _ = device_node(axes=2)
+    node.engage()
+    tick(node, 0)
+    telemetry = tick(node, 1 * MS, (30.0, 40.0))
+    assert telemetry.commanded_force == pytest.approx((0.6 * 8.5, 0.8 * 8.5))
+    assert telemetry.applied_force == pytest.approx((0.6 * 8.5, 0.8 * 8.5))
+
+
+def test_the_bounder_is_last_and_certified_starts_with_no_more_than_friction() -> None:
+    node, _ = device_node(law="certified")
+    node.engage()
+    tick(node, 0)
+    telemetry = tick(node, 1 * MS, (5.0,))
+    assert telemetry.commanded_force == (5.0,)
+    assert 0.0 < telemetry.applied_force[0] <= 0.12
+
+
+def test_stopping_writes_zero_at_once_and_for_ever() -> None:
+    node, device = device_node()
+    node.engage()
+    tick(node, 0, (2.0,))
+    node.stop(600_000)
+    assert device.written[-1] == (600_000, (0.0,))
+    assert tick(node, 1 * MS, (2.0,)).applied_force == (0.0,)
+
+
+def test_a_packet_refused_by_the_codec_is_counted_too() -> None:
+    node, _ = device_node()
+    node.reject("malformed")
+    node.reject("malformed")
+    assert tick(node, 0).rejected == {"malformed": 2}
+    assert node.rejected == {"malformed": 2}
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("rate", 0.0),
+        ("reply_wait", 1.0),
+        ("hold_limit", 0.9),
+        ("age_limit", 0.0),
+        ("engage_time", -1.0),
+        ("velocity_cutoff", 0.0),
+    ],
+)
+def test_settings_without_meaning_are_refused(setting: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{setting} must be"):
+        ServoSettings(**{setting: value})  # type: ignore[arg-type]
+
+
+# The controller node
+
+
+def test_every_controller_answers_a_reply_with_one_finite_force_per_axis() -> None:
+    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0, -2.0))
+    for controller in CONTROLLERS.values():
+        assert len(controller().command(reply)) == 2
+
+
+def test_the_controller_asks_about_each_state_and_commands_each_answer_with_its_echo() -> None:
+    node = ControllerNode(DirectController())
+    state = DeviceState(41, 1000, 0.5, (0.01,), (0.2,), (0.0,))
+    (query,) = node.step(1500, [state])
+    assert query == EnvironmentQuery(0, 1500, 41, 1000, 0.5, (0.01,), (0.2,))
+    reply = EnvironmentReply(7, 1700, 41, 1000, 0, 1500, (3.0,))
+    (command,) = node.step(1800, [reply])
+    assert command == ForceCommand(0, 1800, 41, 1000, (3.0,))
+    assert node.step(1900, [command]) == []
+
+
+# The environment node
+
+
+def query(seq: int, position: float = 0.011) -> EnvironmentQuery:
+    return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,))
+
+
+def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
+    node = EnvironmentNode(Wall(stiffness=1000.0))
+    (reply,) = node.step(5 * MS, [query(3)])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.force == pytest.approx((1.0,))
+    assert reply == EnvironmentReply(0, 5 * MS, 3, 3 * MS, 3, 3 * MS, reply.force)
+    assert node.wake_ns is None
+
+
+def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
+    node = EnvironmentNode(Wall(), compute_delay_ns=3 * MS)
+    assert node.step(0, [query(0)]) == []
+    assert node.wake_ns == 3 * MS
+    assert node.step(1 * MS, [query(1)]) == []
+    assert node.step(2 * MS, [query(2)]) == []
+    (reply,) = node.step(3 * MS, [])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.query_seq == 0
+    assert node.wake_ns == 6 * MS
+    (reply,) = node.step(6 * MS, [])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.query_seq == 2
+    assert node.wake_ns is None
+
+
+class Broken:
+    """An environment of a user who makes mistakes."""
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        raise ZeroDivisionError
+
+
+def test_an_environment_that_raises_is_silent_and_counted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    node = EnvironmentNode(Broken())
+    with caplog.at_level(logging.ERROR):
+        assert node.step(0, [query(0)]) == []
+        assert node.step(1, [query(1)]) == []
+    assert node.faults == 2
+    assert len(caplog.records) == 1

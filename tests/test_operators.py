@@ -1,0 +1,100 @@
+"""The promises that every operator keeps, and the path of each one."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from forcebound.errors import ConfigError
+from forcebound.operators import OPERATORS, Operator
+from forcebound.operators.pressing import PressingHand
+from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.trajectory import TrajectoryHand
+
+
+@pytest.fixture
+def path_file(tmp_path: Path) -> Path:
+    file = tmp_path / "path.csv"
+    file.write_text("time,x,y\n0,0,0\n1,0.01,0\n\n3,0.01,0.02\n")
+    return file
+
+
+@pytest.fixture(params=sorted(OPERATORS))
+def operator(request: pytest.FixtureRequest, path_file: Path) -> Operator:
+    name = request.param
+    return TrajectoryHand(file=path_file) if name == "trajectory" else OPERATORS[name]()
+
+
+def test_every_hand_is_passive_around_its_target(operator: Operator) -> None:
+    assert operator.mass > 0
+    assert operator.stiffness >= 0
+    assert operator.damping >= 0
+
+
+def test_every_target_is_finite_continuous_and_a_function_of_time(operator: Operator) -> None:
+    times = [0.001 * k for k in range(4000)]
+    targets = [operator.target(t) for t in times]
+    assert targets == [operator.target(t) for t in times]
+    for before, after in zip(targets, targets[1:], strict=False):
+        assert all(math.isfinite(value) for value in after)
+        assert math.dist(before, after) < 1e-3  # 1 m/s
+
+
+def test_the_pressing_hand_approaches_at_its_speed_and_stays() -> None:
+    hand = PressingHand(start=-0.01, end=0.014, approach_speed=0.2)
+    assert hand.target(0.0) == (-0.01,)
+    assert hand.target(0.05)[0] == pytest.approx(0.0)
+    assert hand.target(0.12)[0] == pytest.approx(0.014)
+    assert hand.target(5.0) == (0.014,)
+
+
+def test_the_pressing_hand_may_press_in_the_negative_direction() -> None:
+    hand = PressingHand(start=0.01, end=-0.01, approach_speed=0.1)
+    assert hand.target(0.1)[0] == pytest.approx(0.0)
+    assert hand.target(1.0) == (-0.01,)
+
+
+def test_a_hand_that_does_not_approach_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"approach_speed must be > 0 m/s, got 0 m/s"):
+        PressingHand(approach_speed=0)
+
+
+def test_the_sinusoidal_hand_swings_about_its_centre() -> None:
+    hand = SinusoidalHand(centre=0.01, amplitude=0.004, frequency=2.0)
+    assert hand.target(0.0)[0] == pytest.approx(0.006)
+    assert hand.target(0.25)[0] == pytest.approx(0.014)
+    assert hand.target(0.125)[0] == pytest.approx(0.010)
+
+
+def test_the_trajectory_is_followed_in_straight_lines(path_file: Path) -> None:
+    hand = TrajectoryHand(file=path_file)
+    assert hand.target(-1.0) == (0.0, 0.0)
+    assert hand.target(0.5) == pytest.approx((0.005, 0.0))
+    assert hand.target(2.0) == pytest.approx((0.01, 0.01))
+    assert hand.target(9.0) == (0.01, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "got no line of numbers"),
+        ("t,x\n", "got no line of numbers"),
+        ("t,x\n0,zero\n", r"path.csv:2: expected time in s"),
+        ("t,x\n0,0\n0,1\n", r"path.csv:3: time must increase"),
+        ("t,x\n0\n", r"path.csv:2: .* got 1 columns"),
+        ("t,x\n0,nan\n", r"path.csv:2: expected finite numbers"),
+        ("t,x\n0,1,2\n", r"path.csv:2: .* got 3 columns"),
+    ],
+)
+def test_a_bad_trajectory_file_is_refused_with_its_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    file = tmp_path / "path.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        TrajectoryHand(file=file)
+
+
+def test_a_missing_trajectory_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot read the trajectory .*nowhere.csv"):
+        TrajectoryHand(file=tmp_path / "nowhere.csv")

@@ -1,0 +1,138 @@
+"""The virtual-time runner: order of events, determinism, and the physics of a whole graph."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.environments import Environment
+from forcebound.environments.wall import Wall
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import TOPICS, Packet, Telemetry
+from forcebound.network.link import Impairment, Link, link_seed
+from forcebound.nodes import Node
+from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.operators.pressing import PressingHand
+from forcebound.recording import TelemetryColumns
+from forcebound.simulation import Simulation
+
+S = 1_000_000_000  # ns
+
+
+def run(
+    law: str,
+    seconds: float = 4.0,
+    *,
+    servo: ServoSettings | None = None,
+    hand: PressingHand | None = None,
+    model: PhantomPremium15 | None = None,
+    environment: Environment | None = None,
+    compute_delay_ns: int = 0,
+    **impairments: Impairment,
+) -> TelemetryColumns:
+    """Press a hand into a stiff wall and return what the device reports."""
+    servo = servo or ServoSettings(reply_wait=0.0)
+    servo = replace(servo, law=law)
+    model = model or PhantomPremium15()
+    device = DeviceNode(
+        model.open(hand or PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
+    )
+    samples: list[Telemetry] = []
+
+    def observe(packet: Packet) -> None:
+        if isinstance(packet, Telemetry):
+            samples.append(packet)
+
+    links = {
+        topic: Link[Packet](impairments.get(topic, Impairment()), link_seed(1, topic), True)
+        for topic in TOPICS
+    }
+    nodes: list[Node] = [
+        EnvironmentNode(environment or Wall(), compute_delay_ns),
+        ControllerNode(DirectController()),
+        device,
+    ]
+    simulation = Simulation(nodes, links, observe)
+    device.engage()
+    simulation.run(round(seconds * S))
+    return TelemetryColumns.from_packets(samples)
+
+
+def test_with_instant_links_every_force_answers_its_own_tick_without_delay() -> None:
+    columns = run("none", 0.5)
+    assert len(columns.seq) == 500
+    assert np.array_equal(columns.device_seq, columns.seq)
+    assert np.all(columns.loop_delay == 0.0)
+    assert columns.deadline_misses[-1] == 0
+
+
+def test_a_delay_both_ways_is_the_loop_delay() -> None:
+    delay = Impairment(delay=2e-3)
+    columns = run("certified", 0.5, environment_query=delay, environment_reply=delay)
+    assert np.all(columns.device_seq[:4] == -1)
+    assert columns.loop_delay[4:] == pytest.approx(4e-3)
+
+
+def test_a_busy_environment_answers_once_per_computation() -> None:
+    columns = run("certified", 1.0, compute_delay_ns=5_000_000)
+    answers = np.unique(columns.device_seq[columns.device_seq >= 0])
+    assert len(answers) == pytest.approx(200, abs=2)
+    assert columns.loop_delay[20:].max() == pytest.approx(9e-3, abs=1.1e-3)
+
+
+def test_at_rest_the_hand_sinks_into_a_soft_wall_by_force_over_stiffness() -> None:
+    columns = run("none", 3.0, environment=Wall(stiffness=200.0))
+    depth = columns.true_position[-1, 0] - 0.010
+    assert columns.applied_force[-1, 0] / depth == pytest.approx(200.0, rel=0.02)
+    hand = 950.0 * (0.014 - columns.true_position[-1, 0])
+    assert abs(hand - columns.applied_force[-1, 0]) <= 0.12 + 1e-9
+
+
+def test_more_conservative_viscous_shows_exactly_two_b() -> None:
+    columns = run("more_conservative_viscous", 5.0)
+    late = columns.elapsed > 2.0
+    depth = columns.position[late, 0] - 0.010
+    assert np.mean(columns.applied_force[late, 0] / depth) == pytest.approx(540.0, rel=0.05)
+
+
+def test_without_a_law_a_late_stiff_wall_throws_the_hand_about_and_gives_energy() -> None:
+    late = Impairment(delay=2e-3)
+    columns = run("none", environment_query=late, environment_reply=late)
+    assert columns.true_energy.min() < -0.01
+    assert np.std(columns.true_position[-500:, 0]) > 1e-4
+
+
+@pytest.mark.parametrize("law", ["certified", "certified_memoryless"])
+@pytest.mark.parametrize("delay", [0.0, 2e-3, 10e-3])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_a_certified_law_never_gives_energy_and_the_hand_comes_to_rest(
+    law: str, delay: float, loss: float
+) -> None:
+    late = Impairment(delay=delay, jitter=delay / 2, loss=loss)
+    columns = run(law, 5.0, environment_query=late, environment_reply=late)
+    assert columns.true_energy.min() >= -1e-9
+    assert np.ptp(columns.true_position[-500:, 0]) < 3e-5
+    assert columns.applied_force[-1, 0] > 0.3
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
+    late = Impairment(delay=2e-3, jitter=1e-3, loss=0.1)
+    first, again = (run("certified", 1.0, environment_query=late) for _ in range(2))
+    assert first.true_position.tobytes() == again.true_position.tobytes()
+    perfect = run("certified", 1.0)
+    assert first.true_position.tobytes() != perfect.true_position.tobytes()
+
+
+def test_a_graph_without_a_publisher_or_a_link_is_refused() -> None:
+    controller = ControllerNode(DirectController())
+    with pytest.raises(ConfigError, match="no node of the graph publishes device_state"):
+        Simulation([controller], {})
+    model, servo = PhantomPremium15(), ServoSettings()
+    device = DeviceNode(
+        model.open(PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
+    )
+    with pytest.raises(ConfigError, match="no link for"):
+        Simulation([controller, device, EnvironmentNode(Wall())], {})
