@@ -176,7 +176,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     if as_json:
         _print_json({"picture": str(output), "runs": [r.summary for r in results]})
         return
-    _print_table(results)
+    print_table(results)
     click.echo(f"picture: {output}")
 
 
@@ -195,12 +195,13 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if as_json:
         _print_json(result.summary)
         return
-    _print_table([result])
+    print_table([result])
     if record is not None:
         click.echo(f"recording: {record}")
 
 
-def _print_table(results: list[Any]) -> None:
+def print_table(results: list[Any]) -> None:
+    """Print the key figures of some runs, one column each."""
     from rich.console import Console
     from rich.table import Table
 

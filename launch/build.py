@@ -31,10 +31,18 @@ def build_device(config: GraphConfig) -> DeviceNode:
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return a link for each topic; consumers want the newest value of all of them."""
+    """Return the links that do something to their packets, by topic; the others are perfect.
+
+    Consumers want the newest value of every topic.
+    """
     return {
-        topic: Link(
-            config.links.get(topic, Impairment()), link_seed(config.seed, topic), newest_only=True
-        )
-        for topic in TOPICS
+        topic: Link(impairment, link_seed(config.seed, topic), newest_only=True)
+        for topic, impairment in config.links.items()
+        if impairment != Impairment()
     }
+
+
+def build_all_links(config: GraphConfig) -> dict[str, Link[Packet]]:
+    """Return a link for each topic, the perfect ones too, as virtual time needs them."""
+    perfect = {topic: Link[Packet](Impairment(), 0, newest_only=True) for topic in TOPICS}
+    return perfect | build_links(config)

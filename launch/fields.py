@@ -70,8 +70,8 @@ class Section:
             self.add(f"{name} must be a mapping, got {self.value}", self.value)
 
     @property
-    def is_mapping(self) -> bool:
-        """Whether there is anything to read."""
+    def is_readable(self) -> bool:
+        """Whether this is a mapping; if not, a problem has been noted."""
         return isinstance(self.value.content, Mapping)
 
     def add(self, message: str, value: Value) -> None:
@@ -161,15 +161,20 @@ class Section:
         return result
 
     def _complain(self, name: str, value: Value, details: list[Any]) -> None:
-        where: dict[int, tuple[Value, list[str]]] = {}
+        """Note what pydantic refused: one problem for each place, whatever a union has tried."""
+        refused: dict[int, tuple[Value, list[str]]] = {}
+        expected: dict[int, tuple[Value, list[str]]] = {}
         for detail in details:
             at = _inside(value, detail["loc"])
             if detail["type"] == "value_error":
-                self.add(f"{name}: {detail['ctx']['error']}", at)
+                refused.setdefault(id(at), (at, []))[1].append(str(detail["ctx"]["error"]))
             else:
-                where.setdefault(id(at), (at, []))[1].append(_expected(detail))
-        for at, words in where.values():
-            self.add(f"{name}: expected {' or '.join(words)}, got {at}", at)
+                expected.setdefault(id(at), (at, []))[1].append(_expected(detail))
+        for at, words in refused.values():
+            self.add(f"{name}: {'; or '.join(words)}", at)
+        for key, (at, words) in expected.items():
+            if key not in refused:
+                self.add(f"{name}: expected {' or '.join(words)}, got {at}", at)
 
 
 def _inside(value: Value, location: tuple[int | str, ...]) -> Value:
@@ -190,6 +195,7 @@ _EXPECTED = {
     "int_type": "a whole number",
     "list_type": "a list",
     "path_type": "a path",
+    "json_invalid": "readable text",
     "string_type": "text",
     "tuple_type": "a list",
 }

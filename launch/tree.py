@@ -1,7 +1,8 @@
 """How the text of a launch file becomes a tree of values that know where they were written.
 
-ruamel.yaml splits the text into YAML 1.2 events, each with line and column; the events become a tree
-of :class:`Value`. Whatever is wrong is noted and reading goes on, unless the text is no YAML at all.
+ruamel.yaml splits the text into YAML 1.2 events, each with line and column; the events become a
+tree of :class:`Value`. Whatever is wrong is noted and reading goes on, unless the text is no YAML
+at all.
 
 Plain scalars follow the core schema of YAML 1.2 (:func:`scalar`): ``yes`` is text, ``1e3`` is a
 number.

@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,7 +181,7 @@ def test_a_schema_describes_every_field_with_one_plain_type(kind: type[Packet]) 
 
 
 def test_a_message_fits_its_schema_with_and_without_optional_values(path: Path) -> None:
-    nothing = dict.fromkeys(
+    nothing: dict[str, Any] = dict.fromkeys(
         ("true_energy", "true_position", "hand_force", "device_seq", "loop_delay")
     )
     record(path, [telemetry(), replace(telemetry(1), **nothing)])

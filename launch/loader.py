@@ -1,0 +1,220 @@
+"""Reads launch files; tells every problem at once.
+
+1. :mod:`forcebound.launch.document` reads the file, and those that it includes, into a tree.
+2. :mod:`forcebound.launch.arguments` finds the value of each argument, and
+   :mod:`forcebound.launch.substitution` puts them where they are asked for.
+3. The sections of the tree become the dataclasses of :mod:`forcebound.launch.config`
+   (:mod:`forcebound.launch.fields`), and what concerns several sections is checked.
+
+Each step notes its problems and passes on what is sound, so that a person sees all of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from forcebound.errors import ConfigError
+from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
+from forcebound.launch.config import (
+    FORMAT,
+    KINDS,
+    LAWS,
+    LINKS,
+    ControllerConfig,
+    DeviceConfig,
+    EnvironmentConfig,
+    GraphConfig,
+    RealtimeConfig,
+    to_document,
+)
+from forcebound.launch.document import find, missing, read
+from forcebound.launch.fields import Field, Section, fields_of
+from forcebound.launch.problems import Problems
+from forcebound.launch.substitution import Substitution
+from forcebound.launch.tree import BROKEN, Value, from_plain
+from forcebound.network.link import Impairment
+from forcebound.nodes.device import ServoSettings
+from forcebound.operators import Operator
+
+__all__ = ["Argument", "arguments_of", "from_document", "load", "to_document"]
+
+RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime")
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
+    """Return the configuration that a launch file describes.
+
+    Args:
+        path: A file; or the name of one that comes with forcebound: ``stiff_wall``.
+        overrides: Values for the file's arguments, each ``name:=value``.
+
+    Raises:
+        ConfigError: If there is no such file or anything in it is wrong; the message tells every
+            problem with its place.
+    """
+    problems = Problems()
+    root = _read(path, problems)
+    arguments = Arguments(root, problems)
+    values = arguments.values(overrides)
+    substitution = Substitution(values, problems)
+    rest = {name: value for name, value in root.entries.items() if name != "arguments"}
+    filled = substitution.apply(replace(root, content=rest))
+    check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
+    return _build(filled, problems)
+
+
+def arguments_of(path: str | Path) -> list[Argument]:
+    """Return the arguments that a launch file declares, in its order.
+
+    Raises:
+        ConfigError: If there is no such file, or it or its arguments cannot be read.
+    """
+    problems = Problems()
+    arguments = Arguments(_read(path, problems), problems)
+    problems.raise_if_any()
+    return list(arguments.declared.values())
+
+
+def from_document(document: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration of a document that :func:`to_document` made.
+
+    Raises:
+        ConfigError: If anything in it is wrong.
+    """
+    return _build(from_plain(document, "document"), Problems())
+
+
+def _read(path: str | Path, problems: Problems) -> Value:
+    found = find(Path(path))
+    if found is None:
+        raise ConfigError(missing(path))
+    root = read(found, problems)
+    if root is None:
+        raise problems.error()
+    return root
+
+
+def _build(root: Value, problems: Problems) -> GraphConfig:
+    top = Section(root, "the launch file", root, problems)
+    _check_format(top)
+    top.check_keys(("forcebound", "arguments", "include", *RUN_KEYS, *SECTIONS))
+    values = top.read(fields_of(GraphConfig, RUN_KEYS))
+    sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
+    device = _device(sections["device"])
+    operator = _member(sections["operator"])
+    controller = _controller(sections["controller"])
+    environment = _environment(sections["environment"])
+    links = _links(sections["links"])
+    realtime = _realtime(sections["realtime"])
+    if device and operator:
+        _check_axes(device, operator, sections["operator"])
+    if device and environment:
+        _check_delays(device.servo, environment, links, sections["device"])
+    problems.raise_if_any()
+    return GraphConfig(
+        **values,
+        device=device,
+        operator=operator,
+        controller=controller,
+        environment=environment,
+        links=links,
+        realtime=realtime,
+    )
+
+
+def _check_format(top: Section) -> None:
+    version = top.value.entries.get("forcebound")
+    if version is None:
+        top.add_here(f"the launch file needs 'forcebound: {FORMAT}', the version of its format")
+    elif (version.content is True or version.content != FORMAT) and not version.is_broken:
+        message = f"this forcebound reads launch files of format {FORMAT}, this one is {version}"
+        top.add(message, version)
+
+
+def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
+    """The parameters of the kind that a section names; ``beside``: what else stands there."""
+    if not section.is_readable:
+        return None
+    table = KINDS[section.name]
+    kind = section.choose(f"{section.name} kind", "kind", table)
+    if kind is None:
+        return None
+    section.check_keys({"kind", *fields_of(table[kind]), *(beside or ())})
+    return section.make(table[kind])
+
+
+def _device(section: Section) -> DeviceConfig | None:
+    model = _member(section, fields_of(ServoSettings))
+    if "law" in section.value.entries:
+        section.choose("law", "law", LAWS)
+    servo = section.make(ServoSettings)
+    return None if model is None or servo is None else DeviceConfig(model, servo)
+
+
+def _controller(section: Section) -> ControllerConfig | None:
+    if not section.value.entries and section.is_readable:
+        return ControllerConfig(KINDS["controller"]["direct"]())
+    model = _member(section)
+    return None if model is None else ControllerConfig(model)
+
+
+def _environment(section: Section) -> EnvironmentConfig | None:
+    beside = fields_of(EnvironmentConfig, ("compute_delay",))
+    model = _member(section, beside)
+    values = section.read(beside)
+    if model is None or BROKEN in values.values():
+        return None
+    return EnvironmentConfig(model, **values)
+
+
+def _links(section: Section) -> dict[str, Impairment]:
+    links: dict[str, Impairment] = {}
+    section.check_keys(LINKS)
+    for topic in LINKS:
+        value = section.value.entries.get(topic)
+        if value is not None:
+            link = Section(value, f"links.{topic}", value, section.problems)
+            link.check_keys(fields_of(Impairment))
+            impairment = link.make(Impairment) if link.is_readable else None
+            if impairment is not None:
+                links[topic] = impairment
+    return links
+
+
+def _realtime(section: Section) -> RealtimeConfig | None:
+    section.check_keys(fields_of(RealtimeConfig))
+    made: RealtimeConfig | None = section.make(RealtimeConfig)
+    return made
+
+
+def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> None:
+    wanted, axes = len(operator.target(0.0)), device.model.axes
+    if wanted > axes:
+        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+
+
+def _check_delays(
+    servo: ServoSettings,
+    environment: EnvironmentConfig,
+    links: Mapping[str, Impairment],
+    section: Section,
+) -> None:
+    """Note a loop so long that the device would refuse every answer."""
+    shortest = environment.compute_delay + sum(
+        max(0.0, link.delay - link.jitter) for link in links.values()
+    )
+    if shortest < servo.age_limit:
+        return
+    message = (
+        f"an answer takes at least {shortest * 1e3:g} ms (delays of the links and compute_delay),"
+        f" and the device refuses answers older than age_limit = {servo.age_limit * 1e3:g} ms,"
+        " so there would never be a force: set age_limit in device: above"
+        f" {shortest * 1e3:g} ms, or lower the delays"
+    )
+    age_limit = section.value.entries.get("age_limit")
+    if age_limit is None:
+        section.add_here(message)
+    else:
+        section.add(message, age_limit)

@@ -1,0 +1,375 @@
+"""Summaries against runs whose stiffness, hardness, turns and energies are known beforehand."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from forcebound.analysis.metrics import (
+    REVERSAL_EXCURSION,
+    count_reversals,
+    final_speed,
+    summarize,
+    summary_rows,
+)
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import Telemetry
+from forcebound.recording import TelemetryColumns
+
+WALL = 0.010  # m
+RATE = 1000  # Hz
+
+KEYS = {
+    "law",
+    "samples",
+    "duration_s",
+    "displayed_stiffness_n_per_m",
+    "rate_hardness_n_per_m",
+    "peak_force_n",
+    "peak_penetration_m",
+    "true_energy_min_j",
+    "estimated_energy_min_j",
+    "bounder_active_share",
+    "own_tick_share",
+    "loop_delay_ms",
+    "deadline_misses",
+    "rejected_packets",
+    "contact_reversals",
+    "final_speed_m_per_s",
+    "at_rest",
+    "penetration_at_rest_m",
+}
+
+
+def config(**environment: Any) -> dict[str, Any]:
+    wall = {"kind": "wall", "position": WALL, "stiffness": 10_000.0}
+    return {
+        "device": {"kind": "phantom_premium_1_5", "law": "certified", "rate": 1000.0},
+        "environment": wall | environment,
+    }
+
+
+def ticks(
+    path: Callable[[float], float],
+    shown: float = 540.0,
+    asked: float = 10_000.0,
+    duration: float = 6.0,
+) -> list[Telemetry]:
+    """Return a run along ``path`` in which a wall of ``asked`` N/m shows as ``shown`` N/m."""
+    run = []
+    for tick in range(round(duration * RATE)):
+        elapsed = tick / RATE
+        position = path(elapsed)
+        depth = max(position - WALL, 0.0)
+        run.append(
+            Telemetry(
+                seq=tick,
+                time_ns=tick * 1_000_000 + 400_000,
+                elapsed=elapsed,
+                position=(position,),
+                commanded_force=(asked * depth,),
+                applied_force=(shown * depth,),
+                force_limit=8.5,
+                estimated_energy=0.002,
+                true_energy=0.003,
+                true_position=(position,),
+                hand_force=(0.0,),
+                engagement=1.0,
+                device_seq=tick,
+                loop_delay=4e-4,
+                deadline_misses=0,
+                rejected={},
+            )
+        )
+    return run
+
+
+def pressing(speed: float = 0.1, end: float = 0.014) -> Callable[[float], float]:
+    """Return a path that moves in at ``speed`` (m/s) and rests at ``end`` (m)."""
+    return lambda elapsed: min(speed * elapsed, end)
+
+
+def summary_of(run: list[Telemetry], document: dict[str, Any] | None = None) -> dict[str, Any]:
+    chosen = config() if document is None else document
+    summary = summarize(TelemetryColumns.from_packets(run), chosen)
+    json.dumps(summary, allow_nan=False)  # always valid JSON
+    assert set(summary) == KEYS
+    assert len(summary_rows(summary)) == len({label for label, _ in summary_rows(summary)})
+    return summary
+
+
+# --- Stiffness and hardness ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stiffness", [540.0, 10_000.0])
+def test_the_displayed_stiffness_is_that_of_the_wall_pressed(stiffness: float) -> None:
+    summary = summary_of(ticks(pressing(), shown=stiffness))
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(stiffness)
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.2])
+def test_the_rate_hardness_of_a_spring_is_its_stiffness_at_any_speed(speed: float) -> None:
+    summary = summary_of(ticks(pressing(speed), shown=540.0))
+    assert summary["rate_hardness_n_per_m"] == pytest.approx(540.0)
+
+
+def test_the_rate_hardness_looks_at_the_first_ten_milliseconds_only() -> None:
+    run = ticks(pressing(0.1), shown=540.0)
+    softer = [
+        replace(t, applied_force=(0.0,)) if t.position[0] > WALL + 0.1 * 0.0125 else t for t in run
+    ]
+    assert summary_of(softer)["rate_hardness_n_per_m"] == pytest.approx(540.0)
+
+
+def test_a_late_force_makes_the_rate_hardness_smaller() -> None:
+    run = ticks(pressing(0.1), shown=540.0)
+    late = [replace(t, applied_force=run[max(t.seq - 4, 0)].applied_force) for t in run]
+    assert 0.0 < summary_of(late)["rate_hardness_n_per_m"] < 500.0
+
+
+def test_a_touch_of_two_samples_has_no_rate_hardness() -> None:
+    def touch(elapsed: float) -> float:
+        return WALL + 1e-3 if 1.0 <= elapsed < 1.0019 else 0.0
+
+    assert summary_of(ticks(touch))["rate_hardness_n_per_m"] is None
+
+
+def test_a_hand_that_starts_in_the_wall_and_leaves_has_no_rate_hardness() -> None:
+    leaving = summary_of(ticks(lambda elapsed: 0.014 - 0.1 * elapsed, duration=1.0))
+    assert leaving["rate_hardness_n_per_m"] is None
+
+
+def test_a_slow_servo_still_gets_its_three_samples() -> None:
+    run = [replace(t, seq=i) for i, t in enumerate(ticks(pressing(), shown=540.0)[::20])]
+    assert summary_of(run)["rate_hardness_n_per_m"] == pytest.approx(540.0)
+
+
+def test_the_displayed_stiffness_leaves_out_what_comes_before_two_and_after_five_seconds() -> None:
+    run = ticks(pressing(), shown=540.0)
+    spoilt = [
+        t if 2.0 <= t.elapsed <= 5.0 else replace(t, applied_force=(8.5 * (t.position[0] > WALL),))
+        for t in run
+    ]
+    assert summary_of(spoilt)["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
+
+
+def test_a_short_run_takes_its_last_two_fifths_for_the_steady_state() -> None:
+    run = ticks(pressing(), shown=540.0, duration=1.0)
+    spoilt = [t if t.elapsed >= 0.6 else replace(t, applied_force=(0.0,)) for t in run]
+    assert summary_of(spoilt)["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
+
+
+# --- Peaks and shares ----------------------------------------------------------------------------
+
+
+def test_the_peaks_are_the_largest_force_and_the_deepest_reading() -> None:
+    summary = summary_of(ticks(pressing(end=0.014), shown=540.0))
+    assert summary["peak_penetration_m"] == pytest.approx(0.004)
+    assert summary["peak_force_n"] == pytest.approx(540.0 * 0.004)
+    assert summary["penetration_at_rest_m"] == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize(("shown", "share"), [(540.0, 1.0), (10_000.0, 0.0)])
+def test_the_bounder_is_active_where_less_is_applied_than_asked(shown: float, share: float) -> None:
+    assert summary_of(ticks(pressing(), shown=shown))["bounder_active_share"] == share
+
+
+def test_rounding_is_no_bounding() -> None:
+    run = ticks(pressing(), shown=10_000.0 * (1.0 - 1e-12))
+    assert summary_of(run)["bounder_active_share"] == 0.0
+
+
+def test_without_a_surface_the_bounder_is_judged_where_force_is_asked() -> None:
+    run = ticks(pressing(), shown=540.0)
+    damper = {"device": {"law": "certified"}, "environment": {"kind": "damper", "damping": 5.0}}
+    summary = summary_of(run, damper)
+    assert summary["bounder_active_share"] == 1.0
+    assert summary["peak_force_n"] > 0.0
+    assert summary["displayed_stiffness_n_per_m"] is None
+    assert summary["contact_reversals"] is None
+
+
+def test_the_own_tick_share_counts_forces_that_answer_their_own_state() -> None:
+    run = [replace(t, device_seq=t.seq - 1 if t.seq % 4 == 0 else t.seq) for t in ticks(pressing())]
+    assert summary_of(run)["own_tick_share"] == pytest.approx(0.75)
+
+
+def test_the_loop_delay_leaves_out_forces_without_an_answer() -> None:
+    run = [
+        replace(t, loop_delay=None, device_seq=None) if i < 100 else replace(t, loop_delay=i * 1e-6)
+        for i, t in enumerate(ticks(pressing(), duration=1.1))
+    ]
+    delay = summary_of(run)["loop_delay_ms"]
+    assert delay["p50"] == pytest.approx(0.5995)
+    assert delay["p99"] == pytest.approx(1.08901)
+    assert delay["max"] == pytest.approx(1.099)
+
+
+def test_misses_and_refused_packets_are_those_at_the_end() -> None:
+    run = [replace(t, deadline_misses=t.seq // 10, rejected={"age": t.seq}) for t in ticks(abs)]
+    summary = summary_of(run)
+    assert summary["deadline_misses"] == 599
+    assert summary["rejected_packets"] == {"age": 5999}
+    assert ("rejected packets", "5999 age") in summary_rows(summary)
+
+
+# --- Energy --------------------------------------------------------------------------------------
+
+
+def test_the_least_energies_are_found() -> None:
+    run = ticks(pressing())
+    run[100] = replace(run[100], true_energy=-0.02)
+    run[200] = replace(run[200], estimated_energy=-0.03)
+    summary = summary_of(run)
+    assert summary["true_energy_min_j"] == -0.02
+    assert summary["estimated_energy_min_j"] == -0.03
+
+
+def test_hardware_has_no_true_energy_and_no_known_rest() -> None:
+    run = [
+        replace(t, true_energy=None, true_position=None, hand_force=None) for t in ticks(pressing())
+    ]
+    summary = summary_of(run)
+    assert summary["true_energy_min_j"] is None
+    assert summary["final_speed_m_per_s"] is None
+    assert summary["at_rest"] is None
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
+
+
+# --- Turns and rest ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("periods", [1, 7])
+def test_an_oscillation_turns_twice_a_period(periods: int) -> None:
+    phase = np.linspace(0.0, 2.0 * math.pi * periods, 1000)
+    assert count_reversals(0.001 * np.sin(phase)) == 2 * periods
+
+
+def test_a_turn_counts_from_its_excursion_on() -> None:
+    for factor, turns in [(0.99, 0), (1.01, 1)]:
+        there_and_back = np.array([0.0, 0.001, 0.001 - factor * REVERSAL_EXCURSION])
+        assert count_reversals(there_and_back) == turns
+
+
+def test_an_encoder_that_chatters_does_not_turn() -> None:
+    chatter = 3e-5 * (np.arange(1000) % 2)
+    assert count_reversals(np.linspace(0.0, 0.004, 1000) + chatter) == 0
+
+
+def test_turns_before_the_first_contact_do_not_count() -> None:
+    def path(elapsed: float) -> float:
+        return 0.005 * math.sin(50.0 * elapsed) if elapsed < 1.0 else min(elapsed - 1.0, 0.014)
+
+    assert summary_of(ticks(path))["contact_reversals"] == 0
+
+
+def test_a_steady_oscillation_about_the_surface_is_counted_in_full() -> None:
+    run = ticks(lambda elapsed: WALL - 0.002 * math.cos(2.0 * math.pi * 5.0 * elapsed))
+    # 5 Hz for 6 s, from the trough before the first contact: 30 peaks, 29 more troughs
+    assert summary_of(run)["contact_reversals"] == 59
+
+
+def test_the_final_speed_is_the_rms_speed_of_the_last_half_second() -> None:
+    time = np.linspace(0.0, 2.0, 2001)
+    position = 0.001 * np.sin(2.0 * math.pi * 10.0 * time)[:, np.newaxis]
+    expected = 0.001 * 2.0 * math.pi * 10.0 / math.sqrt(2.0)
+    assert final_speed(time, position) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_hand_that_moves_at_the_end_is_not_at_rest() -> None:
+    moving = summary_of(ticks(lambda elapsed: 0.012 + 0.002 * math.sin(60.0 * elapsed)))
+    assert moving["at_rest"] is False
+    assert moving["penetration_at_rest_m"] is None
+    resting = summary_of(ticks(pressing()))
+    assert resting["at_rest"] is True
+    assert resting["final_speed_m_per_s"] == 0.0
+
+
+# --- What counts, and what is missing ------------------------------------------------------------
+
+
+def test_samples_without_an_engaged_force_do_not_count() -> None:
+    waiting = [
+        replace(t, engagement=0.0, position=(0.5,), applied_force=(99.0,), true_energy=-9.0)
+        for t in ticks(pressing(), duration=0.5)
+    ]
+    run = [
+        replace(t, time_ns=t.time_ns + 500_000_000, seq=t.seq + 500, device_seq=t.seq + 500)
+        for t in ticks(pressing())
+    ]
+    assert summary_of(waiting + run) == summary_of(run)
+
+
+def test_a_run_that_never_engaged_has_no_results() -> None:
+    summary = summary_of([replace(t, engagement=0.0) for t in ticks(pressing(), duration=0.5)])
+    assert summary["samples"] == 0
+    for key in KEYS - {"law", "samples", "loop_delay_ms", "deadline_misses", "rejected_packets"}:
+        assert summary[key] is None
+
+
+def test_no_samples_at_all_still_make_a_summary() -> None:
+    assert summary_of([])["samples"] == 0
+
+
+def test_a_launch_document_without_the_keys_leaves_their_results_open() -> None:
+    summary = summary_of(ticks(pressing()), {})
+    assert summary["law"] is None
+    assert summary["displayed_stiffness_n_per_m"] is None
+    assert summary["samples"] == 6000
+
+
+def test_a_hand_that_never_touches_has_no_stiffness_and_no_depth() -> None:
+    summary = summary_of(ticks(lambda elapsed: 0.0))
+    assert summary["displayed_stiffness_n_per_m"] is None
+    assert summary["rate_hardness_n_per_m"] is None
+    assert summary["bounder_active_share"] is None
+    assert summary["peak_penetration_m"] == 0.0
+    assert summary["contact_reversals"] == 0
+
+
+def test_the_surface_may_lie_across_another_axis() -> None:
+    run = [
+        replace(
+            t,
+            position=(0.0, *t.position),
+            true_position=(0.0, *t.position),
+            commanded_force=(0.0, *t.commanded_force),
+            applied_force=(0.0, *t.applied_force),
+            hand_force=(0.0, 0.0),
+        )
+        for t in ticks(pressing(), shown=540.0)
+    ]
+    summary = summary_of(run, config(axis=1))
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
+    assert summary_of(run, config(axis=0))["displayed_stiffness_n_per_m"] is None
+
+
+def test_an_axis_that_the_run_does_not_have_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"environment\.axis is 2, but the run has 1 axes"):
+        summary_of(ticks(pressing(), duration=0.1), config(axis=2))
+
+
+def test_a_quantity_that_was_not_resolved_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"environment\.position must be a number \(m\)"):
+        summary_of(ticks(pressing(), duration=0.1), config(position="10 mm"))
+
+
+def test_rows_speak_in_everyday_units() -> None:
+    rows = dict(summary_rows(summary_of(ticks(pressing(), shown=540.0))))
+    assert rows["law"] == "certified"
+    assert rows["displayed stiffness"] == "0.54 N/mm"
+    assert rows["peak penetration"] == "4.00 mm"
+    assert rows["least true energy"] == "3.00 mJ"
+    assert rows["loop delay p50 / p99 / max"] == "0.40 / 0.40 / 0.40 ms"
+    assert rows["bounder active"] == "100.0 %"
+
+
+def test_rows_show_a_dash_for_nothing_and_no_minus_for_rounding() -> None:
+    run = [replace(t, true_energy=-1e-12) for t in ticks(lambda elapsed: 0.0)]
+    rows = dict(summary_rows(summary_of(run)))
+    assert rows["least true energy"] == "0.00 mJ"
+    assert rows["displayed stiffness"] == "–"

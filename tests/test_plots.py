@@ -1,0 +1,249 @@
+"""A picture shows the data that it was given, in scales that keep every run readable."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from forcebound.analysis.plots import DEFAULT_PANELS, PANELS, Run, figure, save
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import Telemetry
+from forcebound.recording import TelemetryColumns
+
+WALL = 0.010  # m
+
+
+def telemetry(ticks: int = 200, swing: float = 0.0, energy: float = 0.005) -> list[Telemetry]:
+    """Return a hand that presses 2 mm into a wall, or swings about it with ``swing`` (m)."""
+    run = []
+    for tick in range(ticks):
+        elapsed = tick * 1e-3
+        position = min(0.2 * elapsed, WALL + 0.002) + swing * math.sin(60.0 * elapsed)
+        asked = max(10_000.0 * (position - WALL), 0.0)
+        run.append(
+            Telemetry(
+                seq=tick,
+                time_ns=tick * 1_000_000,
+                elapsed=elapsed,
+                position=(position,),
+                commanded_force=(min(asked, 8.5),),
+                applied_force=(min(asked, 2.0),),
+                force_limit=2.0,
+                estimated_energy=0.9 * energy * elapsed,
+                true_energy=energy * elapsed,
+                true_position=(position + 1e-5,),
+                hand_force=(0.0,),
+                engagement=1.0,
+                device_seq=tick,
+                loop_delay=4e-4,
+                deadline_misses=0,
+                rejected={},
+            )
+        )
+    return run
+
+
+def run_of(packets: list[Telemetry], label: str = "bounded", law: str = "certified") -> Run:
+    environment = {"kind": "wall", "position": WALL, "stiffness": 10_000.0}
+    document = {"device": {"law": law}, "environment": environment}
+    return label, TelemetryColumns.from_packets(packets), document
+
+
+def panel(drawing: Figure, row: int, column: int = 0, columns: int = 1) -> Axes:
+    return drawing.axes[row * columns + column]
+
+
+def drawn(axes: Axes) -> dict[str, NDArray[np.float64]]:
+    """Return the y data of the lines, by label."""
+    return {str(line.get_label()): np.asarray(line.get_ydata()) for line in axes.lines}
+
+
+# --- The data ------------------------------------------------------------------------------------
+
+
+def test_the_lines_are_the_columns_in_everyday_units() -> None:
+    run = run_of(telemetry())
+    columns = run[1]
+    drawing = figure([run])
+    position, force, energy, delay = (drawn(panel(drawing, row)) for row in range(4))
+    np.testing.assert_array_equal(position["read"], columns.position[:, 0] * 1e3)
+    np.testing.assert_array_equal(position["true"], columns.true_position[:, 0] * 1e3)
+    np.testing.assert_array_equal(position["surface"], [10.0, 10.0])
+    np.testing.assert_array_equal(force["asked"], columns.commanded_force[:, 0])
+    np.testing.assert_array_equal(force["applied"], columns.applied_force[:, 0])
+    np.testing.assert_array_equal(energy["true"], columns.true_energy * 1e3)
+    np.testing.assert_array_equal(energy["estimated\nby the law"], columns.estimated_energy * 1e3)
+    np.testing.assert_array_equal(delay["state\nto force"], columns.loop_delay * 1e3)
+    for line in panel(drawing, 0).lines[1:]:
+        np.testing.assert_array_equal(line.get_xdata(), columns.time)
+
+
+def test_the_bound_is_a_band_about_zero() -> None:
+    (band,) = panel(figure([run_of(telemetry())]), 1).collections
+    heights = np.array(band.get_paths()[0].vertices, dtype=float)[:, 1]
+    assert (heights.min(), heights.max()) == (-2.0, 2.0)
+
+
+def test_samples_before_the_engagement_are_left_out() -> None:
+    packets = [replace(p, engagement=float(p.seq >= 50)) for p in telemetry()]
+    read = drawn(panel(figure([run_of(packets)]), 0))["read"]
+    assert read.size == 150
+
+
+def test_force_over_penetration_shows_the_wall_and_what_was_applied() -> None:
+    run = run_of(telemetry())
+    axes = figure([run], ["force_over_penetration"]).axes[0]
+    wall, applied = axes.lines
+    assert wall.get_slope() == 10.0  # type: ignore[attr-defined]  # an AxLine; N/mm
+    depth = np.asarray(applied.get_xdata(), dtype=float)
+    np.testing.assert_allclose(depth, (run[1].position[:, 0] - WALL) * 1e3)
+    np.testing.assert_array_equal(applied.get_ydata(), run[1].applied_force[:, 0])
+    assert axes.get_xlabel() == "penetration (mm)"
+
+
+def test_hardware_has_no_true_lines() -> None:
+    packets = [
+        replace(p, true_energy=None, true_position=None, hand_force=None) for p in telemetry()
+    ]
+    drawing = figure([run_of(packets)])
+    assert "true" not in drawn(panel(drawing, 0))
+    assert "true" not in drawn(panel(drawing, 2))
+
+
+def test_an_environment_without_a_surface_draws_none() -> None:
+    label, columns, _ = run_of(telemetry())
+    drawing = figure([(label, columns, {"environment": {"kind": "damper"}})], list(PANELS))
+    assert "surface" not in drawn(panel(drawing, 0))
+    assert not panel(drawing, 4).lines
+
+
+# --- Words ---------------------------------------------------------------------------------------
+
+
+def test_every_panel_says_its_quantity_and_unit() -> None:
+    drawing = figure([run_of(telemetry())])
+    labels = [axes.get_ylabel() for axes in drawing.axes]
+    assert labels == ["position (mm)", "force (N)", "energy (mJ)", "loop delay (ms)"]
+    assert drawing.axes[-1].get_xlabel() == "time since the force engaged (s)"
+
+
+@pytest.mark.parametrize(
+    ("label", "title"),
+    [
+        ("live", "live (law: certified)"),
+        ("the certified law", "the certified law"),
+        ("certified", "law: certified"),
+    ],
+)
+def test_the_title_names_the_law_once(label: str, title: str) -> None:
+    assert figure([run_of(telemetry(), label)]).axes[0].get_title() == title
+
+
+def test_a_run_without_answers_says_so() -> None:
+    packets = [replace(p, loop_delay=None, device_seq=None) for p in telemetry()]
+    axes = panel(figure([run_of(packets)]), 3)
+    assert [text.get_text() for text in axes.texts] == ["no answer came"]
+
+
+# --- Scales --------------------------------------------------------------------------------------
+
+
+def test_runs_side_by_side_share_their_scales() -> None:
+    drawing = figure([run_of(telemetry()), run_of(telemetry(swing=0.005))])
+    for row in range(len(DEFAULT_PANELS)):
+        left, right = (panel(drawing, row, column, 2) for column in range(2))
+        assert left.get_ylim() == right.get_ylim()
+        assert not left.texts
+
+
+def test_a_run_thrown_far_does_not_flatten_the_calm_one() -> None:
+    drawing = figure([run_of(telemetry(swing=1.0)), run_of(telemetry())])
+    wild, calm = (panel(drawing, 0, column, 2) for column in range(2))
+    assert np.ptp(wild.get_ylim()) > 10.0 * np.ptp(calm.get_ylim())
+    assert [axes.texts[0].get_text() for axes in (wild, calm)] == ["own scale", "own scale"]
+
+
+def test_energies_of_different_size_share_a_logarithmic_scale() -> None:
+    drawing = figure([run_of(telemetry(energy=-20.0)), run_of(telemetry(energy=0.05))])
+    wild, calm = (panel(drawing, 2, column, 2) for column in range(2))
+    assert wild.get_yscale() == calm.get_yscale() == "symlog"
+    low, high = calm.get_ylim()
+    assert (low, high) == wild.get_ylim()
+    assert low < -20.0 * 0.199e3
+    assert high > 0.05 * 0.199e3
+    legend = calm.get_legend()
+    assert legend is not None
+    assert "log beyond\n±10 mJ" in [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_region_below_zero_energy_is_shaded_up_to_zero() -> None:
+    axes = panel(figure([run_of(telemetry(energy=-0.02))]), 2)
+    (shade,) = axes.patches
+    box = shade.get_path().get_extents(shade.get_patch_transform())
+    assert box.y1 == 0.0
+    assert box.y0 == axes.get_ylim()[0]
+
+
+def test_one_late_answer_is_told_in_words() -> None:
+    packets = telemetry(2000)
+    packets[700] = replace(packets[700], loop_delay=0.052)
+    axes = panel(figure([run_of(packets)]), 3)
+    assert axes.get_ylim()[1] < 2.0  # ms
+    assert [text.get_text() for text in axes.texts] == ["longest: 52 ms"]
+
+
+def test_a_wall_that_only_pushes_hides_the_empty_half_of_the_bound() -> None:
+    low, high = panel(figure([run_of(telemetry())]), 1).get_ylim()
+    assert -0.1 * high < low < 0.0
+    both = [replace(p, applied_force=(-1.0,)) for p in telemetry()]
+    assert panel(figure([run_of(both)]), 1).get_ylim()[0] < -1.9
+
+
+# --- Files ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_the_same_runs_give_the_same_file(tmp_path: Path, suffix: str) -> None:
+    contents = []
+    for name in ("one", "two"):
+        path = tmp_path / (name + suffix)
+        save(figure([run_of(telemetry())], list(PANELS)), path)
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert contents[0].startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
+    assert b"forcebound" not in contents[0]  # no path, no name of a machine
+
+
+def test_the_empty_and_the_unengaged_run_can_be_drawn(tmp_path: Path) -> None:
+    unengaged = [replace(p, engagement=0.0) for p in telemetry(5)]
+    drawing = figure([run_of([]), run_of(unengaged)], list(PANELS))
+    save(drawing, tmp_path / "empty.png")
+
+
+@pytest.mark.parametrize("name", ["run.pdf", "run"])
+def test_another_kind_of_picture_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=r"must end in \.png or \.svg"):
+        save(figure([run_of(telemetry())]), tmp_path / name)
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot write the picture"):
+        save(figure([run_of(telemetry())]), tmp_path / "no" / "folder.png")
+
+
+def test_an_unknown_panel_lists_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="no panel 'forces'; there are position"):
+        figure([run_of(telemetry())], ["forces"])
+
+
+def test_a_figure_needs_a_run_and_a_panel() -> None:
+    run: Any = run_of(telemetry())
+    for runs, panels in [([], DEFAULT_PANELS), ([run], [])]:
+        with pytest.raises(ValueError, match="at least one run and one panel"):
+            figure(runs, panels)
