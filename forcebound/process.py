@@ -194,8 +194,14 @@ class Runner:
         self.steps = 0
         self.rejected: dict[str, int] = {}
 
-    def run(self, stop: Stop, log: Sequence[str] = ()) -> None:
-        """Step the node until ``stop`` is requested; then force zero and the last telemetry."""
+    def run(self, stop: Stop, log: Sequence[str] = (), engages_itself: bool = False) -> None:
+        """Step the node until ``stop`` is requested; then force zero and the last telemetry.
+
+        Args:
+            stop: Ends the loop.
+            log: What the status answers under ``log``.
+            engages_itself: Whether a servo engages when it is ready, rather than on request.
+        """
         self._log = log
         try:
             if self._node.wakes_on_arrival:
@@ -206,8 +212,12 @@ class Runner:
             else:
                 while not (stop.requested or self._stop_requested):
                     self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-                    if self.steps % CONTROL_INTERVAL == 0 and self._control.pending():
-                        self._control.serve(self.answer)
+                    if self.steps % CONTROL_INTERVAL == 0:
+                        if self._control.pending():
+                            self._control.serve(self.answer)
+                        if engages_itself and self.status()["ready"]:
+                            self.answer({"request": "engage"})
+                            engages_itself = False
         finally:
             if self._servo is not None:
                 self._servo.stop(time.monotonic_ns())
@@ -313,6 +323,7 @@ def run(
     links: Mapping[str, Link[Packet]],
     settings: realtime.Settings,
     stop: Stop,
+    engages_itself: bool = False,
 ) -> dict[str, Any]:
     """Run a node until it is asked to stop; return its last status.
 
@@ -323,6 +334,7 @@ def run(
         links: Impaired links by topic; a topic that is not here has a perfect link.
         settings: How punctual to be.
         stop: Ends the loop.
+        engages_itself: Whether a servo engages when it is ready, rather than on request.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -332,7 +344,7 @@ def run(
     with Network() as network:
         runner = Runner(node, name, run_dir, links, network, settings.spin_ns)
         realtime.freeze_garbage()
-        runner.run(stop, said)
+        runner.run(stop, said, engages_itself)
         return runner.status()
 
 

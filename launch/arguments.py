@@ -95,8 +95,8 @@ class Arguments:
         return tuple(choice.plain for choice in value.content)
 
     def _override(self, text: str, given: dict[str, Value]) -> None:
-        shown = text.encode("utf-8", "replace").decode()
-        place = Place(f"argument {shown if len(shown) <= 200 else shown[:197] + '...'}")
+        text = text.encode("utf-8", "replace").decode()  # the shell may pass any bytes
+        place = _place(text)
         name, separator, word = text.partition(":=")
         if not separator:
             first, equals, rest = text.partition("=")
@@ -129,4 +129,9 @@ def check_overrides_are_used(
     for text in overrides:
         name = text.partition(":=")[0]
         if name in declared and name not in used:
-            problems.add("nothing in the launch file uses this argument", Place(f"argument {text}"))
+            problems.add("nothing in the launch file uses this argument", _place(text))
+
+
+def _place(override: str) -> Place:
+    shown = override if len(override) <= 200 else override[:197] + "..."
+    return Place(f"argument {shown}")

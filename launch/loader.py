@@ -113,6 +113,10 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
     if device and environment:
         _check_delays(device.servo, environment, links, sections["device"])
     problems.raise_if_any()
+    assert device is not None  # what could not be made was a problem
+    assert controller is not None
+    assert environment is not None
+    assert realtime is not None
     return GraphConfig(
         **values,
         device=device,
@@ -146,8 +150,11 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
 
 
 def _device(section: Section) -> DeviceConfig | None:
+    if not section.is_readable:
+        return None
     model = _member(section, fields_of(ServoSettings))
-    if "law" in section.value.entries:
+    law = section.value.entries.get("law")
+    if law is not None and isinstance(law.content, str):
         section.choose("law", "law", LAWS)
     servo = section.make(ServoSettings)
     return None if model is None or servo is None else DeviceConfig(model, servo)
@@ -184,6 +191,8 @@ def _links(section: Section) -> dict[str, Impairment]:
 
 
 def _realtime(section: Section) -> RealtimeConfig | None:
+    if not section.is_readable:
+        return None
     section.check_keys(fields_of(RealtimeConfig))
     made: RealtimeConfig | None = section.make(RealtimeConfig)
     return made

@@ -82,6 +82,7 @@ class Substitution:
                 value.place,
             )
             return None
+        text = text.encode("utf-8", "replace").decode()  # the environment may hold any bytes
         return replace(value, content=scalar(text), text=text)
 
 

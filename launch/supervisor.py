@@ -17,7 +17,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -40,6 +40,7 @@ from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint
 
 ASK_INTERVAL_NS = 20_000_000  # between two requests to a node that has not answered as hoped
+LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure
 CHUNK = 65_536  # bytes
 MAX_LINE = 65_536  # bytes without a line end that are kept
@@ -125,20 +126,28 @@ class Child:
         return bool(data)
 
     def end(self) -> None:
-        """Kill the process if it lives, and let go of everything."""
+        """End the process if it lives, which it does only after a mistake of ours; let go."""
         if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
+            self.process.terminate()
+            try:
+                self.process.wait(LAST_CHANCE)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
         assert self.process.stdout is not None
         self.process.stdout.close()
 
 
 def say_on_stderr(name: str, line: str) -> None:
-    """Write one line of a process to standard error, with its name in front."""
+    """Write one line of a process to standard error, with its name in front.
+
+    If nobody reads standard error any more, the run goes on in silence.
+    """
     prefix = f"[{name}]"
     if sys.stderr.isatty():
         prefix = f"\033[{COLOURS.get(name, 0)}m{prefix}\033[0m"
-    sys.stderr.write(f"{prefix} {line}\n")
+    with suppress(OSError):
+        sys.stderr.write(f"{prefix} {line}\n")
 
 
 class Supervisor:

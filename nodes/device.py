@@ -135,6 +135,7 @@ class DeviceNode:
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on."""
         self._stopped = True
+        self._chain.disengage()
         self._device.write(time_ns, self._zero)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:

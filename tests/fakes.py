@@ -1,9 +1,20 @@
 """Small stand-ins that tests pass in."""
 
+from dataclasses import replace
+
 from forcebound.bounding import Dissipation
+from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import Truth
-from forcebound.messages.packets import DeviceState, ForceCommand, Vector
-from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.environments import Environment
+from forcebound.environments.wall import Wall
+from forcebound.messages.packets import TOPICS, DeviceState, ForceCommand, Packet, Vector
+from forcebound.network.link import Impairment, Link, link_seed
+from forcebound.nodes import Node
+from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.operators.pressing import PressingHand
+from forcebound.simulation import Simulation
 
 MS = 1_000_000  # ns
 
@@ -45,3 +56,34 @@ def device_node(axes: int = 1, **settings: float | str) -> tuple[DeviceNode, Fak
 def answer(state: DeviceState, force: Vector, seq: int = 0) -> ForceCommand:
     """Return the command that answers ``state``."""
     return ForceCommand(seq, state.time_ns, state.seq, state.time_ns, force)
+
+
+def press(
+    law: str,
+    seconds: float,
+    *,
+    servo: ServoSettings | None = None,
+    environment: Environment | None = None,
+    compute_delay_ns: int = 0,
+    **impairments: Impairment,
+) -> list[Packet]:
+    """Press a hand into a wall in virtual time; return every packet that was sent."""
+    servo = replace(servo or ServoSettings(reply_wait=0.0), law=law)
+    model = PhantomPremium15()
+    device = DeviceNode(
+        model.open(PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
+    )
+    links = {
+        topic: Link[Packet](impairments.get(topic, Impairment()), link_seed(1, topic), True)
+        for topic in TOPICS
+    }
+    nodes: list[Node] = [
+        EnvironmentNode(environment or Wall(), compute_delay_ns),
+        ControllerNode(DirectController()),
+        device,
+    ]
+    packets: list[Packet] = []
+    simulation = Simulation(nodes, links, packets.append)
+    device.engage()
+    simulation.run(round(seconds * 1e9))
+    return packets

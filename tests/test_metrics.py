@@ -364,7 +364,7 @@ def test_rows_speak_in_everyday_units() -> None:
     assert rows["displayed stiffness"] == "0.54 N/mm"
     assert rows["peak penetration"] == "4.00 mm"
     assert rows["least true energy"] == "3.00 mJ"
-    assert rows["loop delay p50 / p99 / max"] == "0.40 / 0.40 / 0.40 ms"
+    assert rows["loop delay p50/p99/max"] == "0.40/0.40/0.40 ms"
     assert rows["bounder active"] == "100.0 %"
 
 

@@ -201,6 +201,9 @@ def test_one_late_answer_is_told_in_words() -> None:
 def test_a_wall_that_only_pushes_hides_the_empty_half_of_the_bound() -> None:
     low, high = panel(figure([run_of(telemetry())]), 1).get_ylim()
     assert -0.1 * high < low < 0.0
+    pulling = [replace(p, commanded_force=(-3.0,), applied_force=(-2.0,)) for p in telemetry()]
+    low, high = panel(figure([run_of(pulling)]), 1).get_ylim()
+    assert 0.0 < high < -0.1 * low
     both = [replace(p, applied_force=(-1.0,)) for p in telemetry()]
     assert panel(figure([run_of(both)]), 1).get_ylim()[0] < -1.9
 

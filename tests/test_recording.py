@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import (
@@ -274,6 +275,23 @@ def test_a_damaged_byte_is_noticed(path: Path) -> None:
     assert not read(path).complete
 
 
+def test_a_file_with_a_broken_end_is_read_and_not_called_complete(path: Path) -> None:
+    record(path, packets())
+    path.write_bytes(path.read_bytes()[:-8] + b"whatever")
+    recording = read(path)
+    assert not recording.complete
+    assert len(recording.packets("telemetry")) == 5
+
+
+def test_an_mcap_file_of_another_program_is_refused(path: Path) -> None:
+    with path.open("wb") as file:
+        writer: Any = Writer(file)  # mcap leaves its methods unannotated
+        writer.start()
+        writer.finish()
+    with pytest.raises(ConfigError, match="not a recording of forcebound"):
+        read(path)
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nothing\.mcap: No such file"):
         read(tmp_path / "nothing.mcap")
@@ -310,6 +328,12 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 
 
 # --- Columns -------------------------------------------------------------------------------------
+
+
+def test_a_recording_gives_its_telemetry_as_columns(path: Path) -> None:
+    columns = record(path, packets()).telemetry
+    assert columns.seq.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(columns.true_energy, [1 / 3] * 5)
 
 
 @pytest.mark.parametrize("axes", [1, 3])

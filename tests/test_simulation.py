@@ -1,17 +1,20 @@
 """The virtual-time runner: order of events, determinism, and the physics of a whole graph."""
 
-from dataclasses import replace
+import math
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
+from fakes import press
 
+from forcebound.bounding import LAWS
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.environments import Environment
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPICS, Packet, Telemetry
-from forcebound.network.link import Impairment, Link, link_seed
-from forcebound.nodes import Node
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import DeviceState, Telemetry
+from forcebound.network.link import Impairment
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
@@ -19,46 +22,11 @@ from forcebound.operators.pressing import PressingHand
 from forcebound.recording import TelemetryColumns
 from forcebound.simulation import Simulation
 
-S = 1_000_000_000  # ns
 
-
-def run(
-    law: str,
-    seconds: float = 4.0,
-    *,
-    servo: ServoSettings | None = None,
-    hand: PressingHand | None = None,
-    model: PhantomPremium15 | None = None,
-    environment: Environment | None = None,
-    compute_delay_ns: int = 0,
-    **impairments: Impairment,
-) -> TelemetryColumns:
-    """Press a hand into a stiff wall and return what the device reports."""
-    servo = servo or ServoSettings(reply_wait=0.0)
-    servo = replace(servo, law=law)
-    model = model or PhantomPremium15()
-    device = DeviceNode(
-        model.open(hand or PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
-    )
-    samples: list[Telemetry] = []
-
-    def observe(packet: Packet) -> None:
-        if isinstance(packet, Telemetry):
-            samples.append(packet)
-
-    links = {
-        topic: Link[Packet](impairments.get(topic, Impairment()), link_seed(1, topic), True)
-        for topic in TOPICS
-    }
-    nodes: list[Node] = [
-        EnvironmentNode(environment or Wall(), compute_delay_ns),
-        ControllerNode(DirectController()),
-        device,
-    ]
-    simulation = Simulation(nodes, links, observe)
-    device.engage()
-    simulation.run(round(seconds * S))
-    return TelemetryColumns.from_packets(samples)
+def run(law: str, seconds: float = 4.0, **graph: Any) -> TelemetryColumns:
+    """Press a hand into a stiff wall and return what the device reports; see ``fakes.press``."""
+    packets = press(law, seconds, **graph)
+    return TelemetryColumns.from_packets([p for p in packets if isinstance(p, Telemetry)])
 
 
 def test_with_instant_links_every_force_answers_its_own_tick_without_delay() -> None:
@@ -136,3 +104,33 @@ def test_a_graph_without_a_publisher_or_a_link_is_refused() -> None:
     )
     with pytest.raises(ConfigError, match="no link for"):
         Simulation([controller, device, EnvironmentNode(Wall())], {})
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("delay", [0.0, 0.002, 0.06])
+def test_what_the_protocol_promises_of_every_tick_holds(law: str, delay: float) -> None:
+    """The invariants of docs/protocol.md, on every packet of a run over a bad network."""
+    late = Impairment(delay=delay, jitter=delay / 2, loss=delay * 5)
+    packets = press(law, 1.0, servo=ServoSettings(), environment_query=late, environment_reply=late)
+    for packet in packets:
+        assert decode(encode(packet)) == packet
+    states = [p for p in packets if isinstance(p, DeviceState)]
+    telemetry = [p for p in packets if isinstance(p, Telemetry)]
+    assert [p.seq for p in states] == [p.seq for p in telemetry]
+    newest = -1
+    for before, now in pairwise(telemetry):
+        assert now.seq > before.seq
+        assert now.time_ns > before.time_ns
+        assert now.elapsed >= before.elapsed
+        applied, commanded = math.hypot(*now.applied_force), math.hypot(*now.commanded_force)
+        assert applied <= now.force_limit <= 8.5
+        if not LAWS[law].adds_damping:
+            assert applied <= commanded
+            assert now.applied_force[0] * now.commanded_force[0] >= 0.0
+        if now.device_seq is None:
+            assert commanded == now.engagement == 0.0
+        else:
+            assert newest <= now.device_seq <= now.seq
+            assert now.loop_delay is not None
+            assert now.loop_delay <= 0.1
+            newest = now.device_seq

@@ -302,7 +302,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         return _quantity(summary[key], unit, factor, digits)
 
     delays = summary["loop_delay_ms"]
-    delay = " / ".join(_quantity(delays[key], "", 1.0, 2) for key in ("p50", "p99", "max"))
+    delay = "/".join(_quantity(delays[key], "", 1.0, 2) for key in ("p50", "p99", "max"))
     rejected = [f"{count} {why}" for why, count in summary["rejected_packets"].items() if count]
     return [
         ("law", summary["law"] or UNDEFINED),
@@ -319,7 +319,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("least estimated energy", show("estimated_energy_min_j", "mJ", 1e3)),
         ("bounder active", show("bounder_active_share", "%", 1e2, 1)),
         ("own tick answered", show("own_tick_share", "%", 1e2, 1)),
-        ("loop delay p50 / p99 / max", UNDEFINED if delays["p50"] is None else f"{delay} ms"),
+        ("loop delay p50/p99/max", UNDEFINED if delays["p50"] is None else f"{delay} ms"),
         ("deadline misses", show("deadline_misses", "", digits=0)),
         ("rejected packets", ", ".join(rejected) or "0"),
     ]

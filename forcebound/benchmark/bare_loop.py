@@ -23,7 +23,7 @@ from typing import TypeAlias
 
 import zmq
 
-from forcebound.benchmark.workers import TIMEOUT_NS, WARMUP, write_times
+from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, write_times
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -40,7 +40,6 @@ Receive: TypeAlias = Callable[[], bytes]
 
 _TICK = struct.Struct("<q")
 _SPIN_NS = Settings().spin_ns
-_READY = 10.0  # s for the three processes to start and find each other
 _NOW, _BIG = 2**60 + 1, 10**6  # as long on the wire as a real stamp and sequence number
 PACKETS: tuple[Packet, ...] = (
     DeviceState(_BIG, _NOW, 1.5, (0.012,), (0.1,), (1.5,)),
@@ -102,7 +101,7 @@ def _answer(tick: bytes, commands: Receive) -> int | None:
 
 def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
     """Measure ``count`` round trips, one a period, and write them to standard output."""
-    deadline = time.monotonic() + _READY
+    deadline = time.monotonic() + READY
     number = 0
     while True:  # until the loop is closed: subscriptions take a moment
         tick = _TICK.pack(number)

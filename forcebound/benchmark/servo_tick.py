@@ -15,7 +15,7 @@ import signal
 import sys
 import time
 
-from forcebound.benchmark.workers import WARMUP, write_times
+from forcebound.benchmark.workers import READY, WARMUP, write_times
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.messages.codec import decode, encode
@@ -25,7 +25,6 @@ from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
 
-_READY = 10.0  # s for the two processes to start and find each other
 _SPIN_NS = Settings().spin_ns
 
 
@@ -64,7 +63,7 @@ def _drive(folder: str, network: Network, period_ns: int, count: int) -> None:
     durations_ns = [0] * count
     index = -WARMUP
     missed = processor_ns = begin_ns = spent_ns = answers = 0
-    deadline_ns = time.monotonic_ns() + round(_READY * 1e9)
+    deadline_ns = time.monotonic_ns() + round(READY * 1e9)
     while index < count:
         now = wait_until(node.wake_ns, _SPIN_NS)
         received = [decode(data, ForceCommand) for data in commands.receive()]

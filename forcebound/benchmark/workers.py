@@ -22,6 +22,7 @@ from forcebound.errors import RunError
 from forcebound.realtime import PRIORITIES
 
 WARMUP = 100  # ticks of each round before the first that counts
+READY = 10.0  # s for the processes of a contestant to start and find each other
 TIMEOUT_NS = 100_000_000  # an answer that takes longer counts as lost
 _GRACE = 10.0  # s beyond its planned duration before a contestant counts as hung
 

@@ -2,7 +2,8 @@
 
 At each sample n the bounder knows the reading q(n), the force F_e(n) that is asked for and the
 force F(n-1) that was held since the last sample. A law decides the largest magnitude F_max; the
-vector is shortened to it, its direction kept. What every law promises (``tests/test_bounding.py`` asks each):
+vector is shortened to it, its direction kept. What every law promises (``tests/test_bounding.py``
+asks each):
 
 * ``|F| <= min(|F_e|, F_max, F_sat)`` and F never opposes F_e (a law that ``adds_damping`` excepted:
   for it only ``|F| <= F_sat`` holds);

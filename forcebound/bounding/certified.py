@@ -17,8 +17,8 @@ ledger A. Between samples, with e = x - q and y the play operator, it keeps the 
 
 What is easily missed: after an overrun (dt > T_max) the play operator must *start again* at the
 reading, for the price f_c r √axes of a start. Letting it follow the reading without credit is not
-enough. The friction of the cut hold is already used up in step 1, but \|x - y\| may have grown by 2r
-in it, and step 3 would credit that path a second time: f_c Δ for each overrun
+enough. The friction of the cut hold is already used up in step 1, but \|x - y\| may have grown by
+2r in it, and step 3 would credit that path a second time: f_c Δ for each overrun
 (``tests/test_certified_law.py`` walks the path on which this leaks). The factor √axes is the length
 of a vector of n errors of at most r.
 """

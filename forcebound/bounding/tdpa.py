@@ -1,8 +1,8 @@
 """Time-domain passivity control, the comparator that the field knows.
 
 A passivity observer adds up the energy of the environment alone, without the device's friction;
-when it is negative, the passivity controller adds damping. Its known weakness, chatter at low speed, is
-part of the comparison.
+when it is negative, the passivity controller adds damping. Its known weakness, chatter at low
+speed, is part of the comparison.
 
 This is the one law that may apply *more* than was asked for, and a force against the one asked for:
 the damping is a force of its own. So of the promises in :mod:`forcebound.bounding` only the

@@ -1,0 +1,80 @@
+"""How fast is the four-hop loop of the real graph, beside bare pyzmq?
+
+Device, controller, environment, controller, device. Contestants, in turns, a fresh set of processes
+for each round:
+
+1. ``graph``: the nodes of the launch file, as the launcher places and schedules them
+   (:mod:`forcebound.benchmark.graph_loop`);
+2. ``bare``: bare pyzmq with the same sockets and bytes, placed and scheduled the same way
+   (:mod:`forcebound.benchmark.bare_loop`): what the graph's own work costs;
+3. ``default``: the same bare pyzmq where and as the kernel starts it: what placement is worth.
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+from forcebound.benchmark.figures import Measured, compare, judge, plan
+from forcebound.benchmark.graph_loop import settings_of
+from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
+from forcebound.launch.loader import load
+
+LAUNCH_FILE = "stiff_wall"
+TARGETS = {  # limit -> percentile -> largest ratio of the graph to it
+    "bare": {"p50": 1.25, "p99": 1.5, "p99_9": None},
+    "default": {"p50": 0.7, "p99": None, "p99_9": 0.2},
+}
+
+
+def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+    """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
+    surroundings = conditions()
+    settings = settings_of(load(LAUNCH_FILE))
+    core = -1 if settings.core is None else settings.core
+    contestants = {
+        "graph": Measured(f"graph of {LAUNCH_FILE}"),
+        "bare": Measured("bare pyzmq, same placement"),
+        "default": Measured("bare pyzmq, default placement"),
+    }
+    rounds, count = plan(duration, len(contestants), rate)
+    timing = (round(1e9 / rate), count)
+    commands: dict[str, Callable[[str, str], list[str]]] = {
+        "graph": lambda role, folder: module("graph_loop", role, folder, LAUNCH_FILE, *timing),
+        "bare": lambda role, folder: module(
+            "bare_loop", role, folder, core, settings.policy, *timing
+        ),
+        "default": lambda role, folder: module("bare_loop", role, folder, -1, "other", *timing),
+    }
+    takes = READY + (WARMUP + count) / rate
+    for number in range(rounds):
+        for name, measured in contestants.items():
+            say(f"round {number + 1} of {rounds}: {measured.label}")
+            _round(commands[name], takes, measured)
+    return {
+        "benchmark": "loop",
+        "duration_s": duration,
+        "rate_hz": rate,
+        "contestants": {name: one.summary() for name, one in contestants.items()},
+        "comparisons": _compare(contestants),
+        "conditions": {**surroundings, "core": settings.core, "policy_asked": settings.policy},
+    }
+
+
+def _round(command: Callable[[str, str], list[str]], takes: float, measured: Measured) -> None:
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
+        for role in ("environment", "controller"):
+            stack.enter_context(started(command(role, folder)))
+        collect(command("device", folder), takes, measured)
+
+
+def _compare(contestants: dict[str, Measured]) -> dict[str, dict[str, Any]]:
+    graph = contestants["graph"]
+    compared = {
+        f"{limit}_{name}": compare(graph, contestants[limit], name, target)
+        for limit, targets in TARGETS.items()
+        for name, target in targets.items()
+    }
+    compared["missed"] = judge(f"{graph.label}, ticks missed", graph.missed, "ticks", 0.0)
+    return compared

@@ -1,0 +1,129 @@
+"""A launch file in real time: a directory, four processes, and the recording that they leave.
+
+The run directory is private (0700) and holds the sockets and two documents for the processes:
+``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
+(:class:`RunDocument`).
+"""
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from forcebound import realtime
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.build import NODE_KINDS
+from forcebound.launch.config import GraphConfig, to_document
+from forcebound.launch.lifecycle import Limits
+from forcebound.launch.results import RunResult, run_metadata
+from forcebound.launch.supervisor import Supervisor
+from forcebound.messages.packets import TOPICS
+from forcebound.network.sockets import IPC_PATH_LIMIT
+from forcebound.process import control_endpoint, topic_endpoint
+
+PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
+
+LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
+
+
+@dataclass(frozen=True)
+class RunDocument:
+    """What the processes of one run must know beside the launch file."""
+
+    launcher: int  # process id of who starts them and whose end is theirs
+    core: int | None  # that the chain of nodes shares
+    record: str  # absolute path of the recording
+    metadata: dict[str, str] = field(default_factory=dict)  # of the recording
+
+    def write(self, run_dir: Path) -> None:
+        """Leave it for the processes."""
+        (run_dir / RUN_FILE).write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def read(cls, run_dir: Path) -> "RunDocument":
+        """Return what the launcher left."""
+        return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
+
+
+def run_live(
+    config: GraphConfig,
+    duration: float | None = None,
+    record: Path | None = None,
+    limits: Limits | None = None,
+) -> RunResult:
+    """Run a graph as processes, one per node and one that records.
+
+    An interrupt (Ctrl-C, SIGTERM) ends the run early and is no error. Call it from the main
+    thread, because it catches signals.
+
+    Args:
+        config: What to run.
+        duration: How long with an engaged force, in s; None: as the launch file says.
+        record: Where to keep the recording; None: nowhere.
+        limits: How long start and stop may take.
+
+    Raises:
+        ConfigError: If the chain cannot be placed or the recording not be written.
+        RunError: If a process did not become ready, ended by itself or did not stop; or if the run
+            was interrupted before its first sample.
+    """
+    core = realtime.choose_core(config.realtime.cores)
+    if record is not None:
+        _check_writable(record)
+    with run_directory() as run_dir:
+        recording = run_dir / RECORDING if record is None else record.absolute()
+        (run_dir / LAUNCH_FILE).write_text(json.dumps(to_document(config)), encoding="utf-8")
+        RunDocument(os.getpid(), core, str(recording), run_metadata(config)).write(run_dir)
+        duration_ns = round((config.duration if duration is None else duration) * 1e9)
+        commands = {name: node_command(name, run_dir) for name in PROCESSES}
+        cores = realtime.stand_aside(core)
+        try:
+            interrupted = Supervisor(commands, run_dir, duration_ns, limits).run()
+        finally:
+            os.sched_setaffinity(0, cores)
+        try:
+            return RunResult.from_recording(recording)
+        except ConfigError as error:
+            if interrupted:
+                raise RunError("interrupted before the first sample") from error
+            raise RunError(str(error)) from error
+
+
+def node_command(name: str, run_dir: Path) -> list[str]:
+    """Return the command line of one process of a run."""
+    program = [sys.executable, "-m", "forcebound", "node", name]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir), "--supervised"]
+
+
+@contextmanager
+def run_directory() -> Iterator[Path]:
+    """Make a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
+    longest = max(
+        len(endpoint(Path(), name))
+        for endpoint, names in ((topic_endpoint, tuple(TOPICS)), (control_endpoint, PROCESSES))
+        for name in names
+    )
+    folder = tempfile.mkdtemp(prefix="forcebound-")
+    if len(os.fsencode(folder)) + longest > IPC_PATH_LIMIT:
+        os.rmdir(folder)
+        folder = tempfile.mkdtemp(prefix="forcebound-", dir="/tmp")  # the shortest there is
+    try:
+        yield Path(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _check_writable(path: Path) -> None:
+    """Say now, and not from a process that dies, that a recording cannot be written."""
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise ConfigError(f"cannot write the recording {path}: there is no folder {folder}")
+    if path.is_dir():
+        raise ConfigError(f"cannot write the recording {path}: it is a folder")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise ConfigError(f"cannot write the recording {path}: no permission")

@@ -1,0 +1,93 @@
+"""The JSON schema of launch files, for completion and checks in editors.
+
+It says less than the loader knows: a key that an included file may give is not required here, and
+units are text. What it refuses, the loader refuses too.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from forcebound.launch.config import (
+    FORMAT,
+    KINDS,
+    LAWS,
+    LINKS,
+    EnvironmentConfig,
+    GraphConfig,
+    RealtimeConfig,
+)
+from forcebound.launch.fields import Field, adapter, fields_of
+from forcebound.launch.loader import RUN_KEYS
+from forcebound.network.link import Impairment
+from forcebound.nodes.device import ServoSettings
+
+_SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
+_SCALAR = {"type": ["string", "number", "boolean", "null"]}
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
+    servo = _properties(fields_of(ServoSettings))
+    servo["law"] = {"anyOf": [{"enum": sorted(LAWS)}, _SUBSTITUTION], "default": "certified"}
+    beside: dict[str, dict[str, Any]] = {
+        "device": servo,
+        "environment": _properties(fields_of(EnvironmentConfig, ("compute_delay",))),
+    }
+    link = _mapping(_properties(fields_of(Impairment)))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "forcebound launch file",
+        **_mapping(
+            {
+                "forcebound": {"const": FORMAT, "description": "version of the format"},
+                "include": {"type": "string", "description": "launch file to lie beneath this one"},
+                "arguments": {"type": ["object", "null"], "additionalProperties": _argument()},
+                **_properties(fields_of(GraphConfig, RUN_KEYS)),
+                **{name: _kinds(name, beside.get(name, {})) for name in KINDS},
+                "links": _mapping(dict.fromkeys(LINKS, link)),
+                "realtime": _mapping(_properties(fields_of(RealtimeConfig))),
+            }
+        ),
+        "required": ["forcebound"],
+    }
+
+
+def _mapping(properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "type": ["object", "null"],
+        "properties": dict(properties),
+        "additionalProperties": False,
+    }
+
+
+def _argument() -> dict[str, Any]:
+    declared = _mapping(
+        {
+            "default": _SCALAR,
+            "help": {"type": "string"},
+            "choices": {"type": "array", "items": _SCALAR},
+        }
+    )
+    return {"anyOf": [_SCALAR, declared]}
+
+
+def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
+    """One alternative for each kind; the kind itself may come from an included file."""
+    return {
+        "anyOf": [
+            _mapping({"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}, **_properties(fields_of(kind)), **beside})
+            for name, kind in sorted(KINDS[section].items())
+        ]
+    }
+
+
+def _properties(fields: Mapping[str, Field]) -> dict[str, Any]:
+    return {name: _property(field) for name, field in fields.items()}
+
+
+def _property(field: Field) -> dict[str, Any]:
+    schema = adapter(field.hint).json_schema()
+    described: dict[str, Any] = {"anyOf": [schema, _SUBSTITUTION]}
+    if not field.required and isinstance(field.default, str | int | float):
+        described["default"] = field.default
+    return described

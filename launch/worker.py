@@ -1,0 +1,112 @@
+"""What runs inside one process of a graph: build the node, drive it, and die when told.
+
+A supervised process dies with its launcher, however that ends. The kernel sends it a signal when
+the launcher is gone: SIGTERM to the device and the recorder, which have something to finish (force
+zero; the recording), SIGKILL to the others. Whoever of the former goes then removes the run
+directory.
+"""
+
+import json
+import logging
+import os
+import shutil
+import signal
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from forcebound import process, realtime
+from forcebound.errors import ConfigError
+from forcebound.launch.build import build_links, build_node
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.live import RECORDING, RunDocument
+from forcebound.launch.loader import from_document, load
+from forcebound.launch.results import run_metadata
+from forcebound.messages.packets import TOPICS
+from forcebound.network.link import Impairment
+from forcebound.recording import Recorder
+
+FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
+
+_logger = logging.getLogger(__name__)
+
+
+def run_node(
+    kind: str, file: Path, run_dir: Path, supervised: bool, arguments: Sequence[str] = ()
+) -> int:
+    """Run one process of a graph to its end; return its exit status.
+
+    Args:
+        kind: ``"device"``, ``"controller"``, ``"environment"`` or ``"recorder"``.
+        file: Supervised: the resolved launch document; by hand: any launch file.
+        run_dir: Directory of the run's sockets; every process of a run names the same.
+        supervised: Whether a launcher started it, which says when the force engages and with which
+            it dies. By hand, the device engages when the first command has come.
+        arguments: Of a launch file that is run by hand.
+
+    Raises:
+        ConfigError: If the launch file is wrong or an endpoint is in use.
+    """
+    with process.Stop() as stop:
+        if not supervised:
+            config = load(file, arguments)
+            core = realtime.choose_core(config.realtime.cores)
+            run = RunDocument(os.getppid(), core, str(run_dir / RECORDING), run_metadata(config))
+            _run(kind, config, run, run_dir, stop, engages_itself=kind == "device")
+            return 0
+        run = RunDocument.read(run_dir)
+        realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
+        try:
+            if _has_launcher(run):  # it may have died before the line above
+                config = from_document(json.loads(file.read_text(encoding="utf-8")))
+                _run(kind, config, run, run_dir, stop, engages_itself=False)
+        except ConfigError:
+            raise
+        except Exception:
+            _logger.exception("%s failed", kind)
+            return 1
+        finally:
+            if not _has_launcher(run):
+                shutil.rmtree(run_dir, ignore_errors=True)
+        return 0
+
+
+def _run(
+    kind: str,
+    config: GraphConfig,
+    run: RunDocument,
+    run_dir: Path,
+    stop: process.Stop,
+    engages_itself: bool,
+) -> None:
+    if kind == "recorder":
+        _record(run, run_dir, stop)
+        return
+    settings = realtime.Settings(
+        policy=config.realtime.policy,
+        core=run.core,
+        lock_memory=config.realtime.lock_memory,
+        spin_ns=round(config.realtime.spin * 1e9),
+    )
+    # A perfect link needs no model: the socket itself keeps only the newest packet.
+    links = {
+        topic: link
+        for topic, link in build_links(config).items()
+        if config.links.get(topic, Impairment()) != Impairment()
+    }
+    node = build_node(kind, config)
+    status = process.run(node, kind, run_dir, links, settings, stop, engages_itself)
+    if status["rejected"]:
+        _logger.warning("refused packets, by reason: %s", status["rejected"])
+
+
+def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    with Recorder(run.record, run.metadata, offset_ns) as recorder:
+        status = process.record(recorder, "recorder", run_dir, list(TOPICS), run.core, stop)
+    if status["rejected"]:
+        _logger.warning("refused packets, by reason: %s", status["rejected"])
+
+
+def _has_launcher(run: RunDocument) -> bool:
+    return os.getppid() == run.launcher

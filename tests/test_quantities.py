@@ -1,0 +1,152 @@
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forcebound.errors import ConfigError
+from forcebound.quantities import POSITIVE, SHARE, Range, Time, parse_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("10 N/mm", "N/m", 10_000.0),
+        ("10N/mm", "N/m", 10_000.0),
+        ("0.06 N/mm/s", "N/m/s", 60.0),
+        ("5 ms", "s", 0.005),
+        ("100 us", "s", 1e-4),
+        ("100 µs", "s", 1e-4),
+        ("100 μs", "s", 1e-4),
+        ("2 min", "s", 120.0),
+        ("0.03 mm", "m", 3e-5),
+        ("-10 mm", "m", -0.01),
+        ("+1e1 cm", "m", 0.1),
+        ("200 mm/s", "m/s", 0.2),
+        ("1 kHz", "Hz", 1000.0),
+        ("1000 1/s", "Hz", 1000.0),
+        ("75 g", "kg", 0.075),
+        ("8.5 newton", "N", 8.5),
+        ("2.8 N s/m", "N s/m", 2.8),
+        ("2.8 N*s/m", "N s/m", 2.8),
+        ("2.8 N·s/m", "N s/m", 2.8),
+        ("981 cm/s²", "m/s^2", 9.81),
+        ("40 %", "", 0.4),
+        ("0.4", "", 0.4),
+        (" .5 ", "s", 0.5),
+        ("12", "s", 12.0),
+        (12, "s", 12.0),
+        (0.1, "s", 0.1),
+        ("0 ms", "s", 0.0),
+        ("1e-400 ms", "s", 0.0),
+    ],
+)
+def test_a_quantity_is_the_float_nearest_to_what_is_written(
+    text: object, unit: str, value: float
+) -> None:
+    assert parse_quantity(text, unit) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "fragment"),
+    [
+        ("5 s", "N/m", "a stiffness in N/m, for example 10 N/mm; got '5 s', which is a time"),
+        ("5 N", "m/s", "expected a speed in m/s, for example 200 mm/s; got '5 N', which is a force"),
+        ("5 m^2", "m", "of dimension [length] ** 2"),
+        ("20 periods", "s", "unknown unit 'periods' in '20 periods': expected a time in s"),
+        ("5 ns m q", "s", "unknown unit 'q'"),
+        ("fast", "m/s", "got 'fast'"),
+        ("", "s", "got ''"),
+        ("1 2 s", "s", "got '1 2 s'"),
+        ("0x10 s", "s", "got '0x10 s'"),
+        ("1_000 s", "s", "got '1_000 s'"),
+        ("9**9**9**9**9 s", "s", "expected a time"),
+        ("1 s**9**9**9**9", "s", "expected a time"),
+        ("nan", "s", "got 'nan'"),
+        ("inf s", "s", "got 'inf s'"),
+        ("1e400 s", "s", "finite; got '1e400 s'"),
+        ("1e308 ks", "s", "finite"),
+        ("0 Mm^9 Mm^9 Mm^9 Mm^9 Mm^9 Mm^9/m^9/m^9", "m", "expected a length"),
+        (float("nan"), "s", "finite; got nan"),
+        (float("-inf"), "s", "finite; got -inf"),
+        (10**400, "s", "finite; got an enormous number"),
+        pytest.param(10**5000, "s", "got an enormous number", id="too long to print"),
+        (True, "s", "expected a time in s, for example 5 ms; got true"),
+        (None, "s", "got nothing"),
+        ([1], "s", "got a list"),
+        ("x" * 1000, "s", "xxx..."),
+    ],
+)
+def test_what_is_no_such_quantity_says_what_was_expected_and_what_came(
+    value: object, unit: str, fragment: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_quantity(value, unit)
+    assert fragment in str(caught.value)
+
+
+@given(st.text() | st.from_regex(r"[0-9.e+-]{1,8} ?[a-zA-Zµ/*^ 0-9%-]{0,12}", fullmatch=True))
+def test_any_text_is_a_finite_float_or_a_config_error(text: str) -> None:
+    try:
+        value = parse_quantity(text, "N/m")
+    except ConfigError:
+        return
+    assert abs(value) < float("inf")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_and_its_text_are_the_same_quantity(value: float) -> None:
+    assert parse_quantity(value, "m") == parse_quantity(repr(value), "m") == value
+
+
+@pytest.mark.parametrize(
+    ("bounds", "value", "message"),
+    [
+        (Range(above=0), 0.0, "must be > 0 s, got 0 s"),
+        (Range(at_least=0), -1.0, "must be >= 0 s, got -1 s"),
+        (Range(at_most=1), 1.5, "must be <= 1 s, got 1.5 s"),
+        (Range(below=1), 1.0, "must be < 1 s, got 1 s"),
+    ],
+)
+def test_a_value_out_of_range_says_the_bound_and_its_unit(
+    bounds: Range, value: float, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        bounds.check(value, "s")
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+def test_a_share_includes_its_bounds(value: float) -> None:
+    assert SHARE.check(value) == value
+
+
+@dataclass(frozen=True)
+class Sample:
+    period: Annotated[Time, POSITIVE]
+    wait: Time | None = None
+
+
+@pytest.mark.parametrize(
+    ("given_value", "fragment"),
+    [
+        ({"period": "1 kg"}, "which is a mass"),
+        ({"period": "-1 ms"}, "must be > 0 s, got -0.001 s"),
+        ({"period": 1, "wait": "1 kg"}, "which is a mass"),
+    ],
+)
+def test_pydantic_reads_annotated_quantities(given_value: dict[str, Any], fragment: str) -> None:
+    from pydantic import TypeAdapter, ValidationError
+
+    adapter = TypeAdapter(Sample)
+    assert adapter.validate_python({"period": "1 ms", "wait": "2 ms"}) == Sample(0.001, 0.002)
+    with pytest.raises(ValidationError) as caught:
+        adapter.validate_python(given_value)
+    assert fragment in str(caught.value)
+
+
+def test_an_editor_is_told_the_unit() -> None:
+    from pydantic import TypeAdapter
+
+    schema = TypeAdapter(Sample).json_schema()["properties"]["period"]
+    assert schema["description"] == "time in s; or with its unit, e.g. 5 ms"
