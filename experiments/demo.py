@@ -25,8 +25,10 @@ def main() -> int:
     RESULTS.mkdir(parents=True, exist_ok=True)
     results = []
     for law in ("none", "certified"):
-        console.print(f"[bold]live run, law {law}[/bold]: device, controller and environment are "
-                      "processes of their own; a simulated hand presses into a late, stiff wall")
+        console.print(
+            f"[bold]live run, law {law}[/bold]: device, controller and environment are "
+            "processes of their own; a simulated hand presses into a late, stiff wall"
+        )
         config = load("delayed_wall.yaml", [f"law:={law}"])
         results.append(run_live(config, record=RESULTS / f"{law}.mcap"))
     picture = RESULTS / "demo.png"

@@ -433,14 +433,9 @@ def _kernel_of(law: str) -> Kernel:
             bounded = max(-largest, min(largest, wanted))
             state = settle(state, abs(bounded), abs(bounded - force), abs(force), *parameters)
             force = bounded
-            trace[n, 0] = time
-            trace[n, 1] = x
-            trace[n, 2] = reading
-            trace[n, 3] = asked
-            trace[n, 4] = force
-            trace[n, 5] = lowest_energy
-            trace[n, 6] = lowest_loss
-            trace[n, 7] = lowest_balance
+            row = (time, x, reading, asked, force, lowest_energy, lowest_loss, lowest_balance)
+            for column, value in enumerate(row):
+                trace[n, column] = value
 
     return jit(run)
 

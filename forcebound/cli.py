@@ -135,7 +135,8 @@ def simulate(
 
 @main.command()
 @click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=_ARGUMENTS)
 @click.option(
     "--run-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
@@ -146,12 +147,16 @@ def simulate(
     "--supervised",
     is_flag=True,
     hidden=True,
-    help="End when the starting process ends, wait for its word to engage.",
+    help="End with the process that started it; engage at its word.",
 )
 @_reports_errors
-def node(kind: str, file: Path, run_dir: Path, supervised: bool) -> None:
+def node(
+    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path, supervised: bool
+) -> None:
     """Run one node of a launch file by hand."""
-    raise NotImplementedError
+    from forcebound.launch.worker import run_node
+
+    sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
 
 
 @main.command()

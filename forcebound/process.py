@@ -26,7 +26,7 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
@@ -187,8 +187,6 @@ class Runner:
         ]
         self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
         self._control = network.control_server(control_endpoint(run_dir, name))
-        self._receivers: list[sockets.Receiver] = [inlet.subscriber for inlet in self._inlets]
-        self._receivers.append(self._control)
         self._stop_requested = False
         self._log: Sequence[str] = ()
         self.steps = 0
@@ -205,19 +203,9 @@ class Runner:
         self._log = log
         try:
             if self._node.wakes_on_arrival:
-                while not (stop.requested or self._stop_requested):
-                    self.turn(self.wait(stop.descriptor))
-                    if self._control.pending():
-                        self._control.serve(self.answer)
+                self._run_on_arrival(stop)
             else:
-                while not (stop.requested or self._stop_requested):
-                    self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-                    if self.steps % CONTROL_INTERVAL == 0:
-                        if self._control.pending():
-                            self._control.serve(self.answer)
-                        if engages_itself and self.status()["ready"]:
-                            self.answer({"request": "engage"})
-                            engages_itself = False
+                self._run_on_schedule(stop, engages_itself)
         finally:
             if self._servo is not None:
                 self._servo.stop(time.monotonic_ns())
@@ -225,22 +213,14 @@ class Runner:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
 
-    def wait(self, stop_descriptor: int) -> int:
-        """Sleep until there is something to do for a node that wakes on arrival; return the time.
+    def turn(self, time_ns: int, readable: Collection[int] | None = None) -> None:
+        """Receive, step the node if it has something to do, publish.
 
         Args:
-            stop_descriptor: Ends the sleep when it is readable.
+            time_ns: Now, in ns.
+            readable: Descriptors of the streams to look at; None: all of them.
         """
-        until_ns = self._next_ns()
-        timeout_ns = IDLE_NS
-        if until_ns is not None:
-            timeout_ns = min(timeout_ns, until_ns - time.monotonic_ns())
-        sockets.wait(self._receivers, timeout_ns, (stop_descriptor,))
-        return time.monotonic_ns()
-
-    def turn(self, time_ns: int) -> None:
-        """Receive, step the node if it has something to do, publish."""
-        received = self.receive(time_ns)
+        received = self.receive(time_ns, readable)
         wake_ns = self._node.wake_ns
         if not received and (wake_ns is None or wake_ns > time_ns):
             return
@@ -249,12 +229,25 @@ class Runner:
             publish[type(packet)](encode(packet))
         self.steps += 1
 
-    def receive(self, time_ns: int) -> list[Packet]:
-        """Return the packets that have arrived and are through their links at ``time_ns``."""
+    def receive(self, time_ns: int, readable: Collection[int] | None = None) -> list[Packet]:
+        """Return the packets that have arrived and are through their links at ``time_ns``.
+
+        Args:
+            time_ns: Now, in ns.
+            readable: Descriptors of the streams to look at; None: all of them.
+        """
         received: list[Packet] = []
         for inlet in self._inlets:
-            link = inlet.link
-            for data in inlet.subscriber.receive():
+            subscriber, link = inlet.subscriber, inlet.link
+            if readable is None:
+                arrived = subscriber.receive()
+            elif subscriber.descriptor in readable:
+                arrived = subscriber.receive_ready()
+            elif link is None:
+                continue
+            else:
+                arrived = []
+            for data in arrived:
                 try:
                     packet = decode(data, inlet.expected)
                 except PacketError as error:
@@ -300,6 +293,29 @@ class Runner:
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "log": list(self._log),
         }
+
+    def _run_on_arrival(self, stop: Stop) -> None:
+        streams = [inlet.subscriber.descriptor for inlet in self._inlets]
+        watched = [*streams, self._control.descriptor, stop.descriptor]
+        readable: Collection[int] | None = None  # at first, and now and then: look at everything
+        while not (stop.requested or self._stop_requested):
+            self.turn(time.monotonic_ns(), readable)
+            if readable is None or self._control.descriptor in readable:
+                self._control.serve(self.answer)
+            next_ns = self._next_ns()
+            timeout_ns = IDLE_NS if next_ns is None else next_ns - time.monotonic_ns()
+            readable = sockets.wait(watched, min(timeout_ns, IDLE_NS))
+            if not readable and next_ns is None:
+                readable = None
+
+    def _run_on_schedule(self, stop: Stop, engages_itself: bool) -> None:
+        while not (stop.requested or self._stop_requested):
+            self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
+            if self.steps % CONTROL_INTERVAL == 0:
+                self._control.serve(self.answer)
+                if engages_itself and self.status()["ready"]:
+                    self.answer({"request": "engage"})
+                    engages_itself = False
 
     def _next_ns(self) -> int | None:
         """Return when the node or a link has something to do, in ns."""
@@ -394,7 +410,7 @@ def record(
 
         flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
         while not stop.requested:
-            sockets.wait((control,), RECORDER_PERIOD_NS, (stop.descriptor,))
+            sockets.wait((stop.descriptor,), RECORDER_PERIOD_NS)
             control.serve(answer)
             take()
             if time.monotonic_ns() >= flush_ns:

@@ -1,6 +1,7 @@
 """What a run leaves behind, live or in virtual time: samples, configuration, summary."""
 
 import json
+import logging
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ from typing import Any
 from forcebound.analysis.metrics import summarize
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.recording import TelemetryColumns, read
+
+_logger = logging.getLogger(__name__)
 
 _PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "pyzmq", "mcap")
 
@@ -42,6 +45,8 @@ class RunResult:
             ConfigError: If there is no such file or it is no recording of a run.
         """
         recording = read(path)
+        if not recording.complete:
+            _logger.warning("%s was cut off; what can be read of it is used", path)
         return cls(recording.telemetry, json.loads(recording.metadata.get("launch", "{}")))
 
     @property

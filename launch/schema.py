@@ -73,12 +73,11 @@ def _argument() -> dict[str, Any]:
 
 def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
     """One alternative for each kind; the kind itself may come from an included file."""
-    return {
-        "anyOf": [
-            _mapping({"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}, **_properties(fields_of(kind)), **beside})
-            for name, kind in sorted(KINDS[section].items())
-        ]
-    }
+    alternatives = []
+    for name, kind in sorted(KINDS[section].items()):
+        chosen = {"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}}
+        alternatives.append(_mapping({**chosen, **_properties(fields_of(kind)), **beside}))
+    return {"anyOf": alternatives}
 
 
 def _properties(fields: Mapping[str, Field]) -> dict[str, Any]:

@@ -236,6 +236,8 @@ class _Tree:
                 break
             key = self._value(event, stream, depth + 1)
             value = replace(self._value(next(stream), stream, depth + 1), key=key.place)
+            if value.content is None and not value.text:  # the parser places nothing a line below
+                value = replace(value, place=key.place)
             size += value.size
             if isinstance(key.content, Mapping | tuple) or key.content is None:
                 self._problems.add(f"a key must be a name, got {key}", key.place)

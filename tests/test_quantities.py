@@ -52,7 +52,7 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(
     ("value", "unit", "fragment"),
     [
         ("5 s", "N/m", "a stiffness in N/m, for example 10 N/mm; got '5 s', which is a time"),
-        ("5 N", "m/s", "expected a speed in m/s, for example 200 mm/s; got '5 N', which is a force"),
+        ("5 N", "m/s", "a speed in m/s, for example 200 mm/s; got '5 N', which is a force"),
         ("5 m^2", "m", "of dimension [length] ** 2"),
         ("20 periods", "s", "unknown unit 'periods' in '20 periods': expected a time in s"),
         ("5 ns m q", "s", "unknown unit 'q'"),

@@ -1,0 +1,288 @@
+"""What every bounding law promises, and the play operator."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from bounding_traces import MS, PHANTOM, Trace, forces, run, steady
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
+from forcebound.bounding.bounder import shorten
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import Vector
+
+BOUNDING_LAWS = sorted(name for name, law in LAWS.items() if not law.adds_damping)
+CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
+PAPER_LAWS = sorted(name for name in LAWS if "conservative" in name)
+
+light = settings(deadline=None, max_examples=25)
+
+samples = st.lists(
+    st.tuples(
+        st.integers(1, 8 * MS),
+        st.tuples(*[st.floats(-0.1, 0.1)] * 3),
+        st.tuples(*[st.one_of(st.just(0.0), st.floats(-1e3, 1e3))] * 3),
+    ),
+    max_size=15,
+)
+devices = st.builds(
+    Dissipation,
+    damping=st.floats(0.01, 3.0),
+    friction=st.floats(0.0, 1.0),
+    resolution=st.sampled_from((0.0, 1e-6, 3e-5, 2e-4)),
+    period=st.just(1e-3),
+    hold_limit=st.floats(1e-3, 3e-3),
+    saturation=st.floats(0.1, 30.0),
+)
+
+
+# What all laws promise
+
+
+@pytest.mark.parametrize("law", BOUNDING_LAWS)
+@light
+@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
+def test_the_force_is_never_more_than_asked_nor_than_the_limit(
+    law: str, dissipation: Dissipation, trace: Trace, axes: int
+) -> None:
+    for asked, force, limit, _ in run(law, dissipation, trace, axes):
+        assert math.hypot(*force) <= min(math.hypot(*asked), limit)
+        assert limit <= dissipation.saturation
+
+
+@pytest.mark.parametrize("law", BOUNDING_LAWS)
+@light
+@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
+def test_the_force_has_the_direction_asked_for(
+    law: str, dissipation: Dissipation, trace: Trace, axes: int
+) -> None:
+    for asked, force, _, _ in run(law, dissipation, trace, axes):
+        share = math.hypot(*force) / math.hypot(*asked) if any(asked) else 0.0
+        for f, a in zip(force, asked, strict=True):
+            assert f * a >= 0.0
+            assert f == pytest.approx(share * a, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@light
+@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
+def test_all_numbers_stay_finite_and_within_the_saturation(
+    law: str, dissipation: Dissipation, trace: Trace, axes: int
+) -> None:
+    for _, force, limit, energy in run(law, dissipation, trace, axes):
+        assert math.hypot(*force) <= dissipation.saturation
+        assert limit >= 0.0
+        assert math.isfinite(energy)
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@light
+@given(dissipation=devices, trace=samples, axes=st.integers(1, 3))
+def test_the_same_inputs_give_the_same_bits(
+    law: str, dissipation: Dissipation, trace: Trace, axes: int
+) -> None:
+    assert run(law, dissipation, trace, axes) == run(law, dissipation, trace, axes)
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@light
+@given(trace=samples.filter(bool))
+def test_a_start_forgets_everything_before(law: str, trace: Trace) -> None:
+    bounder = ForceBounder(law, PHANTOM)
+    bounder.start(0, (0.5,))
+    bounder.settle(bounder.bound(MS, (0.0,), (3.0,)))
+    time_ns = 2 * MS
+    bounder.start(time_ns, (0.0,))
+    for elapsed_ns, position, asked in trace:
+        time_ns += elapsed_ns
+        bounder.settle(bounder.bound(time_ns, position[:1], asked[:1]))
+    assert bounder.estimated_energy == run(law, PHANTOM, trace)[-1].energy
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@light
+@given(dissipation=devices, trace=samples)
+def test_the_functions_of_a_law_hide_no_state(
+    law: str, dissipation: Dissipation, trace: Trace
+) -> None:
+    chosen = LAWS[law]
+    parameters = chosen.parameters(dissipation)
+    state = chosen.start(*parameters)
+    for elapsed_ns, position, asked in trace:
+        inputs = (state, abs(asked[0]), elapsed_ns / 1e9, abs(position[0]), 0.0, 0.0, 0.0, 0.0, 0.0)
+        first = chosen.limit(*inputs, *parameters)
+        assert chosen.limit(*inputs, *parameters) == first
+        state = first[0]
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@light
+@given(trace=samples)
+def test_motion_along_one_of_three_axes_gives_what_one_axis_gives(
+    law: str, axis: int, trace: Trace
+) -> None:
+    exact = replace(PHANTOM, resolution=0.0)  # the price of a start knows the number of axes
+
+    def along(value: float) -> Vector:
+        return tuple(value if i == axis else 0.0 for i in range(3))
+
+    in_three = [(dt, along(x[0]), along(f[0])) for dt, x, f in trace]
+    for one, three in zip(run(law, exact, trace), run(law, exact, in_three, 3), strict=True):
+        assert three[1][axis] == pytest.approx(one[1][0], rel=1e-6, abs=1e-6)
+        assert three[3] == pytest.approx(one[3], rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@light
+@given(trace=samples)
+def test_a_mirrored_world_gives_mirrored_forces(law: str, trace: Trace) -> None:
+    mirrored = [(dt, tuple(-x for x in q), tuple(-f for f in asked)) for dt, q, asked in trace]
+    exact = replace(PHANTOM, resolution=0.0)
+    for row, other in zip(run(law, exact, trace), run(law, exact, mirrored), strict=True):
+        assert other[1][0] == -row[1][0]
+        assert other[2:] == row[2:]
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+def test_without_motion_and_history_the_laws_of_the_paper_give_no_force(law: str) -> None:
+    rows = run(law, PHANTOM, steady([0.0] * 5, [3.0, -3.0, 0.0, 1e-9, 8.5]))
+    assert forces(rows) == [0.0] * 5
+
+
+@pytest.mark.parametrize("law", ["aol", *CERTIFIED_LAWS])
+def test_without_motion_and_history_the_exact_laws_give_at_most_friction(law: str) -> None:
+    rows = run(law, PHANTOM, steady([0.0] * 5, [3.0, -3.0, 0.0, 1e-9, 8.5]))
+    assert max(abs(f) for f in forces(rows)) == 0.12
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_a_force_that_was_written_weaker_enters_the_next_sample(law: str) -> None:
+    trace = steady([1e-3, 2e-3, 3e-3], [5.0, 5.0, 5.0])
+    weaker = run(law, PHANTOM, trace, applied=lambda force: (0.5 * force[0],))
+    if law not in ("none", "tdpa"):
+        assert weaker[1][3] != run(law, PHANTOM, trace)[1][3]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_not_finite_are_refused_before_the_law(value: float) -> None:
+    bounder = ForceBounder("certified", PHANTOM, axes=2)
+    with pytest.raises(ValueError, match="finite"):
+        bounder.bound(MS, (0.0, 0.0), (0.0, value))
+    bounder = ForceBounder("certified", PHANTOM, axes=2)
+    with pytest.raises(ValueError, match="finite"):
+        bounder.bound(MS, (value, 0.0), (1.0, 0.0))
+
+
+def test_a_clock_that_does_not_advance_is_refused() -> None:
+    bounder = ForceBounder("certified", PHANTOM)
+    bounder.start(5, (0.0,))
+    with pytest.raises(ValueError, match="advance"):
+        bounder.bound(5, (0.0,), (0.0,))
+
+
+def test_vectors_of_another_length_are_refused() -> None:
+    bounder = ForceBounder("certified", PHANTOM, axes=2)
+    with pytest.raises(ValueError, match="expected 2 positions"):
+        bounder.start(0, (0.0,))
+    with pytest.raises(ValueError, match="argument 2"):
+        bounder.bound(MS, (0.0,), (0.0, 0.0))
+    with pytest.raises(ValueError, match="argument 2"):
+        bounder.settle((0.0, 0.0, 0.0))
+
+
+def test_an_unknown_law_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"'certifed'.*aol, certified, certified_memoryless"):
+        ForceBounder("certifed", PHANTOM)
+    with pytest.raises(ConfigError, match="axes must be >= 1"):
+        ForceBounder("certified", PHANTOM, axes=0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("damping", 0.0),
+        ("damping", math.nan),
+        ("friction", -0.1),
+        ("resolution", math.inf),
+        ("period", 0.0),
+        ("hold_limit", 0.5e-3),
+        ("saturation", -1.0),
+    ],
+)
+def test_a_device_with_impossible_constants_is_refused(field: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=field):
+        replace(PHANTOM, **{field: value})
+
+
+def test_every_law_says_in_one_line_what_it_is() -> None:
+    assert all(law.summary and "\n" not in law.summary for law in LAWS.values())
+
+
+@pytest.mark.parametrize("length", [1e-300, 1e-12, 3.7, 1e200])
+@pytest.mark.parametrize("limit", [0.0, 5e-324, 1e-13, 8.5])
+def test_a_shortened_vector_is_not_longer_than_the_limit_by_a_single_bit(
+    length: float, limit: float
+) -> None:
+    for angle in range(100):
+        force = (length * math.cos(angle), length * math.sin(angle))
+        assert math.hypot(*shorten(force, math.hypot(*force), limit)) <= max(limit, 0.0)
+
+
+# The play operator
+
+readings = st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=50)
+
+
+@light
+@given(readings, st.floats(0.0, 0.5))
+def test_the_play_operator_stays_within_its_half_width(
+    values: list[float], half_width: float
+) -> None:
+    y = values[0]
+    for q in values:
+        y = play(q, y, half_width)
+        assert abs(q - y) <= half_width * (1 + 1e-12) + 1e-15
+
+
+@light
+@given(st.floats(-1.0, 1.0), st.lists(st.floats(-0.5, 0.5), max_size=30))
+def test_the_play_operator_takes_chatter_within_its_width_for_rest(
+    centre: float, offsets: list[float]
+) -> None:
+    y = centre
+    for offset in offsets:
+        y = play(centre + 0.5 * offset, y, 0.25 + 1e-12)
+    assert y == centre
+
+
+@light
+@given(readings, st.lists(st.floats(-1.0, 1.0), min_size=50, max_size=50), st.floats(0.0, 0.3))
+def test_no_signal_near_the_readings_has_a_shorter_path_but_for_the_start(
+    values: list[float], errors: list[float], r: float
+) -> None:
+    truth = [q + r * e for q, e in zip(values, errors, strict=False)]
+    path = sum(abs(b - a) for a, b in pairwise(truth))
+    y, played = values[0], 0.0
+    for q in values:
+        moved = play(q, y, r)
+        played += abs(moved - y)
+        y = moved
+    assert played <= path + r + 1e-9
+
+
+@light
+@given(readings, st.floats(0.0, 0.3))
+def test_the_bounder_plays_as_the_play_operator_does(values: list[float], r: float) -> None:
+    """With friction of 1 N alone and no force the ledger is the path less the price of the start."""
+    device = replace(PHANTOM, damping=1e-12, friction=1.0, resolution=2 * r)
+    y = played = 0.0
+    for q in values:
+        moved = play(q, y, r)
+        played += abs(moved - y)
+        y = moved
+    energy = run("certified", device, steady(values, [0.0] * len(values)))[-1][3]
+    assert energy == pytest.approx(played - r, abs=1e-6)

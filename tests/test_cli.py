@@ -1,0 +1,139 @@
+"""The command line as a person uses it: results, messages, exit status."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from forcebound.bounding import LAWS
+from forcebound.cli import main
+
+QUICK = ("--duration", "200 ms")
+
+
+def invoke(*words: str) -> Result:
+    return CliRunner().invoke(main, words, catch_exceptions=False)
+
+
+def test_help_names_every_command_and_imports_nothing_heavy() -> None:
+    program = (
+        "import sys; from forcebound.cli import main\n"
+        "try: main(['--help'])\n"
+        "finally: print(sorted({'numpy','numba','zmq','pydantic','matplotlib','rich'} "
+        "& set(sys.modules)))"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
+    for command in ("launch", "simulate", "node", "plot", "bench"):
+        assert f"  {command} " in out
+    assert out.splitlines()[-1] == "[]"
+
+
+def test_simulate_prints_one_document_with_the_promised_keys() -> None:
+    result = invoke("simulate", "stiff_wall.yaml", "--json", *QUICK)
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert document["law"] == "certified"
+    assert document["samples"] == pytest.approx(200, abs=2)
+    assert set(document) >= {
+        "duration_s",
+        "displayed_stiffness_n_per_m",
+        "rate_hardness_n_per_m",
+        "peak_force_n",
+        "peak_penetration_m",
+        "true_energy_min_j",
+        "estimated_energy_min_j",
+        "bounder_active_share",
+        "loop_delay_ms",
+        "deadline_misses",
+        "rejected_packets",
+        "contact_reversals",
+    }
+    assert set(document["loop_delay_ms"]) == {"p50", "p99", "max"}
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_every_law_can_be_asked_for_in_the_launch_files(law: str) -> None:
+    result = invoke("simulate", "delayed_wall.yaml", f"law:={law}", "--json", *QUICK)
+    assert json.loads(result.stdout)["law"] == law
+
+
+def test_the_issue_s_claims_hold_in_virtual_time() -> None:
+    def summary(law: str, *more: str) -> dict[str, float]:
+        result = invoke("simulate", "stiff_wall.yaml", f"law:={law}", *more, "--json")
+        document = json.loads(result.stdout)
+        assert isinstance(document, dict)
+        return document
+
+    assert summary("none", "delay:=2 ms")["true_energy_min_j"] < -0.01
+    for law in ("certified", "certified_memoryless"):
+        document = summary(law, "delay:=2 ms")
+        assert document["true_energy_min_j"] >= -1e-9
+        assert document["at_rest"]
+    stiffness = summary("more_conservative_viscous")["displayed_stiffness_n_per_m"]
+    assert stiffness == pytest.approx(540.0, rel=0.05)
+
+
+def test_the_same_seed_writes_identical_recordings(tmp_path: Path) -> None:
+    files = [tmp_path / f"{k}.mcap" for k in range(3)]
+    arguments = ("delayed_wall.yaml", "delay:=2 ms")
+    for file, seed in zip(files, ("1", "1", "2"), strict=True):
+        result = invoke("simulate", *arguments, "--record", str(file), "--seed", seed, *QUICK)
+        assert result.exit_code == 0
+    first, again, other = (file.read_bytes() for file in files)
+    assert first == again
+    assert first != other
+
+
+def test_a_recording_is_drawn_and_summed_up(tmp_path: Path) -> None:
+    run = tmp_path / "run.mcap"
+    assert invoke("simulate", "stiff_wall.yaml", "--record", str(run), *QUICK).exit_code == 0
+    result = invoke("plot", str(run))
+    assert result.exit_code == 0
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    result = invoke("plot", str(run), str(run), "-o", str(tmp_path / "two.svg"), "--json")
+    assert len(json.loads(result.stdout)["runs"]) == 2
+    assert (tmp_path / "two.svg").read_text().startswith("<?xml")
+
+
+def test_check_and_show_args_start_nothing() -> None:
+    assert "correct" in invoke("launch", "stiff_wall.yaml", "--check").stdout
+    document = json.loads(invoke("launch", "stiff_wall.yaml", "--check", "--json").stdout)
+    assert document["environment"]["stiffness"] == 10_000.0
+    shown = invoke("launch", "stiff_wall.yaml", "--show-args").stdout
+    for name in ("law", "stiffness", "approach_speed", "delay", "compute_delay", "seed"):
+        assert f"{name}:=" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("simulate", "stiff_wall.yaml", "law:=certifed"), "did you mean 'certified'"),
+        (("launch", "stiff_wall.yaml", "stiffness:=3 s"), "which is a time"),
+        (("simulate", "stiff_wall.yaml", "stifness:=3"), "did you mean 'stiffness'"),
+        (("simulate", "nowhere.yaml"), "there is no launch file 'nowhere.yaml'"),
+        (("simulate", "stiff_wall.yaml", "--duration", "3 N"), "expected a time in s"),
+        (("simulate", "stiff_wall.yaml", "--duration", "0 s"), "must be > 0 s"),
+        (("plot", "nothing.mcap"), "nothing.mcap"),
+        (("launch", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "no folder /nowhere"),
+        (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "/nowhere"),
+        (("bench", "nothing"), "nothing"),
+    ],
+)
+def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], message: str) -> None:
+    result = invoke(*words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    file.write_text("no recording")
+    result = invoke("plot", str(file))
+    assert result.exit_code == 2
+    assert "run.mcap" in result.stderr

@@ -1,0 +1,54 @@
+"""The rooms on disk are the rooms in the package, and the package is whole."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def rooms() -> set[str]:
+    """Every folder with an ``__init__.py`` that is imported as part of forcebound."""
+    folders = [ROOT / "forcebound", *(p for p in (ROOT / "forcebound").iterdir() if p.is_dir())]
+    return {
+        "forcebound" if folder.name == "forcebound" else f"forcebound.{folder.name}"
+        for folder in folders
+        if (folder / "__init__.py").exists()
+    }
+
+
+def test_every_room_is_packaged() -> None:
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == rooms()
+
+
+def test_every_room_has_its_layer() -> None:
+    (layers,) = (c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    named = {name.strip() for row in layers["layers"] for name in re.split(r"[|:]", row)}
+    modules = {
+        path.stem
+        for path in (ROOT / "forcebound").iterdir()
+        if (path.suffix == ".py" or (path / "__init__.py").exists())
+        and not path.stem.startswith("__")
+    }
+    assert named == modules
+
+
+@pytest.mark.parametrize("room", ["nodes", "messages", "launch"])
+def test_a_room_cannot_be_imported_under_its_bare_name(room: str) -> None:
+    out = subprocess.run(
+        [sys.executable, "-c", f"import {room}"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert out.returncode == 1
+    assert f"import forcebound.{room}, not {room}" in out.stderr
+
+
+def test_no_commit_names_an_address_or_a_home() -> None:
+    for name in ("constraints.txt", "pyproject.toml", "Makefile"):
+        text = (ROOT / name).read_text()
+        assert "://" not in text.replace("ipc://", "")
+        assert not re.search(r"/(home|root|Users)/", text)
