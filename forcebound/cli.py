@@ -150,9 +150,7 @@ def simulate(
     help="End with the process that started it; engage at its word.",
 )
 @_reports_errors
-def node(
-    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path, supervised: bool
-) -> None:
+def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path, supervised: bool) -> None:
     """Run one node of a launch file by hand."""
     from forcebound.launch.worker import run_node
 
@@ -183,6 +181,35 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
         return
     print_table(results)
     click.echo(f"picture: {output}")
+
+
+@main.command()
+@click.argument("name")
+@_duration_option
+@click.option("--rate", default=1000.0, show_default=True, help="Ticks a second, in Hz.")
+@_json_option
+@_reports_errors
+def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
+    """Measure NAME, servo or loop, beside its limit in the same run."""
+    from forcebound.benchmark import BENCHMARKS, tables
+
+    if name not in BENCHMARKS:
+        known = "; ".join(f"{key}: {one.summary}" for key, one in BENCHMARKS.items())
+        raise ConfigError(f"no benchmark {name!r}; known are {known}")
+    if not rate > 0:
+        raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
+    result = BENCHMARKS[name].run(duration, rate, lambda line: click.echo(line, err=True))
+    if as_json:
+        _print_json(result)
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    for one in tables(result):
+        table = Table(*one.columns, title=one.title, title_justify="left", box=None)
+        for row in one.rows:
+            table.add_row(*row)
+        Console().print(table)
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
