@@ -8,6 +8,7 @@ import json
 import logging
 import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -158,6 +159,14 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path, superv
 
 
 @main.command()
+def schema() -> None:
+    """Print the JSON schema of launch files, for completion in an editor."""
+    from forcebound.launch.schema import json_schema
+
+    _print_json(json_schema())
+
+
+@main.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
 @click.option(
     "-o",
@@ -217,10 +226,12 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
     arguments = arguments_of(file)
     if as_json:
-        _print_json([{"name": a.name, "default": a.default, "help": a.help} for a in arguments])
+        _print_json([asdict(argument) for argument in arguments])
         return
     for argument in arguments:
-        click.echo(f"{argument.name}:={argument.default}    {argument.help}")
+        default = "(required)" if argument.default is None else argument.default
+        choices = f" [{', '.join(map(str, argument.choices))}]" if argument.choices else ""
+        click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
 
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:

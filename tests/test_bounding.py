@@ -277,7 +277,7 @@ def test_no_signal_near_the_readings_has_a_shorter_path_but_for_the_start(
 @light
 @given(readings, st.floats(0.0, 0.3))
 def test_the_bounder_plays_as_the_play_operator_does(values: list[float], r: float) -> None:
-    """With friction of 1 N alone and no force the ledger is the path less the price of the start."""
+    """With friction of 1 N alone the ledger is the path less the price of the start."""
     device = replace(PHANTOM, damping=1e-12, friction=1.0, resolution=2 * r)
     y = played = 0.0
     for q in values:

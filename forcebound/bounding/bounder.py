@@ -114,11 +114,11 @@ class ForceBounder:
             # play(), written out: a call costs more than what it does
             playing = plays[axis]
             if reading - r > playing:
-                paths[axis] += reading - r - playing
                 plays[axis] = reading - r
+                paths[axis] += plays[axis] - playing
             elif reading + r < playing:
-                paths[axis] += playing - reading - r
                 plays[axis] = reading + r
+                paths[axis] += playing - plays[axis]
             path_square += paths[axis] * paths[axis]
         asked_norm = math.hypot(*force)
         if not asked_norm + distance_square < math.inf:

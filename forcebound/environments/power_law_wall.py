@@ -1,10 +1,11 @@
 """A wall whose force grows with a power of the penetration, like soft tissue or a contact."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Length, Ratio, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Length, Ratio, Stiffness
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class PowerLawWall:
     (H. Hertz, J. reine angew. Math. 92, 1881); 1 is the linear wall.
     """
 
-    stiffness: Stiffness = 10_000.0
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0
     exponent: Ratio = 1.5
     reference: Length = 0.001
     position: Length = 0.010

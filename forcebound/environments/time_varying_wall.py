@@ -1,17 +1,18 @@
 """A wall that grows stiffer with time."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.environments.wall import on_first_axis, wall_force
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Length, Stiffness, StiffnessRate
+from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness, StiffnessRate
 
 
 @dataclass(frozen=True)
 class TimeVaryingWall:
     """A wall of stiffness ``k_1 + k_2 t`` across the first axis (paper Eq. 32, second line)."""
 
-    stiffness: Stiffness = 300.0  # k_1; paper 4.2: 0.3 N/mm
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 300.0  # k_1; paper 4.2: 0.3 N/mm
     stiffness_rate: StiffnessRate = 60.0  # k_2; paper 4.2: 0.06 N/mm per s
     position: Length = 0.010
 

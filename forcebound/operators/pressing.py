@@ -1,21 +1,22 @@
 """A hand that approaches at a set speed and then presses towards a point behind the surface."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Damping, Length, Mass, Speed, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Damping, Length, Mass, Speed, Stiffness
 
 
 @dataclass(frozen=True)
 class PressingHand:
-    """Mass, spring and damper whose target moves from ``start`` to ``target`` along the first axis.
+    """Mass, spring and damper whose target moves from ``start`` to ``end`` along the first axis.
 
     The default values press about as the soft grip of the paper's experiments does (section 4.1).
     """
 
-    mass: Mass = 0.275
-    stiffness: Stiffness = 950.0
-    damping: Damping = 2.8
+    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Length = -0.010
     end: Length = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
     approach_speed: Speed = 0.2  # paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s

@@ -2,21 +2,22 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Damping, Frequency, Length, Mass, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Damping, Frequency, Length, Mass, Stiffness
 
 
 @dataclass(frozen=True)
 class SinusoidalHand:
     """Mass, spring and damper whose target is a sine along the first axis (paper Fig. 19: 2 Hz)."""
 
-    mass: Mass = 0.275
-    stiffness: Stiffness = 950.0
-    damping: Damping = 2.8
+    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     centre: Length = 0.010
-    amplitude: Length = 0.004
-    frequency: Frequency = 2.0
+    amplitude: Annotated[Length, NOT_NEGATIVE] = 0.004
+    frequency: Annotated[Frequency, NOT_NEGATIVE] = 2.0
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""

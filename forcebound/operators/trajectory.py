@@ -4,10 +4,11 @@ import csv
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
-from forcebound.quantities import Damping, Mass, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,9 @@ class TrajectoryHand:
     """
 
     file: Path
-    mass: Mass = 0.275
-    stiffness: Stiffness = 950.0
-    damping: Damping = 2.8
+    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     _times: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _positions: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
 
