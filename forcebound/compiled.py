@@ -15,7 +15,8 @@ import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from types import FunctionType
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -44,6 +45,9 @@ def _cache_folder() -> str | None:
 def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False) -> Callable[P, R]:
     """Return ``function`` compiled to machine code, cached on disk where that is possible.
 
+    The functions of this package that it calls are compiled with it. Compiled code runs without
+    Python's global lock.
+
     Args:
         function: A function of numbers and arrays that numba understands.
         parallel: Spread ``numba.prange`` loops over the cores.
@@ -55,15 +59,38 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
     folder = _cache_folder()
     if folder is not None:
         vars(numba.config)["CACHE_DIR"] = folder  # a module made at run time, unknown to checkers
+    allow_in_kernels(_called_by(function))
     compiled: Callable[P, R] = numba.njit(
-        cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy"
+        cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
     )(function)
     return compiled
 
 
+_allowed: set[Callable[..., object]] = set()
+
+
 def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
-    """Let compiled kernels call these plain functions; they stay plain for everyone else."""
+    """Let compiled kernels call these plain functions; they stay plain for everyone else.
+
+    With them go the functions of this package that they call.
+    """
     from numba.extending import register_jitable
 
     for function in functions:
-        register_jitable(function)
+        if function not in _allowed:
+            _allowed.add(function)
+            allow_in_kernels(_called_by(function))
+            register_jitable(function)
+
+
+def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:
+    """Return the plain functions of this package that ``function`` names."""
+    code = function.__code__
+    named = [function.__globals__.get(name) for name in code.co_names]
+    named += [cell.cell_contents for cell in function.__closure__ or ()]
+    package = __name__.partition(".")[0]
+    return [
+        one
+        for one in named
+        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] == package
+    ]

@@ -187,6 +187,9 @@ class Runner:
         ]
         self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
         self._control = network.control_server(control_endpoint(run_dir, name))
+        self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
+        self._descriptors.append(self._control.descriptor)
+        self._readable: Collection[int] | None = None  # None: look at everything
         self._stop_requested = False
         self._log: Sequence[str] = ()
         self.steps = 0
@@ -213,29 +216,40 @@ class Runner:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
 
-    def turn(self, time_ns: int, readable: Collection[int] | None = None) -> None:
+    def wait(self, stop_descriptor: int) -> int:
+        """Sleep until a node that wakes on arrival may have something to do; return the time.
+
+        It also answers the control socket.
+
+        Args:
+            stop_descriptor: Ends the sleep when it is readable.
+        """
+        next_ns = self._next_ns()
+        timeout_ns = IDLE_NS if next_ns is None else min(IDLE_NS, next_ns - time.monotonic_ns())
+        readable = sockets.wait((*self._descriptors, stop_descriptor), timeout_ns)
+        # Now and then everything is looked at, in case a descriptor has kept something to itself.
+        self._readable = None if not readable and next_ns is None else readable
+        if self._readable is None or self._control.descriptor in self._readable:
+            self._control.serve(self.answer)
+        return time.monotonic_ns()
+
+    def turn(self, time_ns: int) -> None:
         """Receive, step the node if it has something to do, publish.
 
-        Args:
-            time_ns: Now, in ns.
-            readable: Descriptors of the streams to look at; None: all of them.
+        It looks at the streams of which :meth:`wait` has found that something came; without a
+        :meth:`wait` before it, at all of them.
         """
-        received = self.receive(time_ns, readable)
+        received = self.receive(time_ns)
         wake_ns = self._node.wake_ns
-        if not received and (wake_ns is None or wake_ns > time_ns):
-            return
-        publish = self._publish
-        for packet in self._node.step(time_ns, received):
-            publish[type(packet)](encode(packet))
-        self.steps += 1
+        if received or (wake_ns is not None and wake_ns <= time_ns):
+            publish = self._publish
+            for packet in self._node.step(time_ns, received):
+                publish[type(packet)](encode(packet))
+            self.steps += 1
 
-    def receive(self, time_ns: int, readable: Collection[int] | None = None) -> list[Packet]:
-        """Return the packets that have arrived and are through their links at ``time_ns``.
-
-        Args:
-            time_ns: Now, in ns.
-            readable: Descriptors of the streams to look at; None: all of them.
-        """
+    def receive(self, time_ns: int) -> list[Packet]:
+        """Return the packets that have arrived and are through their links at ``time_ns``."""
+        readable, self._readable = self._readable, None
         received: list[Packet] = []
         for inlet in self._inlets:
             subscriber, link = inlet.subscriber, inlet.link
@@ -295,18 +309,8 @@ class Runner:
         }
 
     def _run_on_arrival(self, stop: Stop) -> None:
-        streams = [inlet.subscriber.descriptor for inlet in self._inlets]
-        watched = [*streams, self._control.descriptor, stop.descriptor]
-        readable: Collection[int] | None = None  # at first, and now and then: look at everything
         while not (stop.requested or self._stop_requested):
-            self.turn(time.monotonic_ns(), readable)
-            if readable is None or self._control.descriptor in readable:
-                self._control.serve(self.answer)
-            next_ns = self._next_ns()
-            timeout_ns = IDLE_NS if next_ns is None else next_ns - time.monotonic_ns()
-            readable = sockets.wait(watched, min(timeout_ns, IDLE_NS))
-            if not readable and next_ns is None:
-                readable = None
+            self.turn(self.wait(stop.descriptor))
 
     def _run_on_schedule(self, stop: Stop, engages_itself: bool) -> None:
         while not (stop.requested or self._stop_requested):

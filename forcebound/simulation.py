@@ -5,11 +5,13 @@ Strategy:
 1. Time is an integer, in ns. A heap holds what happens next: a node wants to be stepped, because
    its time has come or because a packet is through on one of its links.
 2. Entries of one time are ordered: packets first, then wake-ups, then in the order in which they
-   were made. So a chain of instant links is run through before the device's next instant of the
-   same time, and a run is a function of its configuration and seed: same seed, same bits.
+   were made; what a perfect link delivers comes before all of them. So a chain of perfect links is
+   run through before the device's next instant of the same time, and a run is a function of its
+   configuration and seed: same seed, same bits.
 3. A computation takes no virtual time, unless a node says so by answering later.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from heapq import heappop, heappush
 
@@ -26,11 +28,12 @@ class Simulation:
 
     Args:
         nodes: The nodes; each topic has one publisher and at most one subscriber among them.
-        links: The link of each topic that a node subscribes to.
+        links: Impaired links by topic; a topic that is not here has a perfect link, which delivers
+            at once and keeps only the newest packet for a node that takes it later.
         observe: Called with each packet at its sending, in order.
 
     Raises:
-        ConfigError: If a subscribed topic has no publisher or no link.
+        ConfigError: If a subscribed topic has no publisher.
     """
 
     def __init__(
@@ -41,24 +44,24 @@ class Simulation:
     ) -> None:
         self._nodes = nodes
         self._observe = observe
-        self._inboxes: list[list[Link[Packet]]] = []
-        self._routes: dict[type[Packet], tuple[Link[Packet], int]] = {}
+        self._mail: list[dict[type[Packet], Packet]] = [{} for _ in nodes]  # delivered, not taken
+        self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
+        self._routes: dict[type[Packet], tuple[int, Link[Packet] | None, bool]] = {}
         self._heap: list[tuple[int, int, int, int]] = []  # time, kind, number, node
         self._number = 0
         self._due: list[list[int | None]] = [[None] * len(nodes), [None] * len(nodes)]  # by kind
+        self._now: deque[int] = deque()  # nodes to which something was delivered just now
         self.time_ns = 0
         published = {packet for node in nodes for packet in node.publishes}
         for index, node in enumerate(nodes):
-            inbox = []
             for packet in node.subscribes:
                 topic = TOPIC_OF[packet]
                 if packet not in published:
                     raise ConfigError(f"no node of the graph publishes {topic}")
-                if topic not in links:
-                    raise ConfigError(f"no link for {topic}")
-                inbox.append(links[topic])
-                self._routes[packet] = (links[topic], index if node.wakes_on_arrival else -1)
-            self._inboxes.append(inbox)
+                link = links.get(topic)
+                self._routes[packet] = (index, link, node.wakes_on_arrival)
+                if link is not None:
+                    self._links[index].append(link)
             self._schedule(_WAKE, index, node.wake_ns)
 
     def run(self, until_ns: int) -> None:
@@ -66,31 +69,46 @@ class Simulation:
         heap = self._heap
         while heap and heap[0][0] < until_ns:
             time_ns, kind, _, index = heappop(heap)
-            if time_ns != self._due[kind][index]:
+            due = self._due[kind]
+            if time_ns != due[index]:
                 continue  # it has changed its mind since
-            self._due[kind][index] = None
+            due[index] = None
             self.time_ns = time_ns
-            self._step(index)
+            self._step(index, time_ns)
+            while self._now:
+                self._step(self._now.popleft(), time_ns)
         self.time_ns = until_ns
 
-    def _step(self, index: int) -> None:
+    def _step(self, index: int, time_ns: int) -> None:
         node = self._nodes[index]
-        received: list[Packet] = []
-        for link in self._inboxes[index]:
-            received += link.due(self.time_ns)
-        for packet in node.step(self.time_ns, received):
+        mail = self._mail[index]
+        received = list(mail.values())
+        mail.clear()
+        links = self._links[index]
+        for link in links:
+            received += link.due(time_ns)
+        for packet in node.step(time_ns, received):
             self._observe(packet)
-            route = self._routes.get(type(packet))
-            if route is not None:
-                link, receiver = route
-                link.accept(self.time_ns, packet)
-                if receiver >= 0:
+            kind = type(packet)
+            route = self._routes.get(kind)
+            if route is None:
+                continue
+            receiver, link, wakes_on_arrival = route
+            if link is not None:
+                link.accept(time_ns, packet)
+                if wakes_on_arrival:
                     self._schedule(_ARRIVAL, receiver, link.next_due_ns)
-        if node.wakes_on_arrival:
-            for link in self._inboxes[index]:
+                continue
+            self._mail[receiver][kind] = packet
+            if wakes_on_arrival and receiver not in self._now:
+                self._now.append(receiver)
+        if links and node.wakes_on_arrival:
+            for link in links:
                 self._schedule(_ARRIVAL, index, link.next_due_ns)
-        if (wake_ns := node.wake_ns) != self._due[_WAKE][index]:
-            self._due[_WAKE][index] = None
+        wake_ns = node.wake_ns
+        wakes = self._due[_WAKE]
+        if wake_ns != wakes[index]:
+            wakes[index] = None
             self._schedule(_WAKE, index, wake_ns)
 
     def _schedule(self, kind: int, index: int, time_ns: int | None) -> None:

@@ -1,7 +1,7 @@
 """From a configuration to the objects that run: the nodes and the links of a graph."""
 
 from forcebound.launch.config import GraphConfig
-from forcebound.messages.packets import TOPICS, Packet
+from forcebound.messages.packets import Packet
 from forcebound.network.link import Impairment, Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
@@ -41,8 +41,3 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
         if impairment != Impairment()
     }
 
-
-def build_all_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return a link for each topic, the perfect ones too, as virtual time needs them."""
-    perfect = {topic: Link[Packet](Impairment(), 0, newest_only=True) for topic in TOPICS}
-    return perfect | build_links(config)

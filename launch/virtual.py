@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from forcebound.errors import RunError
-from forcebound.launch.build import NODE_KINDS, build_all_links, build_device, build_node
+from forcebound.launch.build import NODE_KINDS, build_links, build_device, build_node
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import Packet, Telemetry
@@ -36,7 +36,7 @@ def run_virtual(
 
     device = build_device(config)
     others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
-    simulation = Simulation([*others, device], build_all_links(config), observe)
+    simulation = Simulation([*others, device], build_links(config), observe)
     device.engage()
     try:
         simulation.run(round((duration or config.duration) * 1e9))

@@ -13,13 +13,24 @@ tick whose time it is.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry, Vector
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
+
+
+class _Unknown(NamedTuple):
+    """The ground truth of hardware."""
+
+    energy: None = None
+    position: None = None
+    hand_force: None = None
+
+
+_UNKNOWN = _Unknown()
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,20 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         hold_limit=servo.longest_hold,
         saturation=model.saturation,
     )
+
+
+def low_pass_share(cutoff: float, dt: float) -> float:
+    """Return how much of a difference a first-order low-pass takes over in ``dt`` s, 0 to 1.
+
+    Backward Euler, so it is stable for any ``dt``; ``cutoff`` is in Hz.
+    """
+    angle = 2.0 * math.pi * cutoff * dt
+    return angle / (1.0 + angle)
+
+
+def follow(value: float, measured: float, share: float) -> float:
+    """Return the low-pass's next value; see :func:`low_pass_share`."""
+    return value + share * (measured - value)
 
 
 class DeviceNode:
@@ -171,22 +196,20 @@ class DeviceNode:
 
     def _write(self, time_ns: int) -> Telemetry:
         assert self._start_ns is not None
-        position = self._device.read(time_ns)
-        chain = self._chain
-        commanded = self._zero
-        if self.is_engaged:
-            commanded = chain.force(time_ns)
+        device, bounder, chain = self._device, self._bounder, self._chain
+        is_engaged = self.is_engaged
+        position = device.read(time_ns)
+        commanded = chain.force(time_ns) if is_engaged else self._zero
         if self._is_first_write:  # the ledger begins here, with no force held
-            self._bounder.start(time_ns, position)
+            bounder.start(time_ns, position)
             self._is_first_write = False
             bounded = self._zero
         else:
-            bounded = self._bounder.bound(time_ns, position, commanded)
-        applied = self._device.write(time_ns, bounded)
-        self._bounder.settle(applied)
-        self._applied = applied
-        answered = chain.answered_tick if self.is_engaged else None
-        truth = self._device.truth()
+            bounded = bounder.bound(time_ns, position, commanded)
+        self._applied = applied = device.write(time_ns, bounded)
+        bounder.settle(applied)
+        answered = chain.answered_tick if is_engaged else None
+        truth = device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
             time_ns,
@@ -194,11 +217,11 @@ class DeviceNode:
             position,
             commanded,
             applied,
-            self._bounder.limit,
-            self._bounder.estimated_energy,
-            None if truth is None else truth.energy,
-            None if truth is None else truth.position,
-            None if truth is None else truth.hand_force,
+            bounder.limit,
+            bounder.estimated_energy,
+            truth.energy,
+            truth.position,
+            truth.hand_force,
             chain.engagement,
             answered,
             None if answered is None else (time_ns - chain.answered_ns) * 1e-9,
@@ -216,11 +239,10 @@ class DeviceNode:
     def _estimate_velocity(self, position: Vector, time_ns: int) -> None:
         dt = (time_ns - self._read_ns) * 1e-9
         if dt > 0.0:
-            angle = 2.0 * math.pi * self._servo.velocity_cutoff * dt
-            share = angle / (1.0 + angle)  # backward Euler of a first-order low-pass
+            share = low_pass_share(self._servo.velocity_cutoff, dt)
             self._velocity = tuple(
                 [
-                    v + share * ((q - p) / dt - v)
+                    follow(v, (q - p) / dt, share)
                     for v, q, p in zip(self._velocity, position, self._position, strict=True)
                 ]
             )

@@ -22,11 +22,18 @@ import math
 
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 
-_REMEMBERED = 4096  # ticks whose times are kept; more than any age limit worth the name at 4 kHz
+REMEMBERED = 4096  # ticks whose times are kept; more than any age limit worth the name at 4 kHz
 
 
 class SafetyChain:
-    """Keeps the newest acceptable command and says which force follows from it."""
+    """Keeps the newest acceptable command and says which force follows from it.
+
+    Attributes:
+        answered_tick: Tick whose state the command in use answers; None while there is none.
+        answered_ns: When that state was measured, in ns; meaningless while there is none.
+        engagement: Factor of the engage ramp, 0 to 1.
+        rejected: Packets refused so far, by reason; replaced when it changes, never mutated.
+    """
 
     def __init__(
         self, axes: int, age_limit_ns: int, engage_time_ns: int, saturation: float
@@ -36,23 +43,14 @@ class SafetyChain:
         self._engage_time_ns = engage_time_ns
         self._saturation = saturation
         self._zero: Vector = (0.0,) * axes
-        self._tick_times: list[int] = [-1] * _REMEMBERED
+        self._tick_times: list[int] = [-1] * REMEMBERED
         self._newest_tick = -1
         self._command: ForceCommand | None = None
-        self._answered_ns = 0  # when the state that the command answers was measured
+        self.answered_tick: int | None = None
+        self.answered_ns = 0
         self._ramp_start_ns: int | None = None
         self.engagement = 0.0
         self.rejected: dict[str, int] = {}
-
-    @property
-    def answered_tick(self) -> int | None:
-        """Tick whose state the force in use answers; None while there is none."""
-        return None if self._command is None else self._command.device_seq
-
-    @property
-    def answered_ns(self) -> int:
-        """When that state was measured, in ns; meaningless while there is none."""
-        return self._answered_ns
 
     def reject(self, reason: str) -> None:
         """Count a refused packet. The mapping is replaced, so telemetry may keep the old one."""
@@ -61,7 +59,7 @@ class SafetyChain:
     def remember(self, state: DeviceState) -> None:
         """Note when a tick was measured."""
         self._newest_tick = state.seq
-        self._tick_times[state.seq % _REMEMBERED] = state.time_ns
+        self._tick_times[state.seq % REMEMBERED] = state.time_ns
 
     def accept(self, packet: Packet, time_ns: int) -> None:
         """Take a received packet if it passes every stage; count why if not."""
@@ -75,15 +73,16 @@ class SafetyChain:
             reason = self._order(packet, time_ns)
             if reason is None:
                 self._command = packet
-                self._answered_ns = packet.device_time_ns
+                self.answered_tick = packet.device_seq
+                self.answered_ns = packet.device_time_ns
             else:
                 self.reject(reason)
 
     def force(self, time_ns: int) -> Vector:
         """Return the force to bound at ``time_ns``, in N; zero without a fresh command."""
         command = self._command
-        if command is not None and time_ns - self._answered_ns > self._age_limit_ns:
-            command = self._command = None
+        if command is not None and time_ns - self.answered_ns > self._age_limit_ns:
+            command = self._command = self.answered_tick = None
         if command is None:
             self.disengage()
             return self._zero
@@ -109,9 +108,9 @@ class SafetyChain:
         tick = command.device_seq
         if tick > self._newest_tick:
             return "from_the_future"
-        if self._newest_tick - tick >= _REMEMBERED:
+        if self._newest_tick - tick >= REMEMBERED:
             return "too_old"
-        measured_ns = self._tick_times[tick % _REMEMBERED]
+        measured_ns = self._tick_times[tick % REMEMBERED]
         if measured_ns != command.device_time_ns:
             return "wrong_echo"
         if time_ns - measured_ns > self._age_limit_ns:

@@ -7,7 +7,7 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import Truth
 from forcebound.environments import Environment
 from forcebound.environments.wall import Wall
-from forcebound.messages.packets import TOPICS, DeviceState, ForceCommand, Packet, Vector
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.link import Impairment, Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController
@@ -74,8 +74,8 @@ def press(
         model.open(PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
     )
     links = {
-        topic: Link[Packet](impairments.get(topic, Impairment()), link_seed(1, topic), True)
-        for topic in TOPICS
+        topic: Link[Packet](impairment, link_seed(1, topic), newest_only=True)
+        for topic, impairment in impairments.items()
     }
     nodes: list[Node] = [
         EnvironmentNode(environment or Wall(), compute_delay_ns),

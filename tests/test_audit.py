@@ -12,6 +12,7 @@ from forcebound.audit import (
     audit,
     dissipation_of,
     draw_case,
+    main,
     replay,
     run_campaign,
 )
@@ -93,6 +94,20 @@ def test_a_campaign_says_which_law_holds() -> None:
     assert rows[0]["energy_min_j"] < -1.0
     worst, _ = replay("none", rows[0]["worst_seed"], 0.5)
     assert worst.energy_min == rows[0]["energy_min_j"]
+
+
+def test_the_campaign_of_the_command_line_ends_with_status_1_only_for_a_broken_promise(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ["--runs", "40", "--seconds", "0.5"]
+    assert main([*options, "--law", "none", "--law", "certified"]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in table] == ["law", "none", "certified"]
+    assert table[1].endswith("not certified")
+    assert table[2].endswith("holds")
+    monkeypatch.setitem(LAWS, "broken", dataclasses.replace(LAWS["none"], is_certified=True))
+    assert main([*options, "--law", "broken"]) == 1
+    assert "BROKEN" in capsys.readouterr().out
 
 
 def test_an_unknown_law_and_an_audit_without_runs_are_refused() -> None:

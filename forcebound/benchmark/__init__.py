@@ -118,5 +118,6 @@ def _judged(one: Result) -> tuple[str, ...]:
 
 
 def _text(value: object) -> str:
-    listed = isinstance(value, Sequence) and not isinstance(value, str)
-    return ", ".join(map(str, value)) if listed else str(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join([str(entry) for entry in value])
+    return str(value)

@@ -2,12 +2,15 @@
 
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
-``environment`` answers. Frames are real packets as opaque bytes, encoded once; the last eight bytes
+``environment`` answers; ``recorder`` takes everything, a hundred times a second. Frames are real packets as opaque bytes, encoded once; the last eight bytes
 are overwritten with the number of the tick, so that a late answer is never taken for the next one.
 
 ::
 
     python -m forcebound.benchmark.bare_loop ROLE FOLDER CORE POLICY PERIOD_NS COUNT
+
+The controller waits for the two streams in turn, which a real one cannot, and nobody answers on a
+control socket: no way to use these sockets is known to be faster.
 
 CORE -1 leaves the process as and where the kernel starts it. Otherwise it is placed and scheduled
 by the very function that does it for the real nodes (:func:`forcebound.realtime.enter`).
@@ -33,6 +36,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
+from forcebound.process import RECORDER_PERIOD_NS
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
 
 Send: TypeAlias = Callable[[bytes], object]
@@ -59,16 +63,22 @@ def _sender(context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[P
     return lambda tick: send(head + tick)
 
 
-def _receiver(
-    context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]
-) -> Receive:
+def _subscribe(
+    context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet], newest_only: bool
+) -> "zmq.Socket[bytes]":
     socket = context.socket(zmq.SUB)
     socket.linger = 0
-    socket.conflate = True  # has no effect after connect
+    socket.conflate = newest_only  # has no effect after connect
     socket.rcvtimeo = TIMEOUT_NS // 1_000_000
     socket.subscribe(b"")
     socket.connect(f"ipc://{folder}/{TOPIC_OF[kind]}")
-    receive = socket.recv
+    return socket
+
+
+def _receiver(
+    context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]
+) -> Receive:
+    receive = _subscribe(context, folder, kind, newest_only=True).recv
     return lambda: receive()[-_TICK.size :]
 
 
@@ -87,6 +97,15 @@ def _serve_controller(states: Receive, query: Send, replies: Receive, command: S
             command(replies())
         except zmq.Again:
             continue
+
+
+def _serve_recorder(context: "zmq.Context[zmq.Socket[bytes]]", folder: str) -> None:
+    sockets = [_subscribe(context, folder, type(packet), newest_only=False) for packet in PACKETS]
+    while True:
+        time.sleep(RECORDER_PERIOD_NS * 1e-9)
+        for socket in sockets:
+            while int(socket.get(zmq.EVENTS)) & zmq.POLLIN:
+                socket.recv()
 
 
 def _answer(tick: bytes, commands: Receive) -> int | None:
@@ -135,7 +154,7 @@ def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
 
 
 def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:
-    """Be one of the three processes; only the device ends by itself."""
+    """Be one of the four processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
     if core >= 0:
         enter(Settings(policy=policy, core=core), role)
@@ -156,6 +175,8 @@ def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: 
             _receiver(context, folder, EnvironmentReply),
             _sender(context, folder, ForceCommand),
         )
+    elif role == "recorder":
+        _serve_recorder(context, folder)
     else:
         _serve_environment(
             _receiver(context, folder, EnvironmentQuery),

@@ -104,7 +104,7 @@ def compare(ours: Measured, limit: Measured, name: str, target: float | None) ->
     ]
     value = ratio(ours.at(name), limit.at(name))
     return {
-        "what": f"{ours.label} / {limit.label}, {name}",
+        "what": f"{ours.label} / {limit.label}, {name.replace('_', '.')}",
         "value": value,
         "unit": "ratio",
         "lowest": min(beside),

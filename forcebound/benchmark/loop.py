@@ -64,7 +64,7 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
 def _round(command: Callable[[str, str], list[str]], takes: float, measured: Measured) -> None:
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
-        for role in ("environment", "controller"):
+        for role in ("recorder", "environment", "controller"):
             stack.enter_context(started(command(role, folder)))
         collect(command("device", folder), takes, measured)
 

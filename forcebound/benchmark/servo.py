@@ -71,8 +71,8 @@ def _wake_ups(
     """Return, for each policy, ours and the limit by name, in this order."""
     pairs = {
         policy: {
-            f"wake_up_{policy}": Measured(f"wake-up, {policy}: forcebound"),
-            f"wake_up_{policy}_c": Measured(f"wake-up, {policy}: C"),
+            f"wake_up_{policy}": Measured(f"wake-up, {policy}"),
+            f"wake_up_{policy}_c": Measured(f"C loop, {policy}"),
         }
         for policy in policies
     }

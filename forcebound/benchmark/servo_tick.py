@@ -1,4 +1,4 @@
-"""What does a tick of the servo cost? The real device node on real sockets; one contestant.
+"""What does a tick of the servo cost? The real device node in the live runner; one contestant.
 
 ``device`` runs the device node of a stiff wall; ``controller`` takes its states and telemetry and
 answers each state with a force, so that the whole safety chain and the bounder have work to do. A
@@ -14,76 +14,72 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
 
 from forcebound.benchmark.workers import READY, WARMUP, write_times
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
-from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import TOPIC_OF, DeviceState, ForceCommand, Packet, Telemetry
-from forcebound.network.sockets import Network, wait
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
+from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
 
-_SPIN_NS = Settings().spin_ns
+
+class AnswerNode:
+    """Controller and environment in one: answers each state with the force of a wall."""
+
+    subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
+    wakes_on_arrival: ClassVar[bool] = True
+    wake_ns: ClassVar[None] = None
+
+    def __init__(self) -> None:
+        self._wall = Wall()
+        self._seq = 0
+
+    def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
+        """Answer the states; see :class:`forcebound.nodes.Node`."""
+        commands: list[Packet] = []
+        for state in received:
+            if type(state) is DeviceState:
+                force = self._wall.force(state.position, state.velocity, state.elapsed)
+                commands.append(ForceCommand(self._seq, time_ns, state.seq, state.time_ns, force))
+                self._seq += 1
+        return commands
 
 
-def _endpoint(folder: str, kind: type[Packet]) -> str:
-    return f"ipc://{folder}/{TOPIC_OF[kind]}"
+def drive(runner: Runner, node: DeviceNode, spin_ns: int, count: int) -> None:
+    """Run ``count`` ticks that count and write their durations to standard output.
 
-
-def _serve(folder: str, network: Network) -> None:
-    states = network.subscriber(_endpoint(folder, DeviceState), newest_only=True)
-    telemetry = network.subscriber(_endpoint(folder, Telemetry), newest_only=False)
-    commands = network.publisher(_endpoint(folder, ForceCommand))
-    wall = Wall()
-    seq = 0
-    while True:
-        wait((states, telemetry), None)
-        telemetry.receive()
-        for data in states.receive():
-            state = decode(data, DeviceState)
-            assert type(state) is DeviceState
-            force = wall.force(state.position, state.velocity, state.elapsed)
-            now = time.monotonic_ns()
-            commands.send(encode(ForceCommand(seq, now, state.seq, state.time_ns, force)))
-            seq += 1
-
-
-def _drive(folder: str, network: Network, period_ns: int, count: int) -> None:
-    """Run ``count`` ticks that count and write their durations to standard output."""
-    states = network.publisher(_endpoint(folder, DeviceState))
-    telemetry = network.publisher(_endpoint(folder, Telemetry))
-    commands = network.subscriber(_endpoint(folder, ForceCommand), newest_only=True)
-    model, servo = PhantomPremium15(), ServoSettings(rate=1e9 / period_ns)
-    device = model.open(SinusoidalHand(), servo.longest_hold)
-    node = DeviceNode(device, dissipation_of(model, servo), servo)
-    node.engage()
-    freeze_garbage()
-    durations_ns = [0] * count
+    Args:
+        runner: Of ``node``.
+        node: The servo, engaged.
+        spin_ns: Of its waits, in ns.
+        count: Ticks.
+    """
+    durations_ns: list[int] = []
     index = -WARMUP
-    missed = processor_ns = begin_ns = spent_ns = answers = 0
+    missed = processor_ns = begin_ns = 0
     deadline_ns = time.monotonic_ns() + round(READY * 1e9)
     while index < count:
-        now = wait_until(node.wake_ns, _SPIN_NS)
-        received = [decode(data, ForceCommand) for data in commands.receive()]
-        for packet in node.step(now, received):
-            is_write = type(packet) is Telemetry
-            (telemetry if is_write else states).send(encode(packet))
-            spent_ns += time.monotonic_ns() - now
-            if not is_write:
-                continue
-            if index >= 0:
-                durations_ns[index] = spent_ns
-            spent_ns = 0
-            answers += len(received)
-            if index >= 0 or answers:
-                index += 1
-            elif now > deadline_ns:
-                sys.exit("the servo got no answer: the answering process is missing")
-            if index == 0:
-                missed, answers = node.deadline_misses, 1
-                processor_ns, begin_ns = time.process_time_ns(), now
+        if index == 0:
+            durations_ns.clear()
+            missed = node.deadline_misses
+            processor_ns, begin_ns = time.process_time_ns(), time.monotonic_ns()
+        begun_ns = wait_until(node.wake_ns, spin_ns)  # to read and publish the state
+        runner.turn(begun_ns)
+        spent_ns = time.monotonic_ns() - begun_ns
+        begun_ns = wait_until(node.wake_ns, spin_ns)  # to receive, bound and write
+        runner.turn(begun_ns)
+        durations_ns.append(spent_ns + time.monotonic_ns() - begun_ns)
+        if runner.status()["ready"] if index == -WARMUP else True:
+            index += 1
+        elif begun_ns > deadline_ns:
+            sys.exit("the servo got no answer: the answering process is missing")
     write_times(
         durations_ns,
         node.deadline_misses - missed,
@@ -92,17 +88,24 @@ def _drive(folder: str, network: Network, period_ns: int, count: int) -> None:
     )
 
 
-def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:
+def main(role: str, folder: Path, core: int, policy: str, period_ns: int, count: int) -> None:
     """Be one of the two processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
-    enter(Settings(policy=policy, core=core), role)
-    network = Network()
-    if role == "device":
-        _drive(folder, network, period_ns, count)
-        os._exit(0)  # nothing of the sockets is worth waiting for
-    _serve(folder, network)
+    settings = Settings(policy=policy, core=core)
+    if role == "controller":
+        run(AnswerNode(), role, folder, {}, settings, Stop())
+        return
+    model, servo = PhantomPremium15(), ServoSettings(rate=1e9 / period_ns)
+    device = model.open(SinusoidalHand(), servo.longest_hold)
+    node = DeviceNode(device, dissipation_of(model, servo), servo)
+    enter(settings, role)
+    runner = Runner(node, role, folder, {}, Network(), settings.spin_ns)
+    node.engage()
+    freeze_garbage()
+    drive(runner, node, settings.spin_ns, count)
+    os._exit(0)  # nothing of the sockets is worth waiting for
 
 
 if __name__ == "__main__":
     _role, _folder, _core, _policy, _period_ns, _count = sys.argv[1:]
-    main(_role, _folder, int(_core), _policy, int(_period_ns), int(_count))
+    main(_role, Path(_folder), int(_core), _policy, int(_period_ns), int(_count))

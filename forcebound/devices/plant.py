@@ -77,30 +77,75 @@ def advance(
         Position, velocity, work, and the mean force of the hand's spring and damper in the last
         step, in N.
     """
-    steps = max(1, math.ceil(duration / substep - 1e-9))
+    steps = count_steps(duration, substep)
     h = duration / steps
     target_velocity = (target_end - target) / duration
     inertia = 2.0 * mass / h
-    impedance = inertia + damping + hand_damping + 0.5 * h * hand_stiffness
+    impedance = impede(inertia, damping, hand_damping, h, hand_stiffness)
     muscle = 0.0
     for i in range(steps):
-        target_middle = target + target_velocity * (i + 0.5) * h
-        drive = (
-            inertia * v
-            + hand_stiffness * (target_middle - x)
-            + hand_damping * target_velocity
-            - motor_force
+        x, v, work, muscle = step(
+            x,
+            v,
+            work,
+            target + target_velocity * (i + 0.5) * h,
+            target_velocity,
+            h,
+            motor_force,
+            inertia,
+            impedance,
+            friction,
+            hand_stiffness,
+            hand_damping,
         )
-        mean = (drive - min(max(drive, -friction), friction)) / impedance
-        end = 2.0 * mean - v
-        dx = h * mean
-        muscle = hand_stiffness * (target_middle - x - 0.5 * dx) + hand_damping * (
-            target_velocity - mean
-        )
-        work += muscle * dx
-        x += dx
-        v = end if end * mean > 0.0 else 0.0
     return x, v, work, muscle
+
+
+def count_steps(duration: float, substep: float) -> int:
+    """Return in how many equal steps of at most ``substep`` a ``duration`` is integrated."""
+    return max(1, math.ceil(duration / substep - 1e-9))
+
+
+def impede(
+    inertia: float, damping: float, hand_damping: float, h: float, hand_stiffness: float
+) -> float:
+    """Return the force per mean velocity of a step, in N s/m; ``inertia`` is 2 M/h."""
+    return inertia + damping + hand_damping + 0.5 * h * hand_stiffness
+
+
+def step(
+    x: float,
+    v: float,
+    work: float,
+    target_middle: float,
+    target_velocity: float,
+    h: float,
+    motor_force: float,
+    inertia: float,
+    impedance: float,
+    friction: float,
+    hand_stiffness: float,
+    hand_damping: float,
+) -> tuple[float, float, float, float]:
+    """Advance one axis by one step ``h``; the page above derives it.
+
+    It has no branch that depends on the numbers, so that a sweep can step many simulations side by
+    side. ``target_middle`` is the hand's target in the middle of the step, ``inertia`` and
+    ``impedance`` are those of :func:`impede`; everything else as in :func:`advance`.
+    """
+    drive = (
+        inertia * v
+        + hand_stiffness * (target_middle - x)
+        + hand_damping * target_velocity
+        - motor_force
+    )
+    mean = (drive - min(max(drive, -friction), friction)) / impedance
+    end = 2.0 * mean - v
+    dx = h * mean
+    muscle = hand_stiffness * (target_middle - x - 0.5 * dx) + hand_damping * (
+        target_velocity - mean
+    )
+    return x + dx, end if end * mean > 0.0 else 0.0, work + muscle * dx, muscle
 
 
 def quantise(x: float, resolution: float) -> float:
@@ -162,7 +207,14 @@ class SimulatedDevice:
         self._parameters = parameters
         self._operator = operator
         self._hold_limit_ns = round(hold_limit * 1e9)
-        self._mass = parameters.mass + operator.mass
+        self._substep = parameters.substep
+        self._constants = (
+            parameters.mass + operator.mass,
+            parameters.damping,
+            parameters.friction,
+            operator.stiffness,
+            operator.damping,
+        )
         self._advance = jit(advance)
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
@@ -238,9 +290,7 @@ class SimulatedDevice:
         end = self._target
         if self._engaged_ns is not None and self._time_ns is not None:
             end = self._target_at((self._time_ns - self._engaged_ns) * 1e-9)
-        device = self._parameters
-        hand = self._operator
-        for axis in range(device.axes):
+        for axis in range(len(end)):
             self._x[axis], self._v[axis], self._work[axis], self._muscle[axis] = self._advance(
                 self._x[axis],
                 self._v[axis],
@@ -248,12 +298,8 @@ class SimulatedDevice:
                 self._target[axis],
                 end[axis],
                 duration,
-                device.substep,
+                self._substep,
                 self._force[axis],
-                self._mass,
-                device.damping,
-                device.friction,
-                hand.stiffness,
-                hand.damping,
+                *self._constants,
             )
         self._target = end

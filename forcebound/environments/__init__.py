@@ -16,6 +16,7 @@ from forcebound.environments.adversary import (
     RandomForce,
     VelocityPusher,
 )
+from forcebound.environments.damped_wall import DampedWall
 from forcebound.environments.damper import Damper
 from forcebound.environments.power_law_wall import PowerLawWall
 from forcebound.environments.time_varying_wall import TimeVaryingWall
@@ -39,6 +40,7 @@ class Environment(Protocol):
 
 ENVIRONMENTS: dict[str, type[Environment]] = {
     "wall": Wall,
+    "damped_wall": DampedWall,
     "time_varying_wall": TimeVaryingWall,
     "power_law_wall": PowerLawWall,
     "damper": Damper,

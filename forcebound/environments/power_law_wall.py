@@ -8,6 +8,14 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Length, Ratio, Stiffness
 
 
+def power_law_force(
+    position: float, stiffness: float, exponent: float, reference: float, surface: float
+) -> float:
+    """Return ``k d_0 (d / d_0)^p`` behind the surface, in N, else 0."""
+    depth = max(position - surface, 0.0) / reference
+    return stiffness * reference * depth**exponent
+
+
 @dataclass(frozen=True)
 class PowerLawWall:
     """A wall ``F = k d_0 (d / d_0)^p`` across the first axis, with d the penetration.
@@ -30,6 +38,7 @@ class PowerLawWall:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
-        depth = max(position[0] - self.position, 0.0) / self.reference
-        force = self.stiffness * self.reference * depth**self.exponent
+        force = power_law_force(
+            position[0], self.stiffness, self.exponent, self.reference, self.position
+        )
         return on_first_axis(force, len(position))

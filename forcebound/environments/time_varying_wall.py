@@ -8,6 +8,13 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness, StiffnessRate
 
 
+def time_varying_force(
+    position: float, elapsed: float, stiffness: float, stiffness_rate: float, surface: float
+) -> float:
+    """Return the force of a wall of stiffness ``k_1 + k_2 t``, in N."""
+    return wall_force(position, stiffness + stiffness_rate * elapsed, surface)
+
+
 @dataclass(frozen=True)
 class TimeVaryingWall:
     """A wall of stiffness ``k_1 + k_2 t`` across the first axis (paper Eq. 32, second line)."""
@@ -18,5 +25,7 @@ class TimeVaryingWall:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
-        stiffness = self.stiffness + self.stiffness_rate * elapsed
-        return on_first_axis(wall_force(position[0], stiffness, self.position), len(position))
+        force = time_varying_force(
+            position[0], elapsed, self.stiffness, self.stiffness_rate, self.position
+        )
+        return on_first_axis(force, len(position))

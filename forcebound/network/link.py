@@ -53,6 +53,7 @@ from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
 from forcebound.quantities import Ratio, Time
@@ -238,6 +239,21 @@ class Link(Generic[PacketT]):
         return (self._life, stamp, origin_seq, packet.seq)
 
 
+def uniform_numbers(seed: int, decision: str, count: int) -> NDArray[np.float64]:
+    """Return the first ``count`` numbers that a link of this seed draws for a decision.
+
+    Args:
+        seed: As given to :class:`Link`.
+        decision: ``"loss"`` or ``"jitter"``.
+        count: How many.
+    """
+    return _bits(seed, _DECISIONS.index(decision)).random(count)
+
+
 def _generator(seed: int, place: int) -> Callable[[], float]:
     """Return the generator of one decision: numbers uniform in [0, 1)."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, place]))).random
+    return _bits(seed, place).random
+
+
+def _bits(seed: int, place: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, place])))

@@ -7,7 +7,9 @@ The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) a
    IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time; and at a SUB,
    IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
 3. IPv6 is off by default and then ``[::1]`` fails silently: on.
-4. A peer may send a frame of any size: MAXMSGSIZE.
+4. A peer may send a frame of any size: MAXMSGSIZE. libzmq then ends the connection, and an end that
+   *connected* does not try again: the stream is silent until this process starts anew, which the
+   device answers with zero force.
 5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
 6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.

@@ -7,6 +7,14 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Damping, Length, Mass, Speed, Stiffness
 
 
+def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
+    """Return where a point is, in m, that goes evenly from ``start`` to ``end`` and stays there."""
+    travel = speed * elapsed
+    if travel >= abs(end - start):
+        return end
+    return start + travel if end > start else start - travel
+
+
 @dataclass(frozen=True)
 class PressingHand:
     """Mass, spring and damper whose target moves from ``start`` to ``end`` along the first axis.
@@ -27,7 +35,4 @@ class PressingHand:
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        travel = self.approach_speed * elapsed
-        if travel >= abs(self.end - self.start):
-            return (self.end,)
-        return (self.start + travel if self.end > self.start else self.start - travel,)
+        return (pressing_target(elapsed, self.start, self.end, self.approach_speed),)

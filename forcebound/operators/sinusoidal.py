@@ -8,6 +8,12 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Damping, Frequency, Length, Mass, Stiffness
 
 
+def sinusoidal_target(elapsed: float, centre: float, amplitude: float, frequency: float) -> float:
+    """Return where a point is, in m, that swings about ``centre`` and begins at its lowest."""
+    phase = 2.0 * math.pi * frequency * elapsed
+    return centre - amplitude * math.cos(phase)
+
+
 @dataclass(frozen=True)
 class SinusoidalHand:
     """Mass, spring and damper whose target is a sine along the first axis (paper Fig. 19: 2 Hz)."""
@@ -21,5 +27,4 @@ class SinusoidalHand:
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        phase = 2.0 * math.pi * self.frequency * elapsed
-        return (self.centre - self.amplitude * math.cos(phase),)
+        return (sinusoidal_target(elapsed, self.centre, self.amplitude, self.frequency),)

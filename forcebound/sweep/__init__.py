@@ -1,0 +1,1 @@
+"""Sweeps: many runs of one launch file, side by side in compiled code where that is possible."""

@@ -1,0 +1,218 @@
+"""Which engine runs which case? The kernel where it is exact, the virtual-time graph elsewhere."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.errors import RunError
+from forcebound.launch.config import KINDS, GraphConfig, to_document
+from forcebound.launch.results import RunResult
+from forcebound.launch.virtual import run_virtual
+from forcebound.nodes.controller import DirectController
+from forcebound.nodes.device import dissipation_of
+from forcebound.operators.pressing import PressingHand
+from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.recording import TelemetryColumns
+from forcebound.sweep import kernel as lanes
+from forcebound.sweep.timing import Timing, timing_of
+
+Engine: TypeAlias = Literal["kernel", "graph"]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What became of one case: its result and who ran it, or the error that ended it."""
+
+    engine: Engine
+    result: RunResult | None
+    error: Exception | None = None
+
+
+def ticks_of(config: GraphConfig) -> int:
+    """Return how many ticks a run has that end before it does."""
+    servo = config.device.servo
+    wait_ns = round(servo.reply_wait * servo.period_ns)
+    return max(0, -((wait_ns - round(config.duration * 1e9)) // servo.period_ns))
+
+
+def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> list[Ran]:
+    """Run all cases; those alike enough go through the kernel side by side.
+
+    Args:
+        configs: What to run.
+        engine: ``"graph"``: leave the kernel out; None: choose.
+
+    Returns:
+        One outcome for each, in their order; a case that fails does not keep the others.
+    """
+    outcomes: list[Ran | None] = [None] * len(configs)
+    groups: dict[tuple[Any, ...], list[tuple[int, Timing]]] = {}
+    for index, config in enumerate(configs):
+        key = None if engine == "graph" else _group_of(config)
+        timing = None if key is None else timing_of(config, ticks_of(config))
+        if key is None or timing is None or not timing.is_exact:
+            outcomes[index] = _run_graph(config)
+        else:
+            groups.setdefault(key, []).append((index, timing))
+    for members in groups.values():
+        for first in range(0, len(members), lanes.WIDTH):
+            block = members[first : first + lanes.WIDTH]
+            chosen = [configs[index] for index, _ in block]
+            for (index, _), ran in zip(
+                block, _run_block(chosen, [timing for _, timing in block]), strict=True
+            ):
+                outcomes[index] = ran
+    return [outcome for outcome in outcomes if outcome is not None]
+
+
+def _run_graph(config: GraphConfig) -> Ran:
+    try:
+        return Ran("graph", run_virtual(config))
+    except Exception as error:  # whatever a user's part does wrong is this case's error
+        return Ran("graph", None, error)
+
+
+def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
+    """Return what cases must share to run side by side; None if the kernel does not know it."""
+    model, servo, operator = config.device.model, config.device.servo, config.operator
+    environment = _kind_of("environment", config.environment.model)
+    if (
+        type(model) is not PhantomPremium15
+        or model.axes != 1
+        or environment not in lanes.ENVIRONMENTS
+        or type(config.controller.model) is not DirectController
+    ):
+        return None
+    path: object = operator
+    if type(operator) in (PressingHand, SinusoidalHand):
+        path = type(operator)
+    return (
+        ticks_of(config),
+        servo.law,
+        environment,
+        servo.period_ns,
+        servo.reply_wait,
+        servo.velocity_cutoff,
+        model.substep,
+        path,
+    )
+
+
+def _kind_of(section: str, member: object) -> str:
+    (name,) = (name for name, kind in KINDS[section].items() if kind is type(member))
+    return name
+
+
+def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> list[Ran]:
+    """Run up to ``WIDTH`` cases of one group; empty lanes repeat the last case."""
+    first = configs[0]
+    servo = first.device.servo
+    ticks = ticks_of(first)
+    if ticks == 0:
+        error = RunError("the run ended before its first sample; ask for a longer duration")
+        return [Ran("kernel", None, error) for _ in configs]
+    lane_of = [min(i, len(configs) - 1) for i in range(lanes.WIDTH)]
+    rows = np.zeros((lanes.ROWS, lanes.WIDTH))
+    environment = _kind_of("environment", first.environment.model)
+    for lane, index in enumerate(lane_of):
+        rows[: lanes.CONSTANTS, lane] = _constants(configs[index], environment)
+    path, targets = _path(first, ticks)
+    answered = np.stack([timings[index].answered for index in lane_of], axis=1)
+    engagement = np.stack([timings[index].engagement for index in lane_of], axis=1)
+    distance = int((np.arange(ticks)[:, np.newaxis] - answered)[answered >= 0].max(initial=0))
+    answers = np.zeros((1 << distance.bit_length(), lanes.WIDTH))
+    traces = np.empty((ticks, len(lanes.TRACES), lanes.WIDTH))
+    lanes.kernel(servo.law, environment)(
+        ticks,
+        servo.period_ns,
+        round(servo.reply_wait * servo.period_ns),
+        first.device.model.substep,  # type: ignore[attr-defined]  # _group_of has seen its type
+        servo.velocity_cutoff,
+        path,
+        targets.ravel(),
+        np.maximum(answered, 0).ravel(),
+        engagement.ravel(),
+        rows.reshape(-1),
+        answers.reshape(-1),
+        traces.reshape(-1),
+    )
+    by_lane = np.ascontiguousarray(traces.transpose(2, 1, 0))
+    return [
+        Ran("kernel", RunResult(_columns(config, timing, trace), to_document(config)))
+        for config, timing, trace in zip(configs, timings, by_lane, strict=False)
+    ]
+
+
+def _constants(config: GraphConfig, environment: str) -> list[float]:
+    model: Any = config.device.model
+    hand, servo = config.operator, config.device.servo
+    law = lanes.LAWS[servo.law].parameters(dissipation_of(model, servo))
+    place = config.environment.model
+    answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
+    path: list[float] = []
+    if isinstance(hand, PressingHand):
+        path = [hand.start, hand.end, hand.approach_speed]
+    elif isinstance(hand, SinusoidalHand):
+        path = [hand.centre, hand.amplitude, hand.frequency]
+    return [
+        model.mass + hand.mass,
+        hand.mass,
+        model.damping,
+        model.friction,
+        model.resolution,
+        model.saturation,
+        hand.stiffness,
+        hand.damping,
+        *law,
+        *(answer + [0.0] * 4)[:4],
+        *(path + [0.0] * 3)[:3],
+    ]
+
+
+def _path(config: GraphConfig, ticks: int) -> tuple[int, NDArray[np.float64]]:
+    operator = config.operator
+    if isinstance(operator, PressingHand):
+        return lanes.PRESSING, np.zeros(1)
+    if isinstance(operator, SinusoidalHand):
+        return lanes.SINUSOIDAL, np.zeros(1)
+    servo = config.device.servo
+    wait_ns = round(servo.reply_wait * servo.period_ns)
+    times = [k * servo.period_ns + wait for k in range(ticks) for wait in (0, wait_ns)]
+    targets = np.array([operator.target(time * 1e-9)[0] for time in times])
+    return lanes.TABLE, np.repeat(targets, lanes.WIDTH)
+
+
+def _columns(
+    config: GraphConfig, timing: Timing, trace: NDArray[np.float64]
+) -> TelemetryColumns:
+    servo = config.device.servo
+    ticks = trace.shape[1]
+    wait_ns = round(servo.reply_wait * servo.period_ns)
+    seq = np.arange(ticks, dtype=np.int64)
+    time_ns = seq * servo.period_ns + wait_ns
+    reading, commanded, applied, estimated, energy, position = trace
+    unknown = np.full(ticks, np.nan)
+    age = (time_ns - timing.answered * servo.period_ns) * 1e-9
+    return TelemetryColumns(
+        time=(time_ns - time_ns[int(np.argmax(timing.engagement > 0.0))]) * 1e-9,
+        time_ns=time_ns,
+        seq=seq,
+        elapsed=time_ns * 1e-9,
+        position=reading[:, np.newaxis],
+        commanded_force=commanded[:, np.newaxis],
+        applied_force=applied[:, np.newaxis],
+        force_limit=unknown,
+        estimated_energy=estimated,
+        true_energy=energy,
+        true_position=position[:, np.newaxis],
+        hand_force=unknown[:, np.newaxis],
+        engagement=timing.engagement,
+        device_seq=timing.answered,
+        loop_delay=np.where(timing.answered >= 0, age, np.nan),
+        deadline_misses=np.zeros(ticks, dtype=np.int64),
+        rejected=timing.rejected,
+    )

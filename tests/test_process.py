@@ -1,0 +1,433 @@
+"""The live runner, one turn at a time in this process; and the recorder's loop."""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+from fakes import DISSIPATION, MS, FakeDevice, device_node
+
+from forcebound import process
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import (
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+    Packet,
+    Telemetry,
+)
+from forcebound.network import sockets
+from forcebound.network.link import Impairment, Link
+from forcebound.network.sockets import Network
+from forcebound.nodes import Node
+from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
+
+PATIENCE = 10.0  # s; a test that waits longer fails
+
+
+class ListeningNode:
+    """Keeps what it hears; answers nothing."""
+
+    subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply,)
+    wakes_on_arrival: ClassVar[bool] = True
+
+    def __init__(self) -> None:
+        self.heard: list[Packet] = []
+        self.wake_ns: int | None = None
+        self.steps: list[int] = []
+
+    def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
+        self.heard += received
+        self.steps.append(time_ns)
+        return []
+
+
+class BrokenServo:
+    """A servo with a programming mistake."""
+
+    subscribes: ClassVar[tuple[type[Packet], ...]] = ()
+    publishes: ClassVar[tuple[type[Packet], ...]] = ()
+    wakes_on_arrival: ClassVar[bool] = False
+    wake_ns: ClassVar[int] = 0
+
+    def __init__(self) -> None:
+        self.stopped_ns: int | None = None
+
+    def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
+        raise ZeroDivisionError("a bug")
+
+    def engage(self) -> None: ...
+
+    def reject(self, reason: str) -> None: ...
+
+    def stop(self, time_ns: int) -> None:
+        self.stopped_ns = time_ns
+
+
+class ListSink:
+    """A recording in memory."""
+
+    def __init__(self) -> None:
+        self.packets: list[Packet] = []
+        self.flushes = 0
+
+    def write(self, packet: Packet) -> None:
+        self.packets.append(packet)
+
+    def flush(self) -> None:
+        self.flushes += 1
+
+
+@pytest.fixture
+def run_dir() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="fb-") as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    with Network() as network:
+        yield network
+
+
+@pytest.fixture
+def stop() -> Iterator[Stop]:
+    with Stop() as stop:
+        yield stop
+
+
+def until(happened: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
+        sockets.wait((), MS)
+
+
+def query(seq: int, time_ns: int = 0) -> EnvironmentQuery:
+    return EnvironmentQuery(seq, time_ns or seq * MS, seq, seq * MS, 0.0, (0.0,), (0.0,))
+
+
+def runner(
+    node: Node,
+    name: str,
+    run_dir: Path,
+    network: Network,
+    links: Mapping[str, Link[Packet]] | None = None,
+) -> Runner:
+    return Runner(node, name, run_dir, links or {}, network)
+
+
+class Sender:
+    """Publishes by hand on one topic."""
+
+    def __init__(self, network: Network, run_dir: Path, topic: str) -> None:
+        self._publisher = network.publisher(topic_endpoint(run_dir, topic))
+
+    def send(self, data: Packet | bytes) -> None:
+        self._publisher.send(data if isinstance(data, bytes) else encode(data))
+
+
+def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
+    node = ListeningNode()
+    listening = runner(node, "environment", run_dir, network)
+    sender = Sender(network, run_dir, "environment_query")
+    assert listening.status()["waiting_for"] == ["environment_query"]
+
+    def heard() -> bool:
+        sender.send(query(7))
+        listening.turn(time.monotonic_ns())
+        return bool(node.heard)
+
+    until(heard, "a query")
+    assert node.heard[0] == query(7)
+    status = listening.status()
+    assert status["ready"]
+    assert status["waiting_for"] == []
+    assert status["received"]["environment_query"] >= 1
+
+
+def test_a_node_with_nothing_to_do_is_not_stepped(network: Network, run_dir: Path) -> None:
+    node = ListeningNode()
+    listening = runner(node, "environment", run_dir, network)
+    listening.turn(5)
+    node.wake_ns = 10
+    listening.turn(9)
+    assert node.steps == []
+    listening.turn(10)
+    assert node.steps == [10]
+
+
+def test_refused_bytes_are_counted_by_reason_and_the_servo_is_told(
+    network: Network, run_dir: Path
+) -> None:
+    node, _ = device_node()
+    device = runner(node, "device", run_dir, network)
+    sender = Sender(network, run_dir, "force_command")
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x01", b"\xa7version\x63")
+    for junk, reason in ((b"junk", "malformed"), (old, "version"), (encode(query(1)), "keys")):
+
+        def counted(junk: bytes = junk, reason: str = reason) -> bool:
+            sender.send(junk)
+            device.turn(0)
+            return reason in device.rejected
+
+        until(counted, reason)
+    assert dict(node.rejected) == device.rejected
+    assert not device.status()["ready"]
+
+
+def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -> None:
+    node = ListeningNode()
+    link: Link[Packet] = Link(Impairment(delay=0.005), 1, newest_only=True)
+    listening = runner(node, "environment", run_dir, network, {"environment_query": link})
+    sender = Sender(network, run_dir, "environment_query")
+
+    def arrived() -> bool:
+        sender.send(query(1))
+        listening.turn(100 * MS)
+        return link.next_due_ns is not None
+
+    until(arrived, "a query")
+    assert node.heard == []
+    listening.turn(105 * MS - 1)
+    assert node.heard == []
+    listening.turn(105 * MS)
+    assert node.heard == [query(1)]
+
+
+def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None:
+    node = ListeningNode()
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    listening = runner(node, "environment", run_dir, network, {"environment_query": link})
+    sender = Sender(network, run_dir, "environment_query")
+
+    def lost() -> bool:
+        sender.send(query(1))
+        listening.turn(MS)
+        return bool(listening.status()["lost"]["environment_query"])
+
+    until(lost, "a loss")
+    assert node.heard == []
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.001])
+def test_after_a_pause_only_the_newest_packet_counts(
+    network: Network, run_dir: Path, delay: float
+) -> None:
+    node = ListeningNode()
+    links: dict[str, Link[Packet]] = {}
+    if delay:
+        links["environment_query"] = Link(Impairment(delay=delay), 1, newest_only=True)
+    listening = runner(node, "environment", run_dir, network, links)
+    sender = Sender(network, run_dir, "environment_query")
+    witness = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=False)
+    heard: list[bytes] = []
+
+    def connected() -> bool:
+        sender.send(query(0))
+        listening.turn(MS)
+        heard.extend(witness.receive())
+        return bool(listening.status()["ready"] and heard)
+
+    until(connected, "a subscription")
+    for seq in range(1, 101):
+        sender.send(query(seq))
+    node.heard.clear()
+
+    def has_it_all() -> bool:
+        heard.extend(witness.receive())
+        return heard[-1] == encode(query(100))
+
+    until(has_it_all, "100 queries")
+    until(lambda: _newest(listening, node) == 100, "the newest")
+    assert len(node.heard) < 50  # a socket or a link that queued would have brought 100
+
+
+def _newest(listening: Runner, node: ListeningNode) -> int:
+    now_ns = time.monotonic_ns()
+    listening.turn(now_ns)
+    listening.turn(now_ns + 10 * MS)
+    return node.heard[-1].seq if node.heard else -1
+
+
+def test_the_status_and_the_force_are_asked_for_on_the_control_socket(
+    network: Network, run_dir: Path
+) -> None:
+    node, device = device_node()
+    servo = runner(node, "device", run_dir, network)
+    assert servo.answer({"request": "status"})["deadline_misses"] == 0
+    assert servo.answer({"request": "engage"}) == {"engaged": True}
+    servo.turn(0)
+    assert device.engaged_ns == 0
+    assert servo.answer({"request": "stop"}) == {"stopping": True}
+    assert "known: status, engage, stop" in servo.answer({"request": "dance"})["error"]
+    assert "unknown request None" in servo.answer({})["error"]
+
+
+def test_only_a_servo_engages(network: Network, run_dir: Path) -> None:
+    listening = runner(ListeningNode(), "environment", run_dir, network)
+    assert "known: status, stop" in listening.answer({"request": "engage"})["error"]
+
+
+def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop: Stop) -> None:
+    listening = runner(ListeningNode(), "environment", run_dir, network)
+    client = network.control_client(control_endpoint(run_dir, "environment"))
+    until(lambda: client.ask({"request": "status"}), "a connection")
+
+    def answered() -> bool:
+        listening.wait(stop.descriptor)
+        return client.pending()
+
+    until(answered, "the status")
+    answer = client.answer()
+    assert answer is not None
+    assert answer["waiting_for"] == ["environment_query"]
+
+
+def test_a_stopped_servo_writes_zero_and_says_so(
+    network: Network, run_dir: Path, stop: Stop
+) -> None:
+    node, device = device_node()
+    witness = network.subscriber(topic_endpoint(run_dir, "telemetry"), newest_only=False)
+    servo = runner(node, "device", run_dir, network)
+    until(lambda: _spoken(servo, witness), "a witness")
+    stop.request()
+    servo.run(stop)
+    assert device.written[-1][1] == (0.0,)
+    assert not node.is_engaged
+    heard: list[bytes] = []
+
+    def heard_the_last() -> bool:
+        heard.extend(witness.receive())
+        return bool(heard) and decode(heard[-1]).time_ns == device.written[-1][0]
+
+    until(heard_the_last, "the last telemetry")
+
+
+def _spoken(servo: Runner, witness: sockets.Subscriber) -> bool:
+    servo.turn(time.monotonic_ns())
+    return bool(witness.receive())
+
+
+def test_a_bug_ends_in_zero_force_and_is_not_hidden(
+    network: Network, run_dir: Path, stop: Stop
+) -> None:
+    node = BrokenServo()
+    with pytest.raises(ZeroDivisionError):
+        runner(node, "device", run_dir, network).run(stop)
+    assert node.stopped_ns is not None
+
+
+def test_a_request_to_stop_ends_a_node_that_sleeps(
+    network: Network, run_dir: Path, stop: Stop
+) -> None:
+    stop.request()
+    runner(ListeningNode(), "environment", run_dir, network).run(stop)
+
+
+def test_a_servo_by_hand_engages_when_the_first_command_has_come(
+    network: Network, run_dir: Path, stop: Stop
+) -> None:
+    class StopsWhenEngaged(FakeDevice):
+        def engage(self, time_ns: int) -> None:
+            super().engage(time_ns)
+            stop.request()
+
+        def read(self, time_ns: int) -> tuple[float, ...]:
+            commands.send(ForceCommand(0, 0, 0, 0, (0.0,)))
+            if time.monotonic() > end:
+                stop.request()
+            return super().read(time_ns)
+
+    end = time.monotonic() + PATIENCE
+    commands = Sender(network, run_dir, "force_command")
+    device = StopsWhenEngaged()
+    node = DeviceNode(device, DISSIPATION, ServoSettings(law="none"))
+    runner(node, "device", run_dir, network).run(stop, engages_itself=True)
+    assert device.engaged_ns is not None
+
+
+def test_the_controller_connects_device_and_environment(network: Network, run_dir: Path) -> None:
+    controller = runner(ControllerNode(DirectController()), "controller", run_dir, network)
+    states = Sender(network, run_dir, "device_state")
+    replies = Sender(network, run_dir, "environment_reply")
+    queries = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=True)
+    commands = network.subscriber(topic_endpoint(run_dir, "force_command"), newest_only=True)
+    heard: dict[str, list[bytes]] = {"query": [], "command": []}
+
+    def both() -> bool:
+        states.send(DeviceState(3, 3, 0.0, (0.1,), (0.0,), (0.0,)))
+        replies.send(EnvironmentReply(0, 4, 3, 3, 0, 4, (1.0,)))
+        controller.turn(5)
+        heard["query"] += queries.receive()
+        heard["command"] += commands.receive()
+        return all(heard.values())
+
+    until(both, "query and command")
+
+
+class StopsAfter(ListSink):
+    """A recording that asks for the end when it has enough."""
+
+    def __init__(self, count: int, stop: Stop) -> None:
+        super().__init__()
+        self._count = count
+        self._stop = stop
+
+    def write(self, packet: Packet) -> None:
+        super().write(packet)
+        if len(self.packets) == self._count:
+            self._stop.request()
+
+
+def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
+    run_dir: Path, stop: Stop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process.realtime, "enter", lambda settings, role: [])
+    sink = StopsAfter(1, stop)
+    with Network() as network:
+        sender = Sender(network, run_dir, "environment_query")
+        end = time.monotonic() + PATIENCE
+
+        def send_now(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
+            assert time.monotonic() < end, "the recorder heard nothing"
+            if not stop.requested:
+                sender.send(b"junk")
+                sender.send(query(1))
+            return real_wait(descriptors, timeout_ns)
+
+        real_wait = sockets.wait
+        monkeypatch.setattr(sockets, "wait", send_now)
+        topics = ["environment_query", "telemetry"]
+        status = process.record(sink, "recorder", run_dir, topics, None, stop)
+    assert set(map(type, sink.packets)) == {EnvironmentQuery}
+    assert status["received"] == {"environment_query": len(sink.packets), "telemetry": 0}
+    assert status["waiting_for"] == ["telemetry"]
+    assert status["rejected"]["malformed"] >= 1
+    assert sink.flushes >= 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None:
+    before = signal.getsignal(number)
+    with Stop() as stop:
+        assert not stop.requested
+        os.kill(os.getpid(), number)
+        assert sockets.wait((stop.descriptor,), round(PATIENCE * 1e9)) == [stop.descriptor]
+        assert stop.requested
+    assert signal.getsignal(number) is before
+
+
+def test_the_device_node_is_a_servo_and_the_controller_is_not() -> None:
+    node: Any = device_node()[0]
+    assert isinstance(node, process.Servo)
+    assert not isinstance(ControllerNode(DirectController()), process.Servo)
+    assert Telemetry in node.publishes

@@ -1,0 +1,130 @@
+"""Punctuality: what is set, what is refused, and that it is said. No test decides by timing."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from forcebound import realtime
+from forcebound.errors import ConfigError
+
+PROGRAM = """
+import gc, json, os, sys
+from forcebound import realtime
+asked = json.loads(sys.argv[1])
+role = asked.pop("role")
+said = realtime.enter(realtime.Settings(**asked), role)
+realtime.freeze_garbage()
+print(json.dumps({
+    "said": said,
+    "policy": os.sched_getscheduler(0),
+    "priority": os.sched_getparam(0).sched_priority,
+    "cores": sorted(os.sched_getaffinity(0)),
+    "collects": gc.isenabled(),
+    "frozen": gc.get_freeze_count() > 0,
+}))
+"""
+
+
+def enter(role: str, **settings: Any) -> dict[str, Any]:
+    """Return what a process of its own became."""
+    asked = json.dumps({"role": role, **settings})
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, asked], capture_output=True, check=True, timeout=30
+    )
+    return dict(json.loads(done.stdout))
+
+
+CORES = sorted(os.sched_getaffinity(0))
+
+
+def test_auto_takes_the_highest_core_because_the_first_takes_the_interrupts() -> None:
+    assert realtime.choose_core("auto", {0, 1, 2}) == 2
+    assert realtime.choose_core("auto", {3}) == 3
+
+
+def test_none_places_nothing() -> None:
+    assert realtime.choose_core("none", {0, 1}) is None
+
+
+def test_a_core_can_be_asked_for_by_number() -> None:
+    assert realtime.choose_core(1, {0, 1, 2}) == 1
+
+
+def test_a_core_that_is_not_ours_is_refused_with_those_that_are() -> None:
+    with pytest.raises(ConfigError, match="core 7; use one of 0, 1, or auto, or none"):
+        realtime.choose_core(7, {0, 1})
+
+
+@pytest.mark.parametrize("spin_ns", [0, 20_000, 10_000_000])
+def test_a_wait_never_ends_before_its_instant(spin_ns: int) -> None:
+    instant_ns = time.monotonic_ns() + 2_000_000
+    assert realtime.wait_until(instant_ns, spin_ns) >= instant_ns
+
+
+def test_a_wait_for_the_past_does_not_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail("slept"))
+    now_ns = time.monotonic_ns()
+    assert realtime.wait_until(now_ns - 1, 100_000) >= now_ns
+
+
+def test_most_of_a_wait_is_slept_however_long_the_spin(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr(time, "sleep", slept.append)
+    realtime.wait_until(time.monotonic_ns() + 800_000, 10_000_000_000)
+    assert 0.0 < slept[0] <= 800e-6
+    assert slept[0] >= 0.8 * 7 / 8 * 700e-6  # 100 us for the way into the call
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("role", sorted(realtime.PRIORITIES))
+def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
+    became = enter(role, core=CORES[-1])
+    assert became["cores"] == [CORES[-1]]
+    assert became["said"][0] == f"on core {CORES[-1]}"
+    if became["policy"] == os.SCHED_FIFO:
+        assert became["priority"] == realtime.PRIORITIES[role]
+        assert f"SCHED_FIFO priority {became['priority']}" in became["said"]
+    else:
+        assert any("rtprio" in text or "refused" in text for text in became["said"])
+    assert any(text.startswith("memory ") for text in became["said"])
+    assert became["frozen"]
+    assert not became["collects"]
+
+
+@pytest.mark.live
+def test_without_a_core_there_is_no_fifo() -> None:
+    became = enter("device", core=None, lock_memory=False)
+    assert became["policy"] == os.SCHED_OTHER
+    assert became["cores"] == CORES
+    assert len(became["said"]) == 2
+
+
+@pytest.mark.live
+def test_a_core_that_is_gone_is_said_and_the_run_goes_on() -> None:
+    became = enter("device", core=max(CORES) + 1000, lock_memory=False)
+    assert became["policy"] == os.SCHED_OTHER
+    assert "choose another one with realtime.cores" in became["said"][0]
+
+
+@pytest.mark.live
+def test_ordinary_scheduling_can_be_asked_for() -> None:
+    became = enter("device", core=CORES[-1], policy="other", lock_memory=False)
+    assert became["policy"] == os.SCHED_OTHER
+    assert became["cores"] == [CORES[-1]]
+
+
+@pytest.mark.live
+def test_the_recorder_keeps_off_the_core_of_the_chain() -> None:
+    became = enter("recorder", core=CORES[-1])
+    assert became["policy"] == os.SCHED_OTHER
+    assert became["cores"] == (CORES[:-1] or CORES)
+
+
+def test_the_device_goes_before_the_controller_before_the_environment() -> None:
+    order = realtime.PRIORITIES
+    assert order["device"] > order["controller"] > order["environment"] > 0

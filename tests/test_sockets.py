@@ -1,0 +1,296 @@
+"""The sockets: each trap of ZeroMQ that is handled has a test here. Only ipc and loopback."""
+
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgpack
+import pytest
+import zmq
+
+from forcebound.errors import ConfigError
+from forcebound.network import sockets
+from forcebound.network.sockets import ControlClient, Network, Publisher, Subscriber
+
+PATIENCE = 10.0  # s; a test that waits longer fails
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A folder whose path is short enough for ipc."""
+    with tempfile.TemporaryDirectory(prefix="fb-") as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    with Network() as network:
+        yield network
+
+
+def until(happened: Callable[[], bool], what: str) -> None:
+    """Wait for something, in bounded time."""
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
+        sockets.wait((), 1_000_000)
+
+
+def meet(publisher: Publisher, *subscribers: Subscriber) -> None:
+    """Send until all have heard something, and then forget it."""
+    heard: set[Subscriber] = set()
+
+    def all_heard() -> bool:
+        publisher.send(b"hello")
+        heard.update(s for s in subscribers if s.receive())
+        return len(heard) == len(subscribers)
+
+    until(all_heard, "a subscription")
+    settle(*subscribers)
+
+
+def settle(*subscribers: Subscriber) -> None:
+    """Receive until nothing comes any more."""
+    quiet = 0
+    while quiet < 20:
+        quiet = 0 if any(len(s.receive()) for s in subscribers) else quiet + 1
+        sockets.wait((), 1_000_000)
+
+
+def take(subscriber: Subscriber, last: bytes) -> list[bytes]:
+    """Return everything up to the message ``last``."""
+    got: list[bytes] = []
+
+    def has_come() -> bool:
+        got.extend(subscriber.receive())
+        return last in got
+
+    until(has_come, str(last))
+    return got
+
+
+def test_only_the_newest_packet_is_left_after_a_pause(network: Network, folder: Path) -> None:
+    endpoint = f"ipc://{folder}/a"
+    publisher = network.publisher(endpoint)
+    newest = network.subscriber(endpoint, newest_only=True)
+    everything = network.subscriber(endpoint, newest_only=False)
+    meet(publisher, newest, everything)
+    for number in range(100):
+        publisher.send(b"%d" % number)
+    assert take(everything, b"99") == [b"%d" % number for number in range(100)]
+    # The input thread may still be at work on the other socket, but is far ahead of this one.
+    assert len(take(newest, b"99")) < 50
+    assert newest.receive() == []
+
+
+def test_what_has_arrived_outlives_its_sender(network: Network, folder: Path) -> None:
+    endpoint = f"ipc://{folder}/a"
+    with Network() as leaving:
+        publisher = leaving.publisher(endpoint)
+        subscriber = network.subscriber(endpoint, newest_only=False)
+        meet(publisher, subscriber)
+        for number in range(50):
+            publisher.send(b"%d" % number)
+    assert len(take(subscriber, b"49")) == 50
+
+
+def test_an_empty_socket_gives_nothing_and_raises_nothing(network: Network, folder: Path) -> None:
+    subscriber = network.subscriber(f"ipc://{folder}/nobody", newest_only=True)
+    assert not subscriber.pending()
+    assert subscriber.receive() == []
+    assert subscriber.receive_ready() == []
+
+
+def test_the_descriptor_speaks_for_every_packet(network: Network, folder: Path) -> None:
+    endpoint = f"ipc://{folder}/a"
+    publisher = network.publisher(endpoint)
+    subscriber = network.subscriber(endpoint, newest_only=True)
+    meet(publisher, subscriber)
+    for number in range(200):
+        publisher.send(b"%d" % number)
+        got: list[bytes] = []
+        while not got:
+            readable = sockets.wait([subscriber.descriptor], round(PATIENCE * 1e9))
+            assert readable, f"packet {number} came without a word of the descriptor"
+            got = subscriber.receive_ready()
+        assert got == [b"%d" % number]
+
+
+def test_an_ipc_endpoint_in_use_is_refused_and_not_stolen(network: Network, folder: Path) -> None:
+    endpoint = f"ipc://{folder}/a"
+    publisher = network.publisher(endpoint)
+    with pytest.raises(ConfigError, match=r"cannot bind to ipc://.*/a: the address is in use"):
+        network.publisher(endpoint)
+    meet(publisher, network.subscriber(endpoint, newest_only=True))
+
+
+def test_an_ipc_file_that_a_killed_process_left_is_taken_over(
+    network: Network, folder: Path
+) -> None:
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(folder / "a"))
+    publisher = network.publisher(f"ipc://{folder}/a")
+    meet(publisher, network.subscriber(f"ipc://{folder}/a", newest_only=True))
+
+
+def test_a_port_in_use_is_refused(network: Network) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ConfigError, match="in use: stop the other run, or choose another"):
+            network.publisher(f"tcp://127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "advice"),
+    [
+        ("tcp://127.0.0.1", "write it like"),
+        ("nonsense", "write it like"),
+        ("pigeon://roof", "use tcp:// or ipc://"),
+        ("tcp://192.0.2.1:5000", "no network interface"),
+        ("ipc:///no/such/folder/a", "directory does not exist"),
+        (f"ipc:///tmp/{'a' * 120}", "at most 107 characters"),
+    ],
+)
+def test_an_endpoint_that_cannot_be_bound_says_what_to_do(
+    network: Network, endpoint: str, advice: str
+) -> None:
+    with pytest.raises(ConfigError, match=advice):
+        network.publisher(endpoint)
+
+
+def test_a_malformed_endpoint_cannot_be_connected_to_either(network: Network) -> None:
+    with pytest.raises(ConfigError, match="cannot connect to nonsense"):
+        network.subscriber("nonsense", newest_only=True)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
+def test_tcp_works_with_both_families(network: Network, host: str) -> None:
+    family = socket.AF_INET6 if host == "[::1]" else socket.AF_INET
+    try:
+        with socket.create_server((host.strip("[]"), 0), family=family) as free:
+            port = free.getsockname()[1]
+    except OSError:
+        pytest.skip(f"no {host} on this machine")
+    publisher = network.publisher(f"tcp://{host}:{port}")
+    meet(publisher, network.subscriber(f"tcp://{host}:{port}", newest_only=True))
+
+
+def test_either_end_may_bind(network: Network, folder: Path) -> None:
+    endpoint = f"ipc://{folder}/a"
+    subscriber = network.subscriber(endpoint, newest_only=True, bind=True)
+    meet(network.publisher(endpoint, bind=False), subscriber)
+
+
+def test_a_frame_that_is_too_large_does_not_arrive(network: Network, folder: Path) -> None:
+    # libzmq ends such a connection; the end that connected never tries again, so the test binds.
+    endpoint = f"ipc://{folder}/a"
+    subscriber = network.subscriber(endpoint, newest_only=False, bind=True)
+    publisher = network.publisher(endpoint, bind=False)
+    meet(publisher, subscriber)
+    publisher.send(bytes(sockets.MAX_FRAME + 1))
+    got: list[bytes] = []
+
+    def heard_again() -> bool:
+        publisher.send(b"after")
+        got.extend(subscriber.receive())
+        return b"after" in got
+
+    until(heard_again, "the peers to meet again")
+    assert set(got) == {b"after"}
+
+
+def test_a_request_is_answered(network: Network, folder: Path) -> None:
+    server = network.control_server(f"ipc://{folder}/control")
+    client = network.control_client(f"ipc://{folder}/control")
+    until(lambda: client.ask({"request": "status"}), "a connection")
+    assert client.answer() is None
+    until(server.pending, "the request")
+    server.serve(lambda request: {"heard": request["request"]})
+    until(client.pending, "the answer")
+    assert client.answer() == {"heard": "status"}
+
+
+def test_a_request_may_follow_one_without_an_answer(network: Network, folder: Path) -> None:
+    server = network.control_server(f"ipc://{folder}/control")
+    client = network.control_client(f"ipc://{folder}/control")
+    until(lambda: client.ask({"request": 1}), "a connection")
+    assert client.ask({"request": 2})
+    answers: list[object] = []
+
+    def answered() -> bool:
+        server.serve(lambda request: {"to": request["request"]})
+        answer = client.answer()
+        if answer is not None:
+            answers.append(answer["to"])
+        return bool(answers)
+
+    until(answered, "the answer")
+    assert answers == [2]
+
+
+def test_nobody_to_ask_is_no_error(network: Network, folder: Path) -> None:
+    client = network.control_client(f"ipc://{folder}/nobody")
+    assert not client.ask({"request": "status"})
+    assert client.answer() is None
+
+
+@pytest.mark.parametrize("junk", [b"", b"\xc1", msgpack.packb([1, 2]), b"\x81" * 500])
+def test_a_request_that_is_no_map_gets_an_error(
+    network: Network, folder: Path, junk: bytes
+) -> None:
+    server = network.control_server(f"ipc://{folder}/control")
+    raw = zmq.Context()
+    request = raw.socket(zmq.REQ, socket_class=zmq.Socket)
+    try:
+        request.linger = 0
+        request.connect(f"ipc://{folder}/control")
+        request.send(junk)
+        until(server.pending, "the request")
+        server.serve(lambda request: pytest.fail("asked the node"))
+        assert request.poll(round(PATIENCE * 1000))
+        assert "error" in msgpack.unpackb(request.recv())
+    finally:
+        raw.destroy()
+
+
+def test_an_answer_that_is_no_map_is_no_answer(network: Network, folder: Path) -> None:
+    raw = zmq.Context()
+    reply = raw.socket(zmq.REP, socket_class=zmq.Socket)
+    try:
+        reply.linger = 0
+        reply.bind(f"ipc://{folder}/control")
+        client: ControlClient = network.control_client(f"ipc://{folder}/control")
+        until(lambda: client.ask({}), "a connection")
+        assert reply.poll(round(PATIENCE * 1000))
+        reply.recv()
+        reply.send(b"\xc1")
+        until(client.pending, "the answer")
+        assert client.answer() is None
+    finally:
+        raw.destroy()
+
+
+def test_closing_does_not_hang_on_a_peer_that_never_came(folder: Path) -> None:
+    network = Network(farewell_ms=50)
+    network.publisher(f"ipc://{folder}/nobody", bind=False).send(b"lost")
+    client = network.control_client(f"ipc://{folder}/nobody-either")
+    client.ask({"request": "status"})
+    network.close()  # hangs for ever with ZeroMQ's defaults
+
+
+def test_a_wait_without_time_does_not_sleep() -> None:
+    assert sockets.wait((), 0) == []
+    assert sockets.wait((), -5) == []
+
+
+def test_a_wait_ends_with_any_descriptor() -> None:
+    reading, writing = os.pipe()
+    try:
+        os.write(writing, b"x")
+        assert sockets.wait((reading,), round(PATIENCE * 1e9)) == [reading]
+    finally:
+        os.close(reading)
+        os.close(writing)
