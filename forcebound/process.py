@@ -294,7 +294,8 @@ class Runner:
         """Return how the process is doing, as a map of plain values.
 
         ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
-        ``received``, ``rejected``: counts by topic, by reason. ``deadline_misses``: of a servo.
+        ``received``, ``rejected``: counts by topic, by reason. ``engaged`` and
+        ``deadline_misses``: of a servo.
         """
         received = {inlet.topic: inlet.count for inlet in self._inlets}
         return {
@@ -304,6 +305,7 @@ class Runner:
             "lost": {
                 inlet.topic: inlet.link.lost for inlet in self._inlets if inlet.link is not None
             },
+            "engaged": bool(getattr(self._node, "is_engaged", False)),
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "log": list(self._log),
         }

@@ -126,6 +126,33 @@ def parse_quantity(value: object, unit: str) -> float:
     return _finite(float(Decimal(repr(number)) * factor), value, expected)
 
 
+def split_quantity(text: str) -> tuple[float, str]:
+    """Return number and unit of a quantity as it is written; the unit ``""`` if it has none.
+
+    Raises:
+        ConfigError: If it is no finite number with or without a unit.
+    """
+    match = _QUANTITY.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(f"expected a number, with or without a unit; got {_shown(text)}")
+    return _finite(float(match["number"]), text, "a number"), match["unit"] or ""
+
+
+def to_si(text: str) -> float | None:
+    """Return a quantity of any dimension in SI units; None if it is no quantity."""
+    import pint
+
+    try:
+        number, unit = split_quantity(text)
+        if not unit:
+            return number
+        source = _registry().parse_units(unit.replace("²", "^2").replace("³", "^3"))
+        factor = _registry().convert(1.0, source, _registry().get_base_units(source)[1])
+    except (ConfigError, pint.PintError):
+        return None
+    return float(Decimal(repr(number)) * Decimal(f"{float(factor):.15g}"))
+
+
 # The unit part is matched before pint sees it: pint evaluates arithmetic, also `9**9**9**9`.
 _FACTOR_PATTERN = r"(?:1|[A-Za-zµμ%]+(?:(?:\^|\*\*)-?[1-9]|[²³])?)"
 _QUANTITY = re.compile(

@@ -37,7 +37,15 @@ from forcebound.network.link import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
 
-__all__ = ["Argument", "arguments_of", "from_document", "load", "to_document"]
+__all__ = [
+    "Argument",
+    "arguments_of",
+    "build",
+    "from_document",
+    "load",
+    "read_template",
+    "to_document",
+]
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime")
@@ -55,12 +63,40 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
             problem with its place.
     """
     problems = Problems()
+    return build(_read(path, problems), overrides, problems)
+
+
+def read_template(path: str | Path) -> Value:
+    """Return what a launch file says, its arguments still open, to :func:`build` it many times.
+
+    Raises:
+        ConfigError: If there is no such file or it cannot be read.
+    """
+    problems = Problems()
     root = _read(path, problems)
-    arguments = Arguments(root, problems)
+    problems.raise_if_any()
+    return root
+
+
+def build(
+    template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
+) -> GraphConfig:
+    """Return the configuration of a launch file that has been read.
+
+    Args:
+        template: Of :func:`read_template`.
+        overrides: Values for its arguments, each ``name:=value``.
+        problems: Found before, to be told with the others.
+
+    Raises:
+        ConfigError: As :func:`load`.
+    """
+    problems = Problems() if problems is None else problems
+    arguments = Arguments(template, problems)
     values = arguments.values(overrides)
     substitution = Substitution(values, problems)
-    rest = {name: value for name, value in root.entries.items() if name != "arguments"}
-    filled = substitution.apply(replace(root, content=rest))
+    rest = {name: value for name, value in template.entries.items() if name != "arguments"}
+    filled = substitution.apply(replace(template, content=rest))
     check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
     return _build(filled, problems)
 

@@ -22,8 +22,8 @@ from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RECORDING, RunDocument
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.results import run_metadata
-from forcebound.messages.packets import TOPICS
-from forcebound.network.link import Impairment
+from forcebound.messages.packets import TOPICS, Packet
+from forcebound.network.link import Impairment, Link
 from forcebound.recording import Recorder
 
 FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
@@ -71,6 +71,18 @@ def run_node(
         return 0
 
 
+def impaired_links(config: GraphConfig) -> dict[str, Link[Packet]]:
+    """Return the links that need a model in a live run, by topic.
+
+    A perfect link needs none: the socket itself keeps only the newest packet.
+    """
+    return {
+        topic: link
+        for topic, link in build_links(config).items()
+        if config.links.get(topic, Impairment()) != Impairment()
+    }
+
+
 def _run(
     kind: str,
     config: GraphConfig,
@@ -88,13 +100,8 @@ def _run(
         lock_memory=config.realtime.lock_memory,
         spin_ns=round(config.realtime.spin * 1e9),
     )
-    # A perfect link needs no model: the socket itself keeps only the newest packet.
-    links = {
-        topic: link
-        for topic, link in build_links(config).items()
-        if config.links.get(topic, Impairment()) != Impairment()
-    }
     node = build_node(kind, config)
+    links = impaired_links(config)
     status = process.run(node, kind, run_dir, links, settings, stop, engages_itself)
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import pytest
 from fakes import DISSIPATION, MS, FakeDevice, device_node
 
-from forcebound import process
+from forcebound import process, realtime
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
@@ -391,7 +391,7 @@ class StopsAfter(ListSink):
 def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
     run_dir: Path, stop: Stop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process.realtime, "enter", lambda settings, role: [])
+    monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
     sink = StopsAfter(1, stop)
     with Network() as network:
         sender = Sender(network, run_dir, "environment_query")

@@ -153,6 +153,38 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     return _slope(time[window], force[window]) / velocity if velocity > 0.0 else None
 
 
+def initial_rate_hardness(force: Floats, depth: Floats) -> float | None:
+    r"""Return the rate hardness of the very first contact, as the paper's Table 1 has it, in N/m.
+
+    .. math:: H_R = \frac{F(c+1) - F(c-1)}{q(c+1) - q(c-1)}
+
+    the central difference about the first sample c behind the surface: two sampling periods, from
+    the last sample in free motion on. :func:`rate_hardness` looks at 10 ms and so at what the hand
+    feels, also behind a delay; this looks at the law alone, before the hand can answer it. The
+    paper states no window. Its numbers need this one: a saturated viscous bound grows by 2B times
+    the *whole* move of the sample that enters the wall, so only a difference that begins before
+    the surface gives 2B exactly; and a wall that nothing bounds yet shows less than its own
+    stiffness by the part of that move that lay before the surface, as the 7.87 to 8.25 of
+    10 N/mm in the paper's table.
+
+    Args:
+        force: Applied force along the surface's normal, in N, shape ``(n,)``.
+        depth: Penetration of the reading, negative before the surface, in m, same shape.
+
+    Returns:
+        Rate hardness, in N/m; None without a contact of two samples that begins in the run, or if
+        the hand does not move inwards in it.
+
+    Source: Lawrence et al. 2000; Kim et al. 2017, Eq. 34.
+    """
+    contact = depth > 0.0
+    first = int(np.argmax(contact))
+    if first == 0 or not contact[first : first + 2].all() or first + 1 >= contact.size:
+        return None
+    move = float(depth[first + 1] - depth[first - 1])
+    return float(force[first + 1] - force[first - 1]) / move if move > 0.0 else None
+
+
 def _slope(time: Floats, values: Floats) -> float:
     centred = time - time.mean()
     return float(centred @ values / (centred @ centred))

@@ -2,12 +2,9 @@
 
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
-``environment`` answers; ``recorder`` takes everything, a hundred times a second. Frames are real packets as opaque bytes, encoded once; the last eight bytes
-are overwritten with the number of the tick, so that a late answer is never taken for the next one.
-
-::
-
-    python -m forcebound.benchmark.bare_loop ROLE FOLDER CORE POLICY PERIOD_NS COUNT
+``environment`` answers; ``recorder`` takes everything, a hundred times a second. Frames are real
+packets as opaque bytes, encoded once; the last eight bytes are overwritten with the number of the
+tick, so that a late answer is never taken for the next one. Nothing is decoded.
 
 The controller waits for the two streams in turn, which a real one cannot, and nobody answers on a
 control socket: no way to use these sockets is known to be faster.

@@ -3,11 +3,12 @@
 Device, controller, environment, controller, device. Contestants, in turns, a fresh set of processes
 for each round:
 
-1. ``graph``: the nodes of the launch file, as the launcher places and schedules them
-   (:mod:`forcebound.benchmark.graph_loop`);
-2. ``bare``: bare pyzmq with the same sockets and bytes, placed and scheduled the same way
-   (:mod:`forcebound.benchmark.bare_loop`): what the graph's own work costs;
-3. ``default``: the same bare pyzmq where and as the kernel starts it: what placement is worth.
+1. ``graph``: the nodes of the launch file and the recorder, as the launcher places and schedules
+   them (:mod:`forcebound.benchmark.graph_loop`);
+2. ``bare``: bare pyzmq with the same sockets, those of the recorder too, the same bytes, and the
+   same placement (:mod:`forcebound.benchmark.bare_loop`): what the graph's own work costs;
+3. ``bare_alone``: the same without a recorder: what listening costs;
+4. ``default``: that where and as the kernel starts it: what placement is worth.
 """
 
 import contextlib
@@ -21,8 +22,11 @@ from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, mod
 from forcebound.launch.loader import load
 
 LAUNCH_FILE = "stiff_wall"
-TARGETS = {  # limit -> percentile -> largest ratio of the graph to it
+CHAIN = ("environment", "controller", "device")  # in the order in which they start
+# Limit -> percentile -> largest ratio of the graph to it; None: for information.
+TARGETS: dict[str, dict[str, float | None]] = {
     "bare": {"p50": 1.25, "p99": 1.5, "p99_9": None},
+    "bare_alone": {"p50": None, "p99": None},
     "default": {"p50": 0.7, "p99": None, "p99_9": 0.2},
 }
 
@@ -34,23 +38,24 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     core = -1 if settings.core is None else settings.core
     contestants = {
         "graph": Measured(f"graph of {LAUNCH_FILE}"),
-        "bare": Measured("bare pyzmq, same placement"),
-        "default": Measured("bare pyzmq, default placement"),
+        "bare": Measured("bare pyzmq, same sockets and placement"),
+        "bare_alone": Measured("bare pyzmq, same placement, no recorder"),
+        "default": Measured("bare pyzmq, default placement, no recorder"),
     }
     rounds, count = plan(duration, len(contestants), rate)
     timing = (round(1e9 / rate), count)
-    commands: dict[str, Callable[[str, str], list[str]]] = {
-        "graph": lambda role, folder: module("graph_loop", role, folder, LAUNCH_FILE, *timing),
-        "bare": lambda role, folder: module(
-            "bare_loop", role, folder, core, settings.policy, *timing
-        ),
-        "default": lambda role, folder: module("bare_loop", role, folder, -1, "other", *timing),
+    bare = (core, settings.policy, *timing)
+    rest = {  # module, roles, arguments after the folder
+        "graph": ("graph_loop", ("recorder", *CHAIN), (LAUNCH_FILE, *timing)),
+        "bare": ("bare_loop", ("recorder", *CHAIN), bare),
+        "bare_alone": ("bare_loop", CHAIN, bare),
+        "default": ("bare_loop", CHAIN, (-1, "other", *timing)),
     }
     takes = READY + (WARMUP + count) / rate
     for number in range(rounds):
         for name, measured in contestants.items():
             say(f"round {number + 1} of {rounds}: {measured.label}")
-            _round(commands[name], takes, measured)
+            _round(*rest[name], takes, measured)
     return {
         "benchmark": "loop",
         "duration_s": duration,
@@ -61,12 +66,19 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     }
 
 
-def _round(command: Callable[[str, str], list[str]], takes: float, measured: Measured) -> None:
+def _round(
+    name: str,
+    roles: tuple[str, ...],
+    arguments: tuple[object, ...],
+    takes: float,
+    measured: Measured,
+) -> None:
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
-        for role in ("recorder", "environment", "controller"):
-            stack.enter_context(started(command(role, folder)))
-        collect(command("device", folder), takes, measured)
+        *others, device = (module(name, role, folder, *arguments) for role in roles)
+        for command in others:
+            stack.enter_context(started(command))
+        collect(device, takes, measured)
 
 
 def _compare(contestants: dict[str, Measured]) -> dict[str, dict[str, Any]]:

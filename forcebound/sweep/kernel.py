@@ -56,11 +56,11 @@ ENVIRONMENT = 14  # four rows: parameters of the environment
 OPERATOR = 18  # three rows: parameters of the hand's path
 CONSTANTS = 21
 # ... and those that the kernel keeps in the same array.
-INERTIA, IMPEDANCE = 21, 23  # two rows each: of the way to the sample, and to the write
+INERTIA, IMPEDANCE = 21, 22  # of the steps on the way
 X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY, PLAY, PATH, FORCE, STATE = range(
-    25, 37
+    23, 35
 )
-ROWS = 37
+ROWS = 35
 
 # Kinds of paths of hands; any other operator is given as a table.
 PRESSING, SINUSOIDAL, TABLE = range(3)
@@ -118,7 +118,6 @@ ENVIRONMENTS: dict[str, tuple[Callable[..., float], tuple[str, ...]]] = {
 def move(
     s: Floats,
     instant: int,
-    way: int,
     duration: float,
     steps: int,
     elapsed: float,
@@ -149,6 +148,16 @@ def move(
             end = targets[instant * WIDTH + i]
             s[TARGET_VELOCITY * WIDTH + i] = (end - s[TARGET * WIDTH + i]) / duration
     h = duration / steps
+    for i in range(WIDTH):
+        inertia = 2.0 * s[MASS * WIDTH + i] / h
+        s[INERTIA * WIDTH + i] = inertia
+        s[IMPEDANCE * WIDTH + i] = impede(
+            inertia,
+            s[DAMPING * WIDTH + i],
+            s[HAND_DAMPING * WIDTH + i],
+            h,
+            s[HAND_STIFFNESS * WIDTH + i],
+        )
     for n in range(steps):
         middle = n + 0.5
         for i in range(WIDTH):
@@ -161,8 +170,8 @@ def move(
                 target_velocity,
                 h,
                 s[FORCE * WIDTH + i],
-                s[(INERTIA + way) * WIDTH + i],
-                s[(IMPEDANCE + way) * WIDTH + i],
+                s[INERTIA * WIDTH + i],
+                s[IMPEDANCE * WIDTH + i],
                 s[FRICTION * WIDTH + i],
                 s[HAND_STIFFNESS * WIDTH + i],
                 s[HAND_DAMPING * WIDTH + i],
@@ -174,36 +183,23 @@ def move(
         s[TARGET * WIDTH + i] += s[TARGET_VELOCITY * WIDTH + i] * duration
 
 
-def begin(
-    s: Floats, way: int, duration: float, steps: int, path: int, targets: Floats, is_first: bool
-) -> None:
-    """Put every lane at rest at its first target, and prepare one of the two ways."""
-    h = duration / steps
+def begin(s: Floats, path: int, targets: Floats) -> None:
+    """Put every lane at rest at its first target."""
     for i in range(WIDTH):
-        inertia = 2.0 * s[MASS * WIDTH + i] / h
-        s[(INERTIA + way) * WIDTH + i] = inertia
-        s[(IMPEDANCE + way) * WIDTH + i] = impede(
-            inertia,
-            s[DAMPING * WIDTH + i],
-            s[HAND_DAMPING * WIDTH + i],
-            h,
-            s[HAND_STIFFNESS * WIDTH + i],
-        )
-        if is_first:
-            for row in range(X, ROWS):
-                s[row * WIDTH + i] = 0.0
-            a = s[OPERATOR * WIDTH + i]
-            b = s[(OPERATOR + 1) * WIDTH + i]
-            c = s[(OPERATOR + 2) * WIDTH + i]
-            if path == PRESSING:
-                target = pressing_target(0.0, a, b, c)
-            elif path == SINUSOIDAL:
-                target = sinusoidal_target(0.0, a, b, c)
-            else:
-                target = targets[i]
-            s[TARGET * WIDTH + i] = target
-            s[X * WIDTH + i] = target
-            s[SAMPLE * WIDTH + i] = quantise(target, s[RESOLUTION * WIDTH + i])
+        for row in range(CONSTANTS, ROWS):
+            s[row * WIDTH + i] = 0.0
+        a = s[OPERATOR * WIDTH + i]
+        b = s[(OPERATOR + 1) * WIDTH + i]
+        c = s[(OPERATOR + 2) * WIDTH + i]
+        if path == PRESSING:
+            target = pressing_target(0.0, a, b, c)
+        elif path == SINUSOIDAL:
+            target = sinusoidal_target(0.0, a, b, c)
+        else:
+            target = targets[i]
+        s[TARGET * WIDTH + i] = target
+        s[X * WIDTH + i] = target
+        s[SAMPLE * WIDTH + i] = quantise(target, s[RESOLUTION * WIDTH + i])
 
 
 @cache
@@ -231,8 +227,7 @@ def kernel(law: str, environment: str) -> Kernel:
         to_write = wait_ns * 1e-9
         steps_to_sample = count_steps(to_sample, substep)
         steps_to_write = count_steps(to_write, substep)
-        begin(s, 0, to_sample, steps_to_sample, path, targets, True)
-        begin(s, 1, to_write if wait_ns else 1.0, steps_to_write, path, targets, False)
+        begin(s, path, targets)
         since_sample = period_ns * 1e-9
         share = low_pass_share(cutoff, since_sample)
         elapsed = period_ns / 1e9
@@ -242,7 +237,7 @@ def kernel(law: str, environment: str) -> Kernel:
             # The sample: read, estimate the velocity, ask the environment.
             time = k * period_ns * 1e-9
             if k > 0:
-                move(s, 2 * k, 0, to_sample, steps_to_sample, time, path, targets)
+                move(s, 2 * k, to_sample, steps_to_sample, time, path, targets)
             slot = (k & last) * WIDTH
             for i in range(WIDTH):
                 before = s[SAMPLE * WIDTH + i]
@@ -264,7 +259,7 @@ def kernel(law: str, environment: str) -> Kernel:
             # The write: read again, take the answer that has come, bound it.
             if wait_ns > 0:
                 time = (k * period_ns + wait_ns) * 1e-9
-                move(s, 2 * k + 1, 1, to_write, steps_to_write, time, path, targets)
+                move(s, 2 * k + 1, to_write, steps_to_write, time, path, targets)
             out = k * columns * WIDTH
             for i in range(WIDTH):
                 asked = answers[(answered[k * WIDTH + i] & last) * WIDTH + i]

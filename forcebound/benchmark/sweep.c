@@ -1,0 +1,169 @@
+/* The limit of the sweep: forcebound/sweep/kernel.py in C, for the certified law, the elastic wall
+ * and the pressing hand. Same layout, same order of operations: with -ffp-contract=off it gives
+ * the same bits. Names and rows are those of kernel.py.
+ */
+#include <math.h>
+#include <stdint.h>
+
+#ifndef WIDTH
+#error "compile with -DWIDTH=..., the WIDTH of kernel.py"
+#endif
+
+enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNESS, HAND_DAMPING,
+       LAW, ENVIRONMENT = 14, OPERATOR = 18, CONSTANTS = 21,
+       INERTIA = 21, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY,
+       PLAY, PATH, FORCE, STATE, ROWS };
+
+enum { COLUMNS = 6 };
+
+#define AT(row) s[(row) * WIDTH + i]
+#define LANES for (int i = 0; i < WIDTH; i++)
+
+static inline double smaller(double a, double b) { return b < a ? b : a; }
+static inline double larger(double a, double b) { return b > a ? b : a; }
+
+static inline double pressing_target(double elapsed, double start, double end, double speed)
+{
+    double travel = speed * elapsed;
+    double on_way = end > start ? start + travel : start - travel;
+    return travel >= fabs(end - start) ? end : on_way;
+}
+
+static inline double quantise(double x, double resolution)
+{
+    double reading = floor(x / resolution + 0.5) * resolution;
+    return resolution <= 0.0 ? x : reading;
+}
+
+static int64_t count_steps(double duration, double substep)
+{
+    double steps = ceil(duration / substep - 1e-9);
+    return steps < 1.0 ? 1 : (int64_t)steps;
+}
+
+static void move(double *restrict s, double duration, int64_t steps, double elapsed)
+{
+    LANES {
+        double end = pressing_target(elapsed, AT(OPERATOR), AT(OPERATOR + 1), AT(OPERATOR + 2));
+        AT(TARGET_VELOCITY) = (end - AT(TARGET)) / duration;
+    }
+    double h = duration / steps;
+    LANES {
+        double inertia = 2.0 * AT(MASS) / h;
+        AT(INERTIA) = inertia;
+        AT(IMPEDANCE) = inertia + AT(DAMPING) + AT(HAND_DAMPING) + 0.5 * h * AT(HAND_STIFFNESS);
+    }
+    for (int64_t n = 0; n < steps; n++) {
+        double middle = n + 0.5;
+        LANES {
+            double target_velocity = AT(TARGET_VELOCITY);
+            double target_middle = AT(TARGET) + target_velocity * middle * h;
+            double x = AT(X), v = AT(V), friction = AT(FRICTION);
+            double drive = AT(INERTIA) * v + AT(HAND_STIFFNESS) * (target_middle - x)
+                + AT(HAND_DAMPING) * target_velocity - AT(FORCE);
+            double mean = (drive - smaller(larger(drive, -friction), friction)) / AT(IMPEDANCE);
+            double end = 2.0 * mean - v;
+            double dx = h * mean;
+            double muscle = AT(HAND_STIFFNESS) * (target_middle - x - 0.5 * dx)
+                + AT(HAND_DAMPING) * (target_velocity - mean);
+            AT(X) = x + dx;
+            AT(V) = end * mean > 0.0 ? end : 0.0;
+            AT(WORK) = AT(WORK) + muscle * dx;
+        }
+    }
+    LANES AT(TARGET) += AT(TARGET_VELOCITY) * duration;
+}
+
+void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, double cutoff,
+         const int64_t *restrict answered, const double *restrict engagement, double *restrict s,
+         double *restrict answers, int64_t answers_rows, double *restrict traces)
+{
+    double to_sample = (period_ns - wait_ns) * 1e-9;
+    double to_write = wait_ns * 1e-9;
+    int64_t steps_to_sample = count_steps(to_sample, substep);
+    int64_t steps_to_write = count_steps(to_write, substep);
+    double since_sample = period_ns * 1e-9;
+    double angle = 2.0 * M_PI * cutoff * since_sample;
+    double share = angle / (1.0 + angle);
+    double elapsed = period_ns / 1e9;
+    int64_t last = answers_rows - 1;
+
+    LANES {
+        for (int row = CONSTANTS; row < ROWS; row++)
+            AT(row) = 0.0;
+        double target = pressing_target(0.0, AT(OPERATOR), AT(OPERATOR + 1), AT(OPERATOR + 2));
+        AT(TARGET) = AT(X) = target;
+        AT(SAMPLE) = quantise(target, AT(RESOLUTION));
+    }
+    for (int64_t k = 0; k < ticks; k++) {
+        /* The sample. */
+        if (k > 0)
+            move(s, to_sample, steps_to_sample, k * period_ns * 1e-9);
+        double *restrict now = answers + (k & last) * WIDTH;
+        LANES {
+            double sample = quantise(AT(X), AT(RESOLUTION));
+            double measured = (sample - AT(SAMPLE)) / since_sample;
+            AT(VELOCITY) = AT(VELOCITY) + share * (measured - AT(VELOCITY));
+            AT(SAMPLE) = sample;
+            now[i] = AT(ENVIRONMENT) * larger(sample - AT(ENVIRONMENT + 1), 0.0);
+        }
+        /* The write. */
+        if (wait_ns > 0)
+            move(s, to_write, steps_to_write, (k * period_ns + wait_ns) * 1e-9);
+        double *restrict out = traces + k * COLUMNS * WIDTH;
+        LANES {
+            double asked = answers[(answered[k * WIDTH + i] & last) * WIDTH + i];
+            double saturation = AT(SATURATION), scale = engagement[k * WIDTH + i];
+            double magnitude = fabs(asked);
+            double shortened = saturation / magnitude;
+            scale = scale * magnitude > saturation ? shortened : scale;
+            out[WIDTH + i] = asked * scale;
+        }
+        LANES {
+            double asked = out[WIDTH + i], saturation = AT(SATURATION);
+            double damping = AT(LAW), friction = AT(LAW + 1), half_resolution = AT(LAW + 2);
+            double hold_limit = AT(LAW + 4), axes = AT(LAW + 5);
+            double reading = quantise(AT(X), AT(RESOLUTION));
+            double held = AT(FORCE), magnitude = fabs(held);
+            double state, playing, gone, force;
+            if (k == 0) {
+                state = -friction * half_resolution * sqrt(axes);
+                playing = reading;
+                gone = force = 0.0;
+            } else {
+                double moved = reading - AT(READING);
+                double clear = larger(fabs(moved) - 2.0 * half_resolution, 0.0);
+                playing = larger(reading - half_resolution,
+                                 smaller(reading + half_resolution, AT(PLAY)));
+                gone = AT(PATH) + fabs(playing - AT(PLAY));
+                /* certified.py: limit */
+                double stiffness = damping / hold_limit;
+                double excess = larger(magnitude - friction, 0.0);
+                double cut = AT(STATE) - excess * excess / (4.0 * stiffness)
+                    - half_resolution * magnitude;
+                cut -= friction * half_resolution * sqrt(axes);
+                double kept = AT(STATE) + damping * (clear * clear) / elapsed
+                    + friction * (gone - AT(PATH)) + held * moved;
+                int is_cut = elapsed > hold_limit;
+                state = is_cut ? cut : kept;
+                double surplus = larger(is_cut ? cut : kept - half_resolution * magnitude, 0.0);
+                double largest = friction + 2.0 * sqrt(stiffness * surplus);
+                largest = smaller(largest, saturation);
+                force = smaller(larger(asked, -largest), largest);
+            }
+            AT(STATE) = state - half_resolution * fabs(force - held);
+            AT(READING) = reading;
+            AT(PLAY) = playing;
+            AT(PATH) = gone;
+            AT(FORCE) = force;
+        }
+        LANES {
+            double force = AT(FORCE), v = AT(V);
+            out[i] = AT(READING);
+            out[2 * WIDTH + i] = force;
+            out[3 * WIDTH + i] = AT(STATE) - AT(LAW + 2) * fabs(force);
+            out[4 * WIDTH + i] = AT(WORK) - 0.5 * AT(HAND_MASS) * v * v;
+            out[5 * WIDTH + i] = AT(X);
+        }
+    }
+}

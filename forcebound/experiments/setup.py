@@ -1,0 +1,172 @@
+"""The paper's experiments as launch files and arguments: the hand, the two speeds, the runs.
+
+One hand holds the device in all experiments. Between the speeds only its approach speed, its way to
+the wall and how far behind the surface it wants to be differ, as they do between two motions of a
+person. ``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` tells how and why.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from forcebound.analysis.metrics import (
+    Floats,
+    displayed_stiffness,
+    initial_rate_hardness,
+    penetration,
+    surface,
+)
+from forcebound.launch.loader import load
+from forcebound.launch.results import RunResult
+from forcebound.launch.virtual import run_virtual
+
+SURFACE = 0.010  # m; paper 4.1: x_wall = 10 mm
+DURATION = 5.1  # s; the displayed stiffness is a mean over 2 to 5 s, paper 4.2
+
+
+@dataclass(frozen=True)
+class Hand:
+    """The hand that holds the device: mass, spring, damper."""
+
+    mass: float  # kg, beside the device's own 0.075 kg
+    stiffness: float  # N/m
+    damping: float  # N s/m
+
+
+@dataclass(frozen=True)
+class Approach:
+    """How the hand goes to the wall at one of the paper's two speeds."""
+
+    label: str
+    speed: float  # m/s, of the hand's target before contact
+    way: float  # m, from where it starts to the surface
+    target: float  # m, how far behind the surface it wants to be
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """The motion as arguments of ``paper_wall.yaml``."""
+        return (
+            f"approach_speed:={self.speed * 1e3:g} mm/s",
+            f"start:={(SURFACE - self.way) * 1e3:g} mm",
+            f"end:={(SURFACE + self.target) * 1e3:g} mm",
+        )
+
+
+# Fitted by experiments/fit_table1.py; the hand's values are also the defaults of paper_wall.yaml.
+HAND = Hand(mass=0.275, stiffness=950.0, damping=2.8)
+HIGH = Approach("high", speed=0.200, way=0.020, target=0.004)  # paper: 150 to 250 mm/s
+LOW = Approach("low", speed=0.035, way=0.030, target=0.003)  # paper: 20 to 50 mm/s
+SPEEDS = {"high": HIGH, "low": LOW}
+
+PAPER_LAWS = {  # in the order of the paper's Table 1, with its words
+    "less_conservative_viscous": "less conservative, viscous damping",
+    "less_conservative": "less conservative, viscous damping + Coulomb friction",
+    "aol": "AOL",
+    "more_conservative_viscous": "more conservative, viscous damping",
+    "more_conservative": "more conservative, viscous damping + Coulomb friction",
+}
+CERTIFIED = ("certified", "certified_memoryless")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A run against a wall, seen along its normal, from the moment when the force engages."""
+
+    run: RunResult
+
+    @cached_property
+    def _shown(self) -> slice:
+        return slice(int(np.searchsorted(self.run.columns.time, 0.0)), None)
+
+    @property
+    def time(self) -> Floats:
+        """Time since the force engaged, in s."""
+        return self.run.columns.time[self._shown]
+
+    @property
+    def position(self) -> Floats:
+        """Reading, in m."""
+        return self.run.columns.position[self._shown, 0]
+
+    @property
+    def asked(self) -> Floats:
+        """Force asked for, in N."""
+        return self.run.columns.commanded_force[self._shown, 0]
+
+    @property
+    def applied(self) -> Floats:
+        """Force applied, in N."""
+        return self.run.columns.applied_force[self._shown, 0]
+
+    @cached_property
+    def depth(self) -> Floats:
+        """Penetration of the reading, in m; outside: < 0."""
+        wall = surface(self.run.document)
+        assert wall is not None, "every launch file of the experiments has a surface"
+        return penetration(self.run.columns, wall)[self._shown]
+
+    @property
+    def in_contact(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+        """Whether the reading lies behind the surface."""
+        return self.depth > 0.0
+
+    @property
+    def rate_hardness(self) -> float | None:
+        """H_R of Table 1, in N/mm."""
+        value = initial_rate_hardness(self.applied, self.depth)
+        return None if value is None else value * 1e-3
+
+    @property
+    def displayed_stiffness(self) -> float | None:
+        """S_D of Table 1, in N/mm."""
+        value = displayed_stiffness(self.time, self.applied, self.depth)
+        return None if value is None else value * 1e-3
+
+    @property
+    def contact_speed(self) -> float:
+        """True speed of the handle over the sample in which it reaches the surface, in m/s."""
+        true = self.run.columns.true_position[self._shown, 0]
+        first = max(int(np.argmax(true > SURFACE)), 1)
+        return float((true[first] - true[first - 1]) / (self.time[first] - self.time[first - 1]))
+
+    @property
+    def lowest_energy(self) -> float:
+        """Least energy that the hand has put in, in mJ; below zero it got energy out."""
+        return float(self.run.columns.true_energy[self._shown].min()) * 1e3
+
+
+class Runs:
+    """Runs launch files in virtual time, each only once.
+
+    Args:
+        say: Called with a line on each run, for people who wait.
+    """
+
+    def __init__(self, say: Callable[[str], None] = lambda line: None) -> None:
+        self._say = say
+        self._done: dict[tuple[str, tuple[str, ...]], Contact] = {}
+
+    def contact(self, file: str, *arguments: str) -> Contact:
+        """Return the run of a launch file with these arguments."""
+        key = (file, arguments)
+        if key not in self._done:
+            self._say(f"  {command(file, *arguments)}")
+            self._done[key] = Contact(run_virtual(load(file, arguments), DURATION))
+        return self._done[key]
+
+    def wall(self, law: str, approach: Approach) -> Contact:
+        """Return the run against the paper's wall of 10 N/mm."""
+        return self.contact("paper_wall", f"law:={law}", *approach.arguments)
+
+
+def command(file: str, *arguments: str) -> str:
+    """Return the command that repeats a run."""
+    quoted = (f'"{word}"' if " " in word else word for word in arguments)
+    return " ".join(["forcebound simulate", file, *quoted, f"--duration {DURATION:g}s"])
+
+
+def wall_command(law: str, approach: Approach) -> str:
+    """Return the command that repeats :meth:`Runs.wall`."""
+    return command("paper_wall", f"law:={law}", *approach.arguments)

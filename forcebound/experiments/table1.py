@@ -1,0 +1,251 @@
+"""Table 1: rate hardness and displayed stiffness of every law at both speeds.
+
+Every other cell of the paper's table, as on a chessboard, was used to fit the hand; the remaining
+half is predicted. So of each law and speed either the crispness of contact was fitted and the
+steady stiffness follows, or the other way round.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.setup import (
+    CERTIFIED,
+    HAND,
+    PAPER_LAWS,
+    SPEEDS,
+    Contact,
+    Runs,
+    wall_command,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = (  # quantity and speed, in the order of the paper's table
+    ("rate_hardness", "high"),
+    ("displayed_stiffness", "high"),
+    ("rate_hardness", "low"),
+    ("displayed_stiffness", "low"),
+)
+
+# N/mm; source: paper, Table 1.
+PAPER: dict[str, tuple[float, float, float, float]] = {
+    "less_conservative_viscous": (3.06, 0.71, 7.87, 0.69),
+    "less_conservative": (6.05, 2.28, 8.02, 4.09),
+    "aol": (6.02, 2.47, 8.25, 4.44),
+    "more_conservative_viscous": (0.54, 0.54, 0.54, 0.54),
+    "more_conservative": (1.29, 0.68, 2.16, 1.13),
+}
+
+WORDS = {"rate_hardness": "rate hardness", "displayed_stiffness": "displayed stiffness"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One cell of the table, in N/mm."""
+
+    law: str
+    quantity: str
+    speed: str
+    paper: float | None  # None: the paper does not know the law
+    ours: float
+    fitted: bool  # whether the cell was used to find the hand
+
+    @property
+    def log_error(self) -> float:
+        """Natural logarithm of ours over the paper's."""
+        assert self.paper is not None
+        return math.log(self.ours / self.paper)
+
+
+def is_fitted(law: int, column: int) -> bool:
+    """Whether a cell of the paper's table was used for the fit: every other one, as in chess."""
+    return (law + column) % 2 == 1
+
+
+def cell(contact: Contact, quantity: str) -> float:
+    """Return one quantity of a run, in N/mm."""
+    value = (
+        contact.rate_hardness if quantity == "rate_hardness" else contact.displayed_stiffness
+    )
+    return math.nan if value is None else value
+
+
+def rows(runs: Runs) -> list[Row]:
+    """Return the 20 cells of the paper's table."""
+    return [
+        Row(
+            law,
+            quantity,
+            speed,
+            PAPER[law][column],
+            cell(runs.wall(law, SPEEDS[speed]), quantity),
+            is_fitted(index, column),
+        )
+        for index, law in enumerate(PAPER_LAWS)
+        for column, (quantity, speed) in enumerate(COLUMNS)
+    ]
+
+
+def rows_of_certified(runs: Runs) -> list[Row]:
+    """Return the cells of the certified laws, which the paper does not know."""
+    return [
+        Row(law, quantity, speed, None, cell(runs.wall(law, SPEEDS[speed]), quantity), False)
+        for law in CERTIFIED
+        for quantity, speed in COLUMNS
+    ]
+
+
+def rms_log_error(cells: Iterable[Row]) -> float:
+    """Return the root of the mean squared logarithm of ours over the paper's."""
+    errors = [row.log_error for row in cells]
+    return math.sqrt(sum(error * error for error in errors) / len(errors))
+
+
+def order_of_laws(cells: list[Row], speed: str, quantity: str, ours: bool) -> list[str]:
+    """Return the laws from soft to stiff in one column of the table; equal ones by name."""
+    column = [row for row in cells if (row.speed, row.quantity) == (speed, quantity)]
+    return [
+        row.law
+        for row in sorted(column, key=lambda row: (row.ours if ours else row.paper or 0.0, row.law))
+    ]
+
+
+def run(runs: Runs) -> Outcome:
+    """Reproduce the table."""
+    table = rows(runs)
+    certified = rows_of_certified(runs)
+    errors = {
+        "rms_log_error": rms_log_error(table),
+        "rms_log_error_fitted": rms_log_error(row for row in table if row.fitted),
+        "rms_log_error_predicted": rms_log_error(row for row in table if not row.fitted),
+    }
+    contact_speeds = {
+        name: runs.wall("none", approach).contact_speed for name, approach in SPEEDS.items()
+    }
+    exchanged = exchanged_pairs(table)
+    numbers = [
+        Number(
+            f"{WORDS[row.quantity]}, {row.speed} speed{', fitted' if row.fitted else ''}",
+            "N/mm",
+            row.ours,
+            row.paper,
+            row.law,
+        )
+        for row in [*table, *certified]
+    ]
+    setup: dict[str, Any] = {
+        "hand": asdict(HAND),
+        "approaches": {name: asdict(approach) for name, approach in SPEEDS.items()},
+        "contact_speed_m_per_s": contact_speeds,
+    }
+    return Outcome(
+        title="Table 1: rate hardness and displayed stiffness of every law",
+        paper="Five laws at a high and a low approach speed, wall of 10 N/mm.",
+        finding=_finding(errors, contact_speeds, exchanged),
+        numbers=numbers,
+        drawing=draw(table, certified),
+        commands=[wall_command(law, SPEEDS["high"]) for law in ("less_conservative", "certified")],
+        document={
+            "table1": [asdict(row) for row in table],
+            "table1_certified": [asdict(row) for row in certified],
+            **errors,
+            "exchanged_pairs": [list(pair) for pair in exchanged],
+            "setup": setup,
+        },
+    )
+
+
+def exchanged_pairs(table: list[Row]) -> list[tuple[str, str, str, str]]:
+    """Return what stands in another order than in the paper: quantity, speed, softer, stiffer.
+
+    Only pairs that the paper tells apart by more than 5 %: below, the order of two single trials of
+    a person says nothing.
+    """
+    exchanged = []
+    for quantity, speed in COLUMNS:
+        column = [row for row in table if (row.quantity, row.speed) == (quantity, speed)]
+        for soft in column:
+            for stiff in column:
+                assert soft.paper is not None and stiff.paper is not None
+                if stiff.paper > 1.05 * soft.paper and stiff.ours < soft.ours:
+                    exchanged.append((quantity, speed, soft.law, stiff.law))
+    return exchanged
+
+
+def _finding(
+    errors: dict[str, float], speeds: dict[str, float], exchanged: list[tuple[str, str, str, str]]
+) -> str:
+    order = (
+        "the laws stand in the paper's order in every column"
+        if not exchanged
+        else "in another order than in the paper: "
+        + "; ".join(f"{w} and {s} in {q} at {v} speed" for q, v, w, s in exchanged)
+    )
+    return (
+        f"Root-mean-square logarithmic error {errors['rms_log_error']:.3f} over all 20 cells, "
+        f"{errors['rms_log_error_fitted']:.3f} over the 10 fitted and "
+        f"{errors['rms_log_error_predicted']:.3f} over the 10 predicted ones; {order}. One hand "
+        f"({HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m) for all of it; the "
+        f"handle meets the wall at {speeds['high'] * 1e3:.0f} and {speeds['low'] * 1e3:.0f} mm/s."
+    )
+
+
+def draw(table: list[Row], certified: list[Row]) -> Figure:
+    """Draw the table: per column the paper's numbers and ours, on one logarithmic scale."""
+    from matplotlib.figure import Figure
+
+    from forcebound.analysis.plots import ASKED, BELIEVED, HAPPENS, NEUTRAL
+
+    laws = [*PAPER_LAWS, *CERTIFIED]
+    drawing = Figure(figsize=(13.5, 4.0), dpi=150, layout="constrained")
+    grid = drawing.subplots(1, len(COLUMNS), sharey=True, sharex=True)
+    for axes, (quantity, speed) in zip(grid, COLUMNS, strict=True):
+        axes.axvline(0.54, color=NEUTRAL, linewidth=1.0, linestyle="--", label="2B")
+        axes.axvline(10.0, color=NEUTRAL, linewidth=1.0, linestyle=":", label="wall")
+        for row in [*table, *certified]:
+            if (row.quantity, row.speed) != (quantity, speed):
+                continue
+            height = len(laws) - laws.index(row.law)
+            if row.paper is not None:
+                axes.plot([row.paper, row.ours], [height] * 2, color=NEUTRAL, linewidth=1.0)
+                axes.plot(row.paper, height, "D", color=ASKED, markersize=7, label="paper")
+            if row.paper is None:
+                label, style, face = "ours, certified law", "s", BELIEVED
+            elif row.fitted:
+                label, style, face = "ours, fitted", "o", HAPPENS
+            else:
+                label, style, face = "ours, predicted", "o", "white"
+            axes.plot(
+                row.ours,
+                height,
+                style,
+                color=BELIEVED if row.paper is None else HAPPENS,
+                markerfacecolor=face,
+                markersize=6,
+                label=label,
+            )
+        axes.set_xscale("log")
+        axes.set_xlim(0.4, 13.0)
+        axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0], ["0.5", "1", "2", "5", "10"])
+        axes.minorticks_off()
+        axes.set_yticks(range(1, len(laws) + 1), [name.replace("_", " ") for name in laws[::-1]])
+        axes.set_title(f"{WORDS[quantity]}, {speed} speed", fontsize=10)
+        axes.set_xlabel("N/mm", fontsize=9)
+        axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+    handles: dict[str, Any] = {}
+    for axes in grid:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    drawing.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=6, frameon=False,
+        fontsize=9,
+    )
+    return drawing

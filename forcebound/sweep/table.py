@@ -1,0 +1,71 @@
+"""The result of a sweep as one Parquet file: a row a case, a column a parameter or figure.
+
+``over.NAME`` are the arguments that varied, in SI units or as text; ``case``, ``engine`` and
+``error`` come first; then all resolved parameters under the names that they have in a launch file
+(``device.damping``), and the summary under the names of ``forcebound simulate --json``. The
+sweep's description and its map are in the file's metadata under ``forcebound``.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forcebound.errors import ConfigError
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError as missing:  # pragma: no cover - an installation without the extra
+    raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
+
+_KEY = b"forcebound"
+_TEXTS = ("error", "engine")  # text even where no row has any
+
+
+@dataclass(frozen=True)
+class Table:
+    """A result: columns by name, all of one length, and what the sweep file said."""
+
+    columns: Mapping[str, list[Any]]
+    about: Mapping[str, Any]
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path, about: Mapping[str, Any]) -> None:
+    """Write rows to a Parquet file, in one step; the same rows give the same bytes."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    arrays = [_array(name, [row.get(name) for row in rows]) for name in names]
+    metadata = {_KEY: json.dumps(about, sort_keys=True).encode()}
+    table = pa.table(dict(zip(names, arrays, strict=True))).replace_schema_metadata(metadata)
+    unfinished = path.with_name(path.name + ".unfinished")
+    pq.write_table(table, unfinished, compression="zstd")
+    os.replace(unfinished, path)
+
+
+def read_table(path: Path) -> Table:
+    """Return what a Parquet file of a sweep holds.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    try:
+        table = pq.read_table(path)
+        about = json.loads((table.schema.metadata or {})[_KEY])
+    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        raise ConfigError(f"{path} is no result of a sweep: {error}") from error
+    return Table({name: table[name].to_pylist() for name in table.column_names}, about)
+
+
+def _array(name: str, values: list[Any]) -> Any:
+    kinds = {type(value) for value in values if value is not None}
+    if not kinds:
+        return pa.array(values, pa.string() if name in _TEXTS else pa.float64())
+    if kinds == {bool}:
+        return pa.array(values, pa.bool_())
+    if kinds == {int}:
+        return pa.array(values, pa.int64())
+    if kinds <= {int, float}:
+        return pa.array([None if v is None else float(v) for v in values], pa.float64())
+    return pa.array([None if v is None else str(v) for v in values], pa.string())

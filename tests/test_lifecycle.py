@@ -1,0 +1,225 @@
+"""The supervisor's decisions by histories: tables of events and actions, without processes."""
+
+import pytest
+
+from forcebound.launch.lifecycle import (
+    Action,
+    Ended,
+    Engage,
+    Engaged,
+    Event,
+    Interrupted,
+    Kill,
+    Lifecycle,
+    Limits,
+    Phase,
+    Reported,
+    Terminate,
+    describe_status,
+)
+
+NODES = ("environment", "controller", "device", "recorder")
+LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)
+
+READY = [Reported(name, ()) for name in NODES]
+RUNNING: list[tuple[int, Event | None, list[Action]]] = [
+    *((1, event, []) for event in READY[:-1]),
+    (2, READY[-1], [Engage()]),
+    (3, Engaged(), []),
+]
+STOPPED: list[tuple[int, Event | None, list[Action]]] = [
+    (1010, Ended("device", 0), [Terminate("controller"), Terminate("environment")]),
+    (1011, Ended("environment", 0), []),
+    (1012, Ended("controller", 0), [Terminate("recorder")]),
+    (1013, Ended("recorder", 0), []),
+]
+
+HISTORIES: dict[str, tuple[list[tuple[int, Event | None, list[Action]]], str | None]] = {
+    "a run of its full duration": (
+        [*RUNNING, (1002, None, []), (1003, None, [Terminate("device")]), *STOPPED],
+        None,
+    ),
+    "an interrupt stops in order": (
+        [*RUNNING, (500, Interrupted(), [Terminate("device")]), *STOPPED],
+        None,
+    ),
+    "an interrupt while starting stops in order": (
+        [(1, READY[0], []), (2, Interrupted(), [Terminate("device")]), *STOPPED],
+        None,
+    ),
+    "nobody engages before all are ready": (
+        [
+            (1, Reported("device", ()), []),
+            (2, Reported("controller", ("environment_reply",)), []),
+            (3, Reported("environment", ()), []),
+            (4, Engaged(), []),
+            (
+                100,
+                None,
+                [Terminate("device")],
+            ),
+            *STOPPED,
+        ],
+        "not ready after 1e-07 s: controller has received nothing on environment_reply; "
+        "recorder does not answer",
+    ),
+    "a device that does not engage": (
+        [*RUNNING[:-1], (11, None, []), (12, None, [Terminate("device")]), *STOPPED],
+        "device does not answer the request to engage",
+    ),
+    "the controller dies while running": (
+        [
+            *RUNNING,
+            (500, Ended("controller", -9), [Terminate("device")]),
+            (501, Ended("device", 0), [Terminate("environment")]),
+            (502, Ended("environment", 0), [Terminate("recorder")]),
+            (503, Ended("recorder", 0), []),
+        ],
+        "controller ended by itself, with signal SIGKILL",
+    ),
+    "the device dies, and then the others are stopped": (
+        [
+            *RUNNING,
+            (500, Ended("device", 1), [Terminate("controller"), Terminate("environment")]),
+            *STOPPED[1:],
+        ],
+        "device ended by itself, with exit status 1",
+    ),
+    "a node dies while starting": (
+        [
+            (1, READY[0], []),
+            (2, Ended("recorder", 2), [Terminate("device")]),
+            *STOPPED[:2],
+            (1012, Ended("controller", 0), []),
+        ],
+        "recorder ended by itself, with exit status 2",
+    ),
+    "a node that ends by itself without an error is missed all the same": (
+        [*RUNNING, (500, Ended("environment", 0), [Terminate("device")])],
+        "environment ended by itself, with exit status 0",
+    ),
+    "only the first failure is told": (
+        [
+            *RUNNING,
+            (500, Ended("environment", 3), [Terminate("device")]),
+            (501, Ended("device", 1), [Terminate("controller")]),
+        ],
+        "environment ended by itself, with exit status 3",
+    ),
+    "a device that does not stop is killed, and only then the others are stopped": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            (1022, None, []),
+            (1023, None, [Kill("device")]),
+            (1024, Ended("device", -9), [Terminate("controller"), Terminate("environment")]),
+            (1025, Ended("controller", 0), []),
+            (1026, Ended("environment", 0), [Terminate("recorder")]),
+            (1027, Ended("recorder", 0), []),
+        ],
+        "device did not stop in time and was killed",
+    ),
+    "a process that cannot be killed is left": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            (1023, None, [Kill("device")]),
+            (1028, None, [Terminate("controller"), Terminate("environment")]),
+            *STOPPED[1:],
+        ],
+        "device cannot be killed",
+    ),
+    "the recorder has more time than the others": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            *STOPPED[:3],
+            (1061, None, []),
+            (1062, None, [Kill("recorder")]),
+            (1063, Ended("recorder", -9), []),
+        ],
+        "recorder did not stop in time and was killed",
+    ),
+    "a node that fails while it stops": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            (1004, Ended("device", 1), [Terminate("controller"), Terminate("environment")]),
+            *STOPPED[1:],
+        ],
+        "device stopped with exit status 1",
+    ),
+    "a node that dies before its turn to stop": (
+        [
+            *RUNNING,
+            (1003, None, [Terminate("device")]),
+            (1004, Ended("environment", -15), []),
+            (1005, Ended("device", 0), [Terminate("controller")]),
+            (1006, Ended("controller", 0), [Terminate("recorder")]),
+            (1007, Ended("recorder", 0), []),
+        ],
+        "environment stopped with signal SIGTERM",
+    ),
+    "impatience kills all but the device": (
+        [
+            *RUNNING,
+            (500, Interrupted(), [Terminate("device")]),
+            (501, Interrupted(), [Kill("controller"), Kill("environment"), Kill("recorder")]),
+            (502, Interrupted(), []),
+            (503, Ended("controller", -9), []),
+            (504, Ended("environment", -9), []),
+            (505, Ended("recorder", -9), []),
+            (506, Ended("device", 0), []),
+        ],
+        "controller did not stop in time and was killed",
+    ),
+}
+
+
+@pytest.mark.parametrize("history", HISTORIES)
+def test_each_history_leads_to_its_actions(history: str) -> None:
+    steps, failure = HISTORIES[history]
+    lifecycle = Lifecycle(NODES, 1000, 0, LIMITS)
+    for time_ns, event, actions in steps:
+        assert lifecycle.advance(time_ns, event) == actions, (time_ns, event)
+    told = None if lifecycle.failure is None else lifecycle.failure.message
+    assert told == failure
+    all_ended = {e.node for _, e, _ in steps if isinstance(e, Ended)} == set(NODES)
+    if all_ended or "left" in history:
+        assert lifecycle.phase is Phase.OVER
+        assert lifecycle.deadline_ns is None
+    else:
+        assert lifecycle.phase is Phase.STOPPING
+
+
+def test_without_a_duration_a_run_goes_on_until_interrupted() -> None:
+    lifecycle = Lifecycle(NODES, None, 0, LIMITS)
+    for time_ns, event, actions in RUNNING:
+        assert lifecycle.advance(time_ns, event) == actions
+    assert lifecycle.deadline_ns is None
+    assert lifecycle.advance(10**18) == []
+    assert lifecycle.advance(10**18, Interrupted()) == [Terminate("device")]
+    assert lifecycle.interrupted
+
+
+def test_a_process_that_nobody_has_heard_of_is_stopped_before_the_recorder() -> None:
+    lifecycle = Lifecycle(("device", "dashboard", "recorder"), None, 0, LIMITS)
+    assert lifecycle.advance(1, Interrupted()) == [Terminate("device")]
+    assert lifecycle.advance(2, Ended("device", 0)) == [Terminate("dashboard")]
+    assert lifecycle.advance(3, Ended("dashboard", 0)) == [Terminate("recorder")]
+
+
+def test_the_force_engages_once() -> None:
+    lifecycle = Lifecycle(("device",), None, 0, LIMITS)
+    assert lifecycle.advance(1, Reported("device", ())) == [Engage()]
+    assert lifecycle.advance(2, Reported("device", ())) == []
+    lifecycle.advance(3, Engaged())
+    assert lifecycle.advance(4, Engaged()) == []
+    assert lifecycle.advance(5, Reported("device", ())) == []
+
+
+@pytest.mark.parametrize(
+    ("status", "words"), [(0, "exit status 0"), (-9, "signal SIGKILL"), (-99, "signal 99")]
+)
+def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
+    assert describe_status(status) == words

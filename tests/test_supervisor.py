@@ -1,0 +1,279 @@
+"""The supervisor with real processes, few; its decisions are tested in ``test_lifecycle.py``.
+
+No test decides by timing: each waits for something in bounded time and fails if it never comes.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.lifecycle import Limits
+from forcebound.launch.live import run_live
+from forcebound.launch.loader import load
+from forcebound.launch.supervisor import Supervisor
+from forcebound.messages.packets import Telemetry
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.process import control_endpoint
+from forcebound.recording import read
+
+NODES = ("environment", "controller", "device", "recorder")
+PATIENCE = 60.0  # s; a cold start on a busy machine takes its time
+
+FAKE_NODE = """
+import os, signal, sys
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+name, run_dir, mode = sys.argv[1:]
+with Network() as network:
+    server = network.control_server(f"ipc://{run_dir}/control-{name}")
+    if mode == "stubborn":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    else:
+        signal.signal(signal.SIGTERM, lambda number, frame: os._exit(0))
+    print(name, "is there", flush=True)
+    def answer(request):
+        if request["request"] == "engage":
+            return {"engaged": True}
+        return {"waiting_for": ["device_state"] if mode == "deaf" else []}
+    while True:
+        sockets.wait([server.descriptor], 20_000_000)
+        server.serve(answer)
+        if mode == "dies":
+            sys.stderr.write("out of order\\n")
+            sys.exit(3)
+"""
+
+QUICK = Limits(
+    start_ns=round(PATIENCE * 1e9), engage_ns=10 * 10**9, stop_ns=10**9, recorder_stop_ns=10**9
+)
+
+
+def children_of(pid: int) -> set[int]:
+    """Return the process ids of the living children of a process."""
+    children = set()
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            children.add(int(entry.name))
+    return children
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def until(happened: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
+        sockets.wait((), 10_000_000)
+
+
+@pytest.fixture(autouse=True)
+def no_child_is_left() -> Iterator[None]:
+    before = children_of(os.getpid())
+    cores = os.sched_getaffinity(0)
+    yield
+    assert children_of(os.getpid()) <= before
+    assert os.sched_getaffinity(0) == cores
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A temporary folder with a short path, since ipc endpoints live in it."""
+    with tempfile.TemporaryDirectory(prefix="fb-") as path:
+        yield Path(path)
+
+
+def supervise(
+    folder: Path, modes: dict[str, str], limits: Limits = QUICK
+) -> tuple[bool, list[tuple[str, str]]]:
+    said: list[tuple[str, str]] = []
+    commands = {
+        name: [sys.executable, "-c", FAKE_NODE, name, str(folder), mode]
+        for name, mode in modes.items()
+    }
+    supervisor = Supervisor(commands, folder, 50_000_000, limits, lambda *line: said.append(line))
+    return supervisor.run(), said
+
+
+@pytest.mark.live
+def test_processes_are_started_engaged_and_stopped(folder: Path) -> None:
+    interrupted, said = supervise(folder, {"device": "good", "controller": "good"})
+    assert not interrupted
+    assert set(said) == {("device", "device is there"), ("controller", "controller is there")}
+
+
+@pytest.mark.live
+def test_the_message_of_a_death_holds_the_last_words(folder: Path) -> None:
+    with pytest.raises(RunError, match=r"(?s)controller ended by itself.*status 3.*out of order"):
+        supervise(folder, {"device": "good", "controller": "dies"})
+
+
+@pytest.mark.live
+def test_who_is_not_ready_is_named_with_what_is_missing(folder: Path) -> None:
+    limits = Limits(start_ns=3 * 10**9)
+    with pytest.raises(RunError, match=r"not ready after 3 s: .*controller has received nothing"):
+        supervise(folder, {"device": "good", "controller": "deaf"}, limits)
+
+
+@pytest.mark.live
+def test_who_does_not_stop_is_killed(folder: Path) -> None:
+    with pytest.raises(RunError, match="controller did not stop in time and was killed"):
+        supervise(folder, {"device": "good", "controller": "stubborn"})
+
+
+@pytest.mark.live
+def test_a_live_run_leaves_its_samples_and_nothing_else(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    result = run_live(load("stiff_wall.yaml"), 0.5)
+    assert result.summary["samples"] > 100
+    assert result.summary["law"] == "certified"
+    assert result.summary["rejected_packets"] == {}
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.live
+def test_a_recording_that_cannot_be_written_is_refused_before_anything_starts(
+    folder: Path,
+) -> None:
+    config = load("stiff_wall.yaml")
+    for path in (folder / "none" / "run.mcap", folder):
+        with pytest.raises(ConfigError, match="cannot write the recording"):
+            run_live(config, 0.5, path)
+
+
+class Launched:
+    """``forcebound launch`` as a process of its own, with a folder for its run directory."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.folder = folder
+        self.record = folder / "run.mcap"
+        command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall.yaml", *words]
+        self.process = subprocess.Popen(
+            [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
+            env={**os.environ, "TMPDIR": str(folder)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    @property
+    def run_dirs(self) -> list[Path]:
+        return list(self.folder.glob("forcebound-*"))
+
+    def wait_until_engaged(self) -> dict[str, int]:
+        """Return the process ids by name of a run whose force is engaged."""
+        until(lambda: len(self.run_dirs) == 1, "a run directory")
+        with Network() as network:
+            client = network.control_client(control_endpoint(self.run_dirs[0], "device"))
+            status: dict[str, Any] = {}
+
+            def engaged() -> bool:
+                assert self.process.poll() is None, self.process.communicate()
+                client.ask({"request": "status"})
+                sockets.wait((client.descriptor,), 100_000_000)
+                status.update(client.answer() or {})
+                return bool(status.get("engaged"))
+
+            until(engaged, "an engaged force")
+        names = {}
+        for pid in children_of(self.process.pid):
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            names[words[words.index(b"node") + 1].decode()] = pid
+        assert set(names) == set(NODES)
+        return names
+
+    def telemetry(self) -> list[Telemetry]:
+        return [p for p in read(self.record).packets("telemetry") if isinstance(p, Telemetry)]
+
+
+@pytest.fixture
+def launched(folder: Path) -> Iterator[Launched]:
+    launched = Launched(folder)
+    try:
+        yield launched
+    finally:
+        children = children_of(launched.process.pid)
+        launched.process.kill()
+        launched.process.communicate()
+        until(lambda: not any(map(is_alive, children)), "the processes of the run to be gone")
+
+
+@pytest.mark.live
+def test_nothing_survives_a_launcher_that_is_killed(launched: Launched) -> None:
+    pids = launched.wait_until_engaged()
+    launched.process.kill()
+    until(lambda: not any(map(is_alive, pids.values())), "the processes to be gone")
+    until(lambda: launched.run_dirs == [], "the run directory to be gone")
+    assert launched.telemetry()[-1].applied_force == (0.0,)
+    assert read(launched.record).complete
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_the_run_with_zero_force_and_a_result(
+    launched: Launched, number: int
+) -> None:
+    pids = launched.wait_until_engaged()
+    launched.process.send_signal(number)
+    out, _ = launched.process.communicate(timeout=PATIENCE)
+    assert launched.process.returncode == 0
+    assert json.loads(out)["samples"] > 0
+    assert launched.telemetry()[-1].applied_force == (0.0,)
+    assert not any(map(is_alive, pids.values()))
+    assert launched.run_dirs == []
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("victim", NODES)
+def test_a_node_that_dies_ends_the_run_and_is_named(launched: Launched, victim: str) -> None:
+    pids = launched.wait_until_engaged()
+    os.kill(pids[victim], signal.SIGKILL)
+    out, err = launched.process.communicate(timeout=PATIENCE)
+    assert launched.process.returncode == 1
+    assert f"{victim} ended by itself, with signal SIGKILL" in err
+    assert "Traceback" not in err
+    assert out == ""
+    assert not any(map(is_alive, pids.values()))
+    assert launched.run_dirs == []
+    if victim not in ("device", "recorder"):
+        assert launched.telemetry()[-1].applied_force == (0.0,)
+
+
+@pytest.mark.live
+def test_a_peer_that_paused_causes_no_stale_force_afterwards(launched: Launched) -> None:
+    pids = launched.wait_until_engaged()
+    for pause in ("environment", "controller"):
+        os.kill(pids[pause], signal.SIGSTOP)
+        sockets.wait((), 500_000_000)
+        os.kill(pids[pause], signal.SIGCONT)
+        sockets.wait((), 500_000_000)
+    launched.process.send_signal(signal.SIGINT)
+    launched.process.communicate(timeout=PATIENCE)
+    assert launched.process.returncode == 0
+    delays = [p.loop_delay for p in launched.telemetry() if any(p.commanded_force)]
+    assert delays
+    assert max(delay for delay in delays if delay is not None) < 0.1  # the age limit
