@@ -1,8 +1,8 @@
 """What the codec costs beside bare msgpack: ``python benchmarks/codec.py [--json]``.
 
 For every packet of one axis: encode plus decode with all its checks, against ``msgpack.packb`` plus
-``unpackb`` of the same map, which is the least that any msgpack codec can cost. Absolute times mean
-nothing on a shared machine, so the two are measured in turn, and the ratio is what counts. The
+``unpackb`` of the same map, which is what it costs without any check. Absolute times mean nothing
+on a shared machine, so the two are measured in turn, and the ratio is what counts. The
 target is a ratio of at most 4.
 
 * warm: the median of rounds of many calls;

@@ -28,7 +28,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.bounding import LAWS, Dissipation, play
+from forcebound.bounding import (
+    ANCHOR_SAMPLES,
+    LAWS,
+    Dissipation,
+    clear_square,
+    least_viscous_path,
+    play,
+)
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import advance, quantise
 from forcebound.errors import ConfigError
@@ -377,6 +384,8 @@ def _kernel_of(law: str) -> Kernel:
         total_mass = case.mass + case.hand_mass
         x = v = work = loss = time = 0.0
         target = reading = playing = path = 0.0
+        older = younger = older_age = younger_age = viscous = between = 0.0
+        since_anchor = 0
         force = asked = 0.0
         state = start(*parameters)
         history = np.zeros((case.delay + 1, 2))  # reading and velocity, as a ring
@@ -427,7 +436,19 @@ def _kernel_of(law: str) -> Kernel:
             reading_before = reading
             reading = read(case.sensor, x, v, case.resolution, noise[n])
             move = reading - reading_before
-            clear = max(abs(move) - 2.0 * half_resolution, 0.0)
+            older_age += elapsed
+            younger_age += elapsed
+            viscous_before = viscous
+            viscous = least_viscous_path(
+                viscous,
+                clear_square(reading, reading_before, half_resolution),
+                elapsed,
+                clear_square(reading, older, half_resolution),
+                older_age,
+                clear_square(reading, younger, half_resolution),
+                younger_age,
+                between,
+            )
             playing_before = playing
             playing = play(reading, playing, half_resolution)
             path_before = path
@@ -458,7 +479,7 @@ def _kernel_of(law: str) -> Kernel:
                 abs(asked),
                 elapsed,
                 abs(move),
-                clear * clear,
+                viscous - viscous_before,
                 path - path_before,
                 force * move,
                 held,
@@ -467,8 +488,16 @@ def _kernel_of(law: str) -> Kernel:
             )
             if elapsed > case.hold_limit:
                 force = 0.0
-                playing = reading
-                path = 0.0
+                playing = older = younger = reading
+                path = older_age = younger_age = viscous = between = 0.0
+                since_anchor = 0
+            else:
+                since_anchor += 1
+                if since_anchor == ANCHOR_SAMPLES:
+                    older, older_age, younger, younger_age = younger, younger_age, reading, 0.0
+                    viscous -= between
+                    between = viscous
+                    since_anchor = 0
             largest = min(largest, case.saturation)
             wanted = asked + added / elapsed * move if added > 0.0 else asked
             bounded = max(-largest, min(largest, wanted))
@@ -483,7 +512,7 @@ def _kernel_of(law: str) -> Kernel:
 
 @cache
 def _allow_common() -> None:
-    allow_in_kernels([advance, quantise, read, play, ask])
+    allow_in_kernels([advance, quantise, read, play, ask, clear_square, least_viscous_path])
 
 
 if __name__ == "__main__":

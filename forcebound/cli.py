@@ -16,7 +16,7 @@ from typing import Any, ParamSpec
 
 import click
 
-from forcebound.errors import ConfigError, ForceboundError
+from forcebound.errors import ConfigError, ForceboundError, RunError
 
 P = ParamSpec("P")
 
@@ -219,6 +219,88 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         for row in one.rows:
             table.add_row(*row)
         Console().print(table)
+
+
+@main.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("results/reproduce"),
+    show_default=True,
+    help="Folder for pictures, numbers and the report.",
+)
+@_json_option
+@_reports_errors
+def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
+    """Run the paper's experiments again: table1, fig4 to fig21, eq41_42; all without a NAME."""
+    from forcebound.experiments.reproduce import reproduce, tables
+
+    done = reproduce(names, out, lambda line: click.echo(line, err=True))
+    if as_json:
+        _print_json(done.document)
+        return
+    from rich.console import Console
+
+    for table in tables(done):
+        Console().print(table)
+    click.echo(f"report: {out / 'report.html'}")
+
+
+@main.command()
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=_ARGUMENTS)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Parquet file to write; named after the sweep file by default.",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; one a core by default.")
+@click.option("--cluster", metavar="ADDRESS", help="Scheduler of a dask cluster to run it on.")
+@click.option("--restart", is_flag=True, help="Begin anew instead of going on.")
+@click.option("--plot", "as_plot", is_flag=True, help="Draw the sweep's map beside the result.")
+@_json_option
+@_reports_errors
+def sweep(
+    file: str,
+    arguments: tuple[str, ...],
+    output: Path | None,
+    workers: int | None,
+    cluster: str | None,
+    restart: bool,
+    as_plot: bool,
+    as_json: bool,
+) -> None:
+    """Run a sweep file, such as z_width or stability_map; go on with one that was interrupted."""
+    from forcebound.sweep.command import run
+
+    document = run(file, arguments, output, workers, cluster, restart, as_plot)
+    if as_json:
+        _print_json(document)
+    else:
+        for name, value in document.items():
+            click.echo(f"{name.replace('_', ' ')}: {value}")
+    if document["failed"] == document["cases"]:
+        raise RunError(f"every case failed; the first: {document['first_error']}")
+
+
+@main.command("map")
+@click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write, .png or .svg; beside the result by default.",
+)
+@_reports_errors
+def draw_map(result: Path, output: Path | None) -> None:
+    """Draw the map of a sweep's RESULT.parquet, with the limits of theory."""
+    from forcebound.sweep.maps import draw
+
+    output = output or result.with_suffix(".png")
+    draw(result, output)
+    click.echo(f"map: {output}")
 
 
 def _show_arguments(file: str, as_json: bool) -> None:

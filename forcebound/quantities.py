@@ -12,7 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from forcebound.errors import ConfigError
@@ -138,19 +138,15 @@ def split_quantity(text: str) -> tuple[float, str]:
     return _finite(float(match["number"]), text, "a number"), match["unit"] or ""
 
 
+@lru_cache(maxsize=65536)
 def to_si(text: str) -> float | None:
-    """Return a quantity of any dimension in SI units; None if it is no quantity."""
-    import pint
-
-    try:
-        number, unit = split_quantity(text)
-        if not unit:
-            return number
-        source = _registry().parse_units(unit.replace("²", "^2").replace("³", "^3"))
-        factor = _registry().convert(1.0, source, _registry().get_base_units(source)[1])
-    except (ConfigError, pint.PintError):
-        return None
-    return float(Decimal(repr(number)) * Decimal(f"{float(factor):.15g}"))
+    """Return a quantity of any dimension that parameters have, in SI; None if it is none."""
+    for symbol in ("", *_NAMES):
+        try:
+            return parse_quantity(text, symbol)
+        except ConfigError:
+            continue
+    return None
 
 
 # The unit part is matched before pint sees it: pint evaluates arithmetic, also `9**9**9**9`.
@@ -212,8 +208,14 @@ def _registry() -> "pint.UnitRegistry[float]":
     return registry
 
 
+_FACTORS: dict[tuple[str, str], Decimal] = {}  # found before: a sweep reads the same units often
+
+
 def _factor(given: str, unit: str, value: str, expected: str) -> Decimal:
     """How many of ``unit`` one of ``given`` is; powers of ten exactly."""
+    known = _FACTORS.get((given, unit))
+    if known is not None:
+        return known
     import pint
 
     registry = _registry()
@@ -227,7 +229,9 @@ def _factor(given: str, unit: str, value: str, expected: str) -> Decimal:
     target = registry.parse_units(unit)
     if source.dimensionality != target.dimensionality:
         raise ConfigError(f"expected {expected}; got {value!r}, which is {_named(source)}")
-    return Decimal(f"{_finite(registry.convert(1.0, source, target), value, expected):.15g}")
+    number = _finite(registry.convert(1.0, source, target), value, expected)
+    factor = _FACTORS[given, unit] = Decimal(f"{number:.15g}")
+    return factor
 
 
 def _named(unit: Any) -> str:

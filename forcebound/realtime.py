@@ -60,7 +60,7 @@ class Settings:
     policy: str = "fifo"
     core: int | None = None
     lock_memory: bool = True
-    spin_ns: int = 100_000
+    spin_ns: int = 30_000
 
 
 def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> int | None:

@@ -19,24 +19,34 @@ import json
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast, get_args, get_type_hints
+from typing import Any, Self, cast, get_args
 
 import numpy as np
 from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import Writer
+from msgspec.json import Encoder
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import MAX_AXES, TOPIC_OF, TOPICS, Packet, Telemetry, Vector
+from forcebound.messages.codec import plain
+from forcebound.messages.packets import (
+    MAX_AXES,
+    TOPIC_OF,
+    TOPICS,
+    Packet,
+    Telemetry,
+    Vector,
+    field_types,
+)
 
 METADATA_NAME = "forcebound"  # of the metadata record
 
@@ -66,22 +76,22 @@ DESCRIPTIONS: dict[str, str] = {
 
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
 
-_encode = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
+_encode = Encoder(enc_hook=plain).encode  # what is not finite becomes null
 
 
 def schema(packet: type[Packet]) -> dict[str, Any]:
     """Return the jsonschema of a packet: types, units and meaning of its fields."""
-    hints = get_type_hints(packet)
+    types = field_types(packet)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"forcebound.{packet.__name__}",
         "description": (packet.__doc__ or "").strip().splitlines()[0],
         "type": "object",
         "properties": {
-            field.name: _field_schema(hints[field.name]) | {"description": DESCRIPTIONS[field.name]}
-            for field in fields(packet)
+            name: _field_schema(hint) | {"description": DESCRIPTIONS[name]}
+            for name, hint in types.items()
         },
-        "required": [f.name for f in fields(packet) if not _is_optional(hints[f.name])],
+        "required": [name for name, hint in types.items() if not _is_optional(hint)],
     }
 
 
@@ -104,14 +114,6 @@ def _field_schema(hint: Any) -> dict[str, Any]:
         return {"type": "array", "items": numbers, "minItems": 1, "maxItems": MAX_AXES}
     # Foxglove reads ``properties`` of every object, also of an empty one.
     return {"type": "object", "properties": {}, "additionalProperties": {"type": "integer"}}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, tuple):
-        return [_finite(number) for number in value]
-    return dict(value) if isinstance(value, Mapping) else value
 
 
 class Recorder:
@@ -154,7 +156,7 @@ class Recorder:
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(schema(packet)).encode()
         )
         channel = self._writer.register_channel(f"/{topic}", "json", schema_id)
-        names = tuple(field.name for field in fields(packet))
+        names = tuple(field_types(packet))
         return channel, names, attrgetter(*names)
 
     def write(self, packet: Packet) -> None:
@@ -165,14 +167,10 @@ class Recorder:
             for name, value in zip(names, values_of(packet), strict=True)
             if value is not None
         }
-        try:
-            text = _encode(document)
-        except (ValueError, TypeError):  # not finite, or a mapping that is not a dict
-            text = _encode({name: _finite(value) for name, value in document.items()})
         log_time = packet.time_ns + self._clock_offset_ns
         # The sequence of an MCAP message has 32 bits; the packet's own is in the message.
         self._writer.add_message(
-            channel, log_time, text.encode(), log_time, packet.seq & 0xFFFF_FFFF
+            channel, log_time, _encode(document), log_time, packet.seq & 0xFFFF_FFFF
         )
 
     def flush(self) -> None:
@@ -369,9 +367,8 @@ def _collect(chunk: Chunk, topics: dict[int, str], messages: Mapping[str, list[b
 
 def _decoder(packet: type[Packet]) -> Callable[[Mapping[str, Any]], Packet]:
     """Return a function from a JSON document to the packet."""
-    hints = get_type_hints(packet)
     readers = [
-        (f.name, _reader(hints[f.name]), _is_optional(hints[f.name])) for f in fields(packet)
+        (name, _reader(hint), _is_optional(hint)) for name, hint in field_types(packet).items()
     ]
     build: Callable[..., Packet] = packet
 

@@ -12,7 +12,7 @@ Strategy:
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from heapq import heappop, heappush
 
 from forcebound.errors import ConfigError
@@ -31,6 +31,7 @@ class Simulation:
         links: Impaired links by topic; a topic that is not here has a perfect link, which delivers
             at once and keeps only the newest packet for a node that takes it later.
         observe: Called with each packet at its sending, in order.
+        observed: Packets to call it with.
 
     Raises:
         ConfigError: If a subscribed topic has no publisher.
@@ -40,10 +41,12 @@ class Simulation:
         self,
         nodes: Sequence[Node],
         links: Mapping[str, Link[Packet]],
-        observe: Callable[[Packet], None] = lambda packet: None,
+        observe: Callable[[Packet], None],
+        observed: Collection[type[Packet]] = tuple(TOPIC_OF),
     ) -> None:
         self._nodes = nodes
         self._observe = observe
+        self._observed = frozenset(observed)
         self._mail: list[dict[type[Packet], Packet]] = [{} for _ in nodes]  # delivered, not taken
         self._links: list[list[Link[Packet]]] = [[] for _ in nodes]
         self._routes: dict[type[Packet], tuple[int, Link[Packet] | None, bool]] = {}
@@ -88,8 +91,9 @@ class Simulation:
         for link in links:
             received += link.due(time_ns)
         for packet in node.step(time_ns, received):
-            self._observe(packet)
             kind = type(packet)
+            if kind in self._observed:
+                self._observe(packet)
             route = self._routes.get(kind)
             if route is None:
                 continue

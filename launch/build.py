@@ -40,4 +40,3 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
         for topic, impairment in config.links.items()
         if impairment != Impairment()
     }
-

@@ -78,7 +78,7 @@ class RealtimeConfig:
     policy: Literal["fifo", "other"] = "fifo"
     cores: Literal["auto", "none"] | Annotated[int, NOT_NEGATIVE] = "auto"  # of the chain of nodes
     lock_memory: bool = True
-    spin: Annotated[Time, NOT_NEGATIVE] = 100e-6  # s before an instant that sleep turns to spinning
+    spin: Annotated[Time, NOT_NEGATIVE] = 30e-6  # s before an instant that sleep turns to spinning
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,13 @@ from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.supervisor import Supervisor
-from forcebound.messages.packets import TOPICS
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import control_endpoint, topic_endpoint
 
 PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
+
+TELEMETRY = TOPIC_OF[Telemetry]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
@@ -38,6 +40,7 @@ class RunDocument:
     launcher: int  # process id of who starts them and whose end is theirs
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
+    topics: list[str]  # that are recorded: each one costs the loop the waking of one more process
     metadata: dict[str, str] = field(default_factory=dict)  # of the recording
 
     def write(self, run_dir: Path) -> None:
@@ -78,7 +81,9 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         (run_dir / LAUNCH_FILE).write_text(json.dumps(to_document(config)), encoding="utf-8")
-        RunDocument(os.getpid(), core, str(recording), run_metadata(config)).write(run_dir)
+        topics = [TELEMETRY] if record is None else list(TOPICS)  # the summary needs no more
+        metadata = run_metadata(config)
+        RunDocument(os.getpid(), core, str(recording), topics, metadata).write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         commands = {name: node_command(name, run_dir) for name in PROCESSES}
         cores = realtime.stand_aside(core)

@@ -16,7 +16,7 @@ from forcebound.recording import TelemetryColumns, read
 
 _logger = logging.getLogger(__name__)
 
-_PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "pyzmq", "mcap")
+_PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mcap")
 
 
 def run_metadata(config: GraphConfig) -> dict[str, str]:

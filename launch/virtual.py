@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from forcebound.errors import RunError
-from forcebound.launch.build import NODE_KINDS, build_links, build_device, build_node
+from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.messages.packets import Packet, Telemetry
+from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
 from forcebound.recording import Recorder, TelemetryColumns
 from forcebound.simulation import Simulation
 
@@ -29,14 +29,16 @@ def run_virtual(
     recorder = None if record is None else Recorder(record, metadata)
 
     def observe(packet: Packet) -> None:
-        if type(packet) is Telemetry:
+        if isinstance(packet, Telemetry):
             samples.append(packet)
         if recorder is not None:
             recorder.write(packet)
 
+    observed = (Telemetry,) if recorder is None else tuple(TOPIC_OF)
+
     device = build_device(config)
     others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
-    simulation = Simulation([*others, device], build_links(config), observe)
+    simulation = Simulation([*others, device], build_links(config), observe, observed)
     device.engage()
     try:
         simulation.run(round((duration or config.duration) * 1e9))

@@ -22,8 +22,7 @@ from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RECORDING, RunDocument
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.results import run_metadata
-from forcebound.messages.packets import TOPICS, Packet
-from forcebound.network.link import Impairment, Link
+from forcebound.messages.packets import TOPICS
 from forcebound.recording import Recorder
 
 FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
@@ -51,7 +50,8 @@ def run_node(
         if not supervised:
             config = load(file, arguments)
             core = realtime.choose_core(config.realtime.cores)
-            run = RunDocument(os.getppid(), core, str(run_dir / RECORDING), run_metadata(config))
+            record = str(run_dir / RECORDING)
+            run = RunDocument(os.getppid(), core, record, list(TOPICS), run_metadata(config))
             _run(kind, config, run, run_dir, stop, engages_itself=kind == "device")
             return 0
         run = RunDocument.read(run_dir)
@@ -69,18 +69,6 @@ def run_node(
             if not _has_launcher(run):
                 shutil.rmtree(run_dir, ignore_errors=True)
         return 0
-
-
-def impaired_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return the links that need a model in a live run, by topic.
-
-    A perfect link needs none: the socket itself keeps only the newest packet.
-    """
-    return {
-        topic: link
-        for topic, link in build_links(config).items()
-        if config.links.get(topic, Impairment()) != Impairment()
-    }
 
 
 def _run(
@@ -101,7 +89,7 @@ def _run(
         spin_ns=round(config.realtime.spin * 1e9),
     )
     node = build_node(kind, config)
-    links = impaired_links(config)
+    links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     status = process.run(node, kind, run_dir, links, settings, stop, engages_itself)
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
@@ -109,8 +97,9 @@ def _run(
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
     offset_ns = time.time_ns() - time.monotonic_ns()
+    _logger.info("recording to %s", run.record)
     with Recorder(run.record, run.metadata, offset_ns) as recorder:
-        status = process.record(recorder, "recorder", run_dir, list(TOPICS), run.core, stop)
+        status = process.record(recorder, "recorder", run_dir, run.topics, run.core, stop)
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
 

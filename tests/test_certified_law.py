@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
+from forcebound.bounding.certified import FORGETTING
 from forcebound.messages.packets import Vector
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
@@ -232,8 +233,9 @@ def test_a_regular_sample_by_hand() -> None:
 
 def test_a_steady_press_by_hand_through_the_second_sample() -> None:
     first = 0.1
-    ledger = -0.12 * R + 0.27 * (1e-3 - 2 * R) ** 2 / 1e-3 + 0.12 * (1e-3 - R) - R * first
-    ledger += 0.27 * (1e-3 - 2 * R) ** 2 / 1e-3 + 0.12 * 1e-3 + first * 1e-3
+    # Over both samples the cell of the encoder is lost once: 2 mm - 2r in 2 ms.
+    ledger = -0.12 * R + 0.27 * (2e-3 - 2 * R) ** 2 / 2e-3 + 0.12 * (2e-3 - R) - R * first
+    ledger += first * 1e-3
     rows = run("certified", PHANTOM, steady([1e-3, 2e-3], [first, 9.0]))
     assert rows[1].limit == pytest.approx(0.12 + 2 * math.sqrt(CAPABILITY * (ledger - R * first)))
 
@@ -269,13 +271,24 @@ def test_an_encoder_that_chatters_on_one_edge_earns_nothing(law: str) -> None:
     assert rows[-1].energy <= 0.0  # one move of the play operator pays the start, at most
 
 
-def test_the_memoryless_law_keeps_only_what_its_force_needs() -> None:
-    depths = [i * 1e-3 for i in range(1, 100)]
-    free = run("certified_memoryless", EXACT, steady(depths, [0.0] * 99))
-    assert free[-1].energy == 0.0
+def test_the_memoryless_law_forgets_what_its_force_does_not_need() -> None:
+    earned = 0.27 * 1e-3 + 0.12 * 1e-3  # J, by 1 mm in 1 ms
+    kept = FORGETTING / (FORGETTING + 1e-3)
+    needed = (0.5 - 0.12) ** 2 / (4 * 270.0)
     (row,) = run("certified_memoryless", EXACT, steady([1e-3], [0.5]))
-    assert row.energy == pytest.approx((0.5 - 0.12) ** 2 / (4 * 270.0))
-    assert run("certified", EXACT, steady(depths, [0.0] * 99))[-1].energy > 0.01
+    assert row.energy == pytest.approx(needed + kept * (earned - needed))
+    rest = run("certified_memoryless", EXACT, steady([1e-3] * 1001, [0.5] * 1001))
+    assert rest[-1].energy == pytest.approx(needed)
+    assert run("certified", EXACT, steady([1e-3] * 1001, [0.5] * 1001))[-1].energy == earned
+
+
+def test_a_slow_hand_earns_by_its_damping_what_single_samples_cannot_prove() -> None:
+    step = 2 * R  # of the encoder, in each sample: from sample to sample it proves nothing
+    exact = replace(PHANTOM, friction=0.0)
+    readings = [step * i for i in range(1, 401)]
+    energy = run("certified", exact, steady(readings, [0.0] * 400))[-1].energy
+    lost = 0.27 * (step / 1e-3) ** 2 * 0.4
+    assert 0.8 * lost < energy < lost
 
 
 def test_without_quantisation_and_with_a_steady_clock_certified_is_the_exact_causal_bound() -> None:

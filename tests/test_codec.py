@@ -3,19 +3,22 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from forcebound.errors import PacketError
-from forcebound.messages.codec import MAX_BYTES, MAX_COUNT, decode, encode
+from forcebound.messages.codec import MAX_BYTES, decode, encode
 from forcebound.messages.packets import (
     MAX_AXES,
+    MAX_COUNT,
     TOPIC_OF,
     TOPICS,
     VERSION,
@@ -26,6 +29,7 @@ from forcebound.messages.packets import (
     Packet,
     Telemetry,
     Vector,
+    field_types,
 )
 
 HERE = Path(__file__).parent
@@ -108,7 +112,7 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         Vector | None: st.none() | vectors,
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
     }
-    return kind(**{field.name: draw(strategies[field.type]) for field in fields(kind)})
+    return kind(**{name: draw(strategies[hint]) for name, hint in field_types(kind).items()})
 
 
 def same(one: Packet, other: Packet) -> bool:
@@ -175,7 +179,7 @@ def test_the_page_shows_the_golden_bytes(packet: Packet) -> None:
 def test_the_page_has_a_row_for_every_key(packet: Packet) -> None:
     section = PAGE.split(f"### `{TOPIC_OF[type(packet)]}`")[1].split("\n##")[0]
     rows = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
-    assert rows == [f.name for f in fields(packet) if f.name not in ("seq", "time_ns")]
+    assert rows == [name for name in field_types(type(packet)) if name not in ("seq", "time_ns")]
 
 
 @pytest.mark.parametrize("kind", TOPICS.values(), ids=TOPICS)
@@ -207,6 +211,16 @@ def test_the_largest_packet_fits() -> None:
     data = encode(packet)
     assert len(data) < MAX_BYTES / 2
     assert decode(data) == packet
+
+
+def test_numbers_and_maps_of_other_libraries_are_encoded() -> None:
+    odd = replace(TELEMETRY, position=(np.float64(0.0126),), rejected=MappingProxyType({"age": 1}))
+    assert decode(encode(odd)) == replace(TELEMETRY, rejected={"age": 1})
+
+
+def test_what_is_no_number_is_not_encoded() -> None:
+    with pytest.raises(TypeError, match="got array"):
+        encode(replace(COMMAND, force=np.zeros(1)))
 
 
 def test_only_packets_are_encoded() -> None:
@@ -435,30 +449,29 @@ UNFIT: dict[Any, list[object]] = {
 
 
 def test_every_key_refuses_what_does_not_fit(packet: Packet) -> None:
-    for field in fields(packet):
-        kinds = [kind for kind in UNFIT if field.type in (kind, kind | None)]
+    for name, hint in field_types(type(packet)).items():
+        kinds = [kind for kind in UNFIT if hint in (kind, kind | None)]
         unfit = [value for kind in kinds for value in UNFIT[kind]]
-        if field.type in UNFIT:
+        if hint in UNFIT:
             unfit.append(None)
         assert unfit
         for value in unfit:
-            error = refused_map(as_map(packet) | {field.name: value})
-            assert error.reason == "value", (field.name, value)
-            assert f"{TOPIC_OF[type(packet)]}: {field.name} must be " in str(error)
+            error = refused_map(as_map(packet) | {name: value})
+            assert error.reason == "value", (name, value)
+            assert f"{TOPIC_OF[type(packet)]}: {name}" in str(error)
+            assert " must be " in str(error)
 
 
 def test_a_refused_value_is_named_with_what_was_expected_and_what_came() -> None:
     message = as_map(TELEMETRY) | {"device_seq": -1}
-    assert str(refused_map(message)) == (
-        "telemetry: device_seq must be an integer from 0 to 9223372036854775807 or nil, got -1"
-    )
+    assert str(refused_map(message)) == ("telemetry: device_seq must be `int` >= 0, got -1")
 
 
 @pytest.mark.parametrize("value", [b"\0" * 200, msgpack.ExtType(5, b"12345678")])
 def test_packed_arrays_of_floats_are_refused_as_values(value: object) -> None:
     error = refused_map(as_map(COMMAND) | {"force": value})
     assert error.reason == "value"
-    assert "an array of 1 to 6 numbers" in str(error)
+    assert "force must be `array`" in str(error)
 
 
 @pytest.mark.parametrize(
@@ -473,11 +486,15 @@ def test_the_vectors_of_a_packet_have_one_length(packet: Packet) -> None:
 
 
 def test_a_deep_value_is_refused_as_a_value() -> None:
-    message = msgpack.packb(as_map(COMMAND) | {"force": 0})
-    assert message.endswith(b"\x00")
-    error = refusal(message[:-1] + b"\x91" * 900 + b"\x00")
-    assert error.reason == "value"
-    assert len(str(error)) < 400
+    message = as_map(COMMAND)
+    del message["force"]
+    rest = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in message.items())
+    for depth in (900, 1000):  # the second is too deep for the stack where nothing is expected yet
+        deep = msgpack.packb("force") + b"\x91" * depth + b"\x00"
+        for body in (deep + rest, rest + deep):
+            error = refusal(b"\x87" + body)
+            assert error.reason == "value"
+            assert len(str(error)) < 400
 
 
 def test_refusals_stay_short_whatever_came() -> None:

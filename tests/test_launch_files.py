@@ -33,9 +33,10 @@ def test_every_shipped_file_takes_the_common_arguments(shipped_name: str) -> Non
     assert all(argument.help for argument in arguments.values())
 
 
-def test_the_common_arguments_do_what_they_say(shipped_name: str) -> None:
+@pytest.mark.parametrize("name", ["stiff_wall", "time_varying_wall", "delayed_wall"])
+def test_the_common_arguments_do_what_they_say(name: str) -> None:
     config = load(
-        shipped_name,
+        name,
         [
             "law:=none",
             "stiffness:=3 N/mm",

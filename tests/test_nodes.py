@@ -2,11 +2,11 @@
 
 import logging
 import math
-from dataclasses import replace
 
 import pytest
-
 from fakes import MS, answer, device_node
+from msgspec.structs import replace
+
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import (
     DeviceState,

@@ -1,7 +1,6 @@
 """A picture shows the data that it was given, in scales that keep every run readable."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from forcebound.analysis.plots import DEFAULT_PANELS, PANELS, Run, figure, save

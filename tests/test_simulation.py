@@ -94,7 +94,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
 def test_a_graph_without_a_publisher_is_refused() -> None:
     controller = ControllerNode(DirectController())
     with pytest.raises(ConfigError, match="no node of the graph publishes device_state"):
-        Simulation([controller], {})
+        Simulation([controller], {}, print)
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))

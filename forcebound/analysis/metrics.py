@@ -17,6 +17,7 @@ from forcebound.errors import ConfigError
 from forcebound.recording import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 STEADY_WINDOW = (2.0, 5.0)  # s after engagement; paper, section 4.2
@@ -288,11 +289,19 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         "bounder_active_share": _or_none(np.mean, (applied < UNBOUNDED * asked)[contact]),
         "own_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
         "loop_delay_ms": _delays(columns.loop_delay[engaged]),
-        "deadline_misses": int(columns.deadline_misses[-1]) if columns.seq.size else None,
+        "deadline_misses": _misses(columns.deadline_misses, since_engaged),
         "rejected_packets": dict(sorted(columns.rejected.items())),
         "final_speed_m_per_s": speed,
         "at_rest": at_rest,
     }
+
+
+def _misses(counts: Ints, since_engaged: Mask) -> int | None:
+    """Ticks missed since the force engaged; while the processes start, nobody holds anything."""
+    if not counts.size:
+        return None
+    before = counts[~since_engaged]
+    return int(counts[-1] - (before[-1] if before.size else 0))
 
 
 def _at_surface(time: Floats, force: Floats, depth: Floats, at_rest: bool) -> dict[str, Any]:

@@ -35,6 +35,8 @@ NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
 DELAY_CLIP = 3.0  # times the 99th percentile: above, a delay is told in words, not drawn to scale
 
+AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact that the panel "contact" shows
+
 FORMATS = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}  # without dates
 
 
@@ -120,6 +122,22 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
         axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
 
 
+def _draw_contact(axes: Axes, view: View) -> None:
+    columns, shown, axis = view.columns, view.shown, view.axis
+    if view.wall is None:
+        return
+    contact = penetration(columns, view.wall)[shown] > 0.0
+    if not contact.any():
+        return
+    since = (view.time - view.time[int(np.argmax(contact))]) * 1e3
+    seen = (since >= AROUND_CONTACT[0]) & (since <= AROUND_CONTACT[1])
+    asked = columns.commanded_force[shown, axis]
+    _line(axes, since[seen], asked[seen], "asked", color=ASKED, linewidth=0.8)
+    applied = columns.applied_force[shown, axis]
+    _line(axes, since[seen], applied[seen], "applied", color=HAPPENS, linewidth=1.1)
+    axes.set_xlim(*AROUND_CONTACT)
+
+
 @dataclass(frozen=True)
 class Panel:
     """One row of a figure."""
@@ -132,6 +150,7 @@ class Panel:
 PANELS: dict[str, Panel] = {
     "position": Panel(_draw_position, "position (mm)"),
     "force": Panel(_draw_force, "force (N)"),
+    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)"),
     "energy": Panel(_draw_energy, "energy (mJ)"),
     "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
     "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", "penetration (mm)"),

@@ -63,6 +63,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.servo",
         30.0,
     ),
+    "sweep": Benchmark(
+        "the compiled kernel of sweeps against the same algorithm in C",
+        "forcebound.benchmark.sweep",
+        20.0,
+    ),
 }
 
 
@@ -102,17 +107,20 @@ def _measured(one: Result) -> tuple[str, ...]:
 
 def _judged(one: Result) -> tuple[str, ...]:
     def number(value: float) -> str:
+        if one["unit"] == "ticks":
+            return f"{value:.0f}"
         return f"{value:.1%}" if one["unit"] == "share" else f"{value:.3g}"
 
-    unit = one["unit"] if one["unit"] in ("us",) else ""
+    unit = "us" if one["unit"] == "us" else ""
     spread = f"{number(one['lowest'])} to {number(one['highest'])}" if "lowest" in one else ""
+    here = f"{number(one['value'])} {unit}".strip()
     if one["target"] is None:
-        return (one["what"], f"{number(one['value'])} {unit}".strip(), spread, "", "")
+        return (one["what"], here, spread, "", "")
     return (
         one["what"],
-        f"{number(one['value'])} {unit}".strip(),
+        here,
         spread,
-        f"at most {number(one['target'])} {unit}".strip(),
+        f"{'at least' if one.get('at_least') else 'at most'} {number(one['target'])} {unit}".strip(),
         "yes" if one["reached"] else "no",
     )
 

@@ -2,9 +2,9 @@
 
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
-``environment`` answers; ``recorder`` takes everything, a hundred times a second. Frames are real
-packets as opaque bytes, encoded once; the last eight bytes are overwritten with the number of the
-tick, so that a late answer is never taken for the next one. Nothing is decoded.
+``environment`` answers. Frames are real packets as opaque bytes, encoded once; the last eight bytes
+are overwritten with the number of the tick, so that a late answer is never taken for the next one.
+Nothing is decoded.
 
 The controller waits for the two streams in turn, which a real one cannot, and nobody answers on a
 control socket: no way to use these sockets is known to be faster.
@@ -33,7 +33,6 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
-from forcebound.process import RECORDER_PERIOD_NS
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
 
 Send: TypeAlias = Callable[[bytes], object]
@@ -94,15 +93,6 @@ def _serve_controller(states: Receive, query: Send, replies: Receive, command: S
             command(replies())
         except zmq.Again:
             continue
-
-
-def _serve_recorder(context: "zmq.Context[zmq.Socket[bytes]]", folder: str) -> None:
-    sockets = [_subscribe(context, folder, type(packet), newest_only=False) for packet in PACKETS]
-    while True:
-        time.sleep(RECORDER_PERIOD_NS * 1e-9)
-        for socket in sockets:
-            while int(socket.get(zmq.EVENTS)) & zmq.POLLIN:
-                socket.recv()
 
 
 def _answer(tick: bytes, commands: Receive) -> int | None:
@@ -172,8 +162,6 @@ def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: 
             _receiver(context, folder, EnvironmentReply),
             _sender(context, folder, ForceCommand),
         )
-    elif role == "recorder":
-        _serve_recorder(context, folder)
     else:
         _serve_environment(
             _receiver(context, folder, EnvironmentQuery),

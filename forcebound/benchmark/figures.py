@@ -118,6 +118,13 @@ def judge(what: str, value: float, unit: str, target: float | None) -> dict[str,
     return {"what": what, "value": value, "unit": unit, **_verdict(value, target)}
 
 
+def judge_speed(what: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
+    """Return a figure of which more is better, in the form of :func:`compare`."""
+    reached = None if target is None else value >= target
+    verdict = {"target": target, "reached": reached, "at_least": True}
+    return {"what": what, "value": value, "unit": unit, **verdict}
+
+
 def _verdict(value: float, target: float | None) -> dict[str, Any]:
     return {"target": target, "reached": None if target is None else value <= target}
 

@@ -1,8 +1,7 @@
 """The four-hop loop of the real graph, with a device that waits for the answer.
 
 ``controller`` and ``environment`` are the nodes of a launch file in the live runner, placed and
-scheduled as the launch file says; ``recorder`` takes every packet, as in any run, and keeps none.
-The real device takes an answer at its next write and cannot tell
+scheduled as the launch file says. The real device takes an answer at its next write and cannot tell
 when it came; so ``device`` is a probe here, in the same runner with the same codec and sockets: it
 publishes a state on an absolute schedule, sleeps until the answer is there, and takes the time when
 the decoded packet reaches the node. The round trip counts from the state's ``time_ns``.
@@ -24,9 +23,9 @@ from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, write_times
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.loader import load
-from forcebound.messages.packets import TOPICS, DeviceState, ForceCommand, Packet
+from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.network.sockets import Network
-from forcebound.process import Runner, Stop, record, run
+from forcebound.process import Runner, Stop, run
 from forcebound.realtime import (
     Settings,
     choose_core,
@@ -63,16 +62,6 @@ class ProbeNode:
         self.round_trip_ns = None
         self.wake_ns = None
         return [DeviceState(self._seq, time_ns, 1.5, (0.012,), (0.1,), (1.5,))]
-
-
-class _Nowhere:
-    """Where the benchmark's recorder puts packets."""
-
-    def write(self, packet: Packet) -> None:
-        """Forget a packet."""
-
-    def flush(self) -> None:
-        """Have nothing to flush."""
 
 
 def drive(
@@ -132,15 +121,11 @@ def settings_of(config: GraphConfig) -> Settings:
 
 
 def main(role: str, folder: Path, launch_file: str, period_ns: int, count: int) -> None:
-    """Be one of the four processes; only the device ends by itself."""
+    """Be one of the three processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
     config = load(launch_file)
     settings = settings_of(config)
     stop = Stop()
-    if role == "recorder":
-        topics = [topic for topic in TOPICS if topic != "telemetry"]  # of which the probe has none
-        record(_Nowhere(), role, folder, topics, settings.core, stop)
-        return
     if role != "device":
         run(build_node(role, config), role, folder, build_links(config), settings, stop)
         return

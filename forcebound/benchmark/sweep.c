@@ -12,7 +12,9 @@
 enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNESS, HAND_DAMPING,
        LAW, ENVIRONMENT = 14, OPERATOR = 18, CONSTANTS = 21,
        INERTIA = 21, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY,
-       PLAY, PATH, FORCE, STATE, ROWS };
+       PLAY, PATH, FORCE, STATE, OLDER, YOUNGER, VISCOUS, BETWEEN, ROWS };
+
+enum { ANCHOR_SAMPLES = 8 }; /* law.py */
 
 enum { COLUMNS = 6 };
 
@@ -21,6 +23,12 @@ enum { COLUMNS = 6 };
 
 static inline double smaller(double a, double b) { return b < a ? b : a; }
 static inline double larger(double a, double b) { return b > a ? b : a; }
+
+static inline double clear_square(double reading, double anchor, double half_resolution)
+{
+    double clear = larger(fabs(reading - anchor) - 2.0 * half_resolution, 0.0);
+    return clear * clear;
+}
 
 static inline double pressing_target(double elapsed, double start, double end, double speed)
 {
@@ -87,6 +95,8 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
     double share = angle / (1.0 + angle);
     double elapsed = period_ns / 1e9;
     int64_t last = answers_rows - 1;
+    double older_age = 0.0, younger_age = 0.0;
+    int since_anchor = 0;
 
     LANES {
         for (int row = CONSTANTS; row < ROWS; row++)
@@ -119,6 +129,12 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             scale = scale * magnitude > saturation ? shortened : scale;
             out[WIDTH + i] = asked * scale;
         }
+        if (k > 0) {
+            older_age += elapsed;
+            younger_age += elapsed;
+            since_anchor++;
+        }
+        int moves_anchors = since_anchor == ANCHOR_SAMPLES;
         LANES {
             double asked = out[WIDTH + i], saturation = AT(SATURATION);
             double damping = AT(LAW), friction = AT(LAW + 1), half_resolution = AT(LAW + 2);
@@ -130,9 +146,17 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
                 state = -friction * half_resolution * sqrt(axes);
                 playing = reading;
                 gone = force = 0.0;
+                AT(OLDER) = AT(YOUNGER) = reading;
             } else {
                 double moved = reading - AT(READING);
-                double clear = larger(fabs(moved) - 2.0 * half_resolution, 0.0);
+                double before = AT(VISCOUS), between = AT(BETWEEN);
+                double viscous = before
+                    + clear_square(reading, AT(READING), half_resolution) / elapsed;
+                viscous = larger(viscous, clear_square(reading, AT(OLDER), half_resolution)
+                                          / older_age);
+                viscous = larger(viscous, between
+                                 + clear_square(reading, AT(YOUNGER), half_resolution)
+                                   / younger_age);
                 playing = larger(reading - half_resolution,
                                  smaller(reading + half_resolution, AT(PLAY)));
                 gone = AT(PATH) + fabs(playing - AT(PLAY));
@@ -142,7 +166,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
                 double cut = AT(STATE) - excess * excess / (4.0 * stiffness)
                     - half_resolution * magnitude;
                 cut -= friction * half_resolution * sqrt(axes);
-                double kept = AT(STATE) + damping * (clear * clear) / elapsed
+                double kept = AT(STATE) + damping * (viscous - before)
                     + friction * (gone - AT(PATH)) + held * moved;
                 int is_cut = elapsed > hold_limit;
                 state = is_cut ? cut : kept;
@@ -150,12 +174,23 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
                 double largest = friction + 2.0 * sqrt(stiffness * surplus);
                 largest = smaller(largest, saturation);
                 force = smaller(larger(asked, -largest), largest);
+                double younger = AT(YOUNGER);
+                AT(OLDER) = moves_anchors ? younger : AT(OLDER);
+                AT(YOUNGER) = moves_anchors ? reading : younger;
+                viscous = moves_anchors ? viscous - between : viscous;
+                AT(BETWEEN) = moves_anchors ? viscous : between;
+                AT(VISCOUS) = viscous;
             }
             AT(STATE) = state - half_resolution * fabs(force - held);
             AT(READING) = reading;
             AT(PLAY) = playing;
             AT(PATH) = gone;
             AT(FORCE) = force;
+        }
+        if (moves_anchors) {
+            older_age = younger_age;
+            younger_age = 0.0;
+            since_anchor = 0;
         }
         LANES {
             double force = AT(FORCE), v = AT(V);

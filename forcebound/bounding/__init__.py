@@ -23,17 +23,28 @@ audit and launch files (``device: {law: my_law}``) then know it.
 """
 
 from forcebound.bounding.bounder import ForceBounder
-from forcebound.bounding.law import BoundingLaw, Dissipation, Parameters, play
+from forcebound.bounding.law import (
+    ANCHOR_SAMPLES,
+    BoundingLaw,
+    Dissipation,
+    Parameters,
+    clear_square,
+    least_viscous_path,
+    play,
+)
 from forcebound.bounding.laws import LAWS
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal
 
 __all__ = [
+    "ANCHOR_SAMPLES",
     "LAWS",
     "BoundingLaw",
     "Dissipation",
     "ForceBounder",
     "Parameters",
+    "clear_square",
+    "least_viscous_path",
     "less_conservative_noncausal",
     "more_conservative_noncausal",
     "play",

@@ -3,7 +3,7 @@
 import math
 from typing import TypeAlias
 
-from forcebound.bounding.law import Dissipation
+from forcebound.bounding.law import ANCHOR_SAMPLES, Dissipation, least_viscous_path
 from forcebound.bounding.laws import LAWS
 from forcebound.errors import ConfigError
 
@@ -78,7 +78,7 @@ class ForceBounder:
         self._reading = position
         self._limit = 0.0
         self._release()
-        self._restart_play()
+        self._restart()
 
     def bound(self, time_ns: int, position: Vector, force: Vector) -> Vector:
         """Return the force to write at this sample.
@@ -100,18 +100,26 @@ class ForceBounder:
         if elapsed <= 0.0:
             raise ValueError(f"time must advance: {time_ns} ns after {self._time_ns} ns")
         r = self._half_resolution
+        cell = 2.0 * r
         moves: list[float] = []
-        distance_square = clear_square = work = path_square = 0.0
+        distance_square = step_square = older_square = younger_square = work = path_square = 0.0
         plays, paths, held_force = self._plays, self._paths, self._force
+        older, younger = self._older, self._younger
         for axis, (reading, before) in enumerate(zip(position, self._reading, strict=True)):
             move = reading - before
             moves.append(move)
             distance_square += move * move
-            clear = abs(move) - 2.0 * r
-            if clear > 0.0:
-                clear_square += clear * clear
             work += held_force[axis] * move
-            # play(), written out: a call costs more than what it does
+            # clear_square() and play(), written out: a call costs more than what it does
+            clear = abs(move) - cell
+            if clear > 0.0:
+                step_square += clear * clear
+            clear = abs(reading - older[axis]) - cell
+            if clear > 0.0:
+                older_square += clear * clear
+            clear = abs(reading - younger[axis]) - cell
+            if clear > 0.0:
+                younger_square += clear * clear
             playing = plays[axis]
             if reading - r > playing:
                 plays[axis] = reading - r
@@ -126,12 +134,24 @@ class ForceBounder:
         self._time_ns = time_ns
         self._reading = position
         path = math.sqrt(path_square)
+        self._older_age += elapsed
+        self._younger_age += elapsed
+        viscous = least_viscous_path(
+            self._viscous,
+            step_square,
+            elapsed,
+            older_square,
+            self._older_age,
+            younger_square,
+            self._younger_age,
+            self._between,
+        )
         self._state, limit, damping = self._limit_force(
             self._state,
             min(asked_norm, self._saturation),
             elapsed,
             math.sqrt(distance_square),
-            clear_square,
+            viscous - self._viscous,
             path - self._path,
             work,
             self._held,
@@ -139,9 +159,13 @@ class ForceBounder:
             *self._parameters,
         )
         self._path = path
+        self._viscous = viscous
+        self._samples += 1
         if elapsed > self._hold_limit:
             self._release()
-            self._restart_play()
+            self._restart()
+        elif self._samples == ANCHOR_SAMPLES:
+            self._move_anchors()
         self._limit = limit = min(limit, self._saturation)
         if damping > 0.0:
             rate = damping / elapsed
@@ -175,10 +199,22 @@ class ForceBounder:
         self._force = (0.0,) * self._axes
         self._held = self._held_sum = 0.0
 
-    def _restart_play(self) -> None:
+    def _restart(self) -> None:
+        """Forget the way so far: from here on play operator and anchors start anew."""
         self._plays = list(self._reading)
         self._paths = [0.0] * self._axes
         self._path = 0.0
+        self._older = self._younger = self._reading
+        self._older_age = self._younger_age = 0.0
+        self._viscous = self._between = 0.0
+        self._samples = 0
+
+    def _move_anchors(self) -> None:
+        self._older, self._younger = self._younger, self._reading
+        self._older_age, self._younger_age = self._younger_age, 0.0
+        self._viscous -= self._between
+        self._between = self._viscous
+        self._samples = 0
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

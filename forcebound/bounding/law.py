@@ -11,7 +11,8 @@ Arguments that are the same for all laws:
 ``asked``              \|F_e(n)\|, N: magnitude of the force asked for, already saturated
 ``elapsed``            measured time since the last sample, s, positive
 ``distance``           \|Δq\|, m: how far the reading has moved since the last sample
-``clear_square``       Σ_i max(\|Δq_i\| - 2r, 0)², m²: what of it cannot be quantisation
+``viscous_path``       increase of the least ∫\|v\|² dt that the readings prove, m²/s
+                       (:func:`least_viscous_path`); 0 when the hold limit was exceeded
 ``path``               increase of ‖(path_1, ..., path_n)‖₂, m; path_i is the way that the play
                        operator of axis i has gone; 0 when the hold limit was exceeded
 ``work``               F(n-1)·Δq, J
@@ -86,7 +87,7 @@ class BoundingLaw:
     Attributes:
         summary: One line for lists and legends.
         start: ``(*parameters) -> state`` at the first reading.
-        limit: ``(state, asked, elapsed, distance, clear_square, path, work, held, held_sum,
+        limit: ``(state, asked, elapsed, distance, viscous_path, path, work, held, held_sum,
             *parameters) -> (state, largest force in N, added damping in N s/m)``.
         settle: ``(state, applied, change_sum, held_sum, *parameters) -> state`` once the force of
             this sample is known.
@@ -133,6 +134,56 @@ def play(reading: float, position: float, half_width: float) -> float:
         half_width: r, in m, half the resolution of the reading.
     """
     return max(reading - half_width, min(reading + half_width, position))
+
+
+#: Samples after which the younger of two anchors takes the place of the older. Eight get 98 % of
+#: the stiffness that 64 anchors would, for a hand (``docs/theory.md``, section 3).
+ANCHOR_SAMPLES = 8
+
+
+def clear_square(reading: float, anchor: float, half_resolution: float) -> float:
+    """Return the square, in m², of what of a move cannot be quantisation, which is at most 2r."""
+    clear = max(abs(reading - anchor) - 2.0 * half_resolution, 0.0)
+    return clear * clear
+
+
+def least_viscous_path(
+    proven: float,
+    step_square: float,
+    elapsed: float,
+    older_square: float,
+    older_age: float,
+    younger_square: float,
+    younger_age: float,
+    between: float,
+) -> float:
+    r"""Return the least :math:`\int |v|^2 dt` since the older anchor, in m²/s.
+
+    .. math:: V = \max\Big(V + \frac{c_1^2}{dt}, \frac{c_a^2}{t - t_a},
+                           V_{ab} + \frac{c_b^2}{t - t_b}\Big),
+              \qquad c^2 = \sum_i (|q_i - q_{before,i}| - 2r)_+^2
+
+    A slow hand moves by about one step of the encoder a sample, and one step proves nothing: the
+    true position may have been at one edge of the reading's cell and now be at the other. Over
+    several samples the same 2r is lost only once. By Cauchy-Schwarz each term is a lower bound; so
+    is the largest.
+
+    Args:
+        proven: V so far, since the older anchor a.
+        step_square: :math:`c_1^2`, in m², from the last sample: sum of :func:`clear_square` over
+            the axes.
+        elapsed: dt, time since the last sample, in s, positive.
+        older_square: :math:`c_a^2`, in m², from the older anchor.
+        older_age: Time since the older anchor, in s, positive.
+        younger_square: :math:`c_b^2`, in m², from the younger anchor b.
+        younger_age: Time since the younger anchor, in s, positive.
+        between: :math:`V_{ab}`: what was proven from the older anchor to the younger.
+    """
+    return max(
+        proven + step_square / elapsed,
+        older_square / older_age,
+        between + younger_square / younger_age,
+    )
 
 
 def keep(

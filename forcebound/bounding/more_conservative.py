@@ -33,7 +33,7 @@ def limit(
     asked: float,
     elapsed: float,
     distance: float,
-    clear_square: float,
+    viscous_path: float,
     path: float,
     work: float,
     held: float,

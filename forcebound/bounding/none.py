@@ -14,7 +14,7 @@ def limit(
     asked: float,
     elapsed: float,
     distance: float,
-    clear_square: float,
+    viscous_path: float,
     path: float,
     work: float,
     held: float,

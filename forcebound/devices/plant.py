@@ -225,8 +225,8 @@ class SimulatedDevice:
         self._v = [0.0] * self.axes
         self._work = [0.0] * self.axes
         self._muscle = [0.0] * self.axes
-        self._integrate(1e-3)  # compile, or load from the cache, before time matters
-        self._work = [0.0] * self.axes
+        # Compile, or load from the cache, before time matters.
+        self._advance(0.0, 0.0, 0.0, 0.0, 0.0, 1e-3, self._substep, 0.0, *self._constants)
 
     @property
     def axes(self) -> int:
@@ -284,12 +284,9 @@ class SimulatedDevice:
         assert self._time_ns is not None
         duration = (time_ns - self._time_ns) * 1e-9
         self._time_ns = time_ns
-        self._integrate(duration)
-
-    def _integrate(self, duration: float) -> None:
         end = self._target
-        if self._engaged_ns is not None and self._time_ns is not None:
-            end = self._target_at((self._time_ns - self._engaged_ns) * 1e-9)
+        if self._engaged_ns is not None:
+            end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
         for axis in range(len(end)):
             self._x[axis], self._v[axis], self._work[axis], self._muscle[axis] = self._advance(
                 self._x[axis],

@@ -70,9 +70,7 @@ def is_fitted(law: int, column: int) -> bool:
 
 def cell(contact: Contact, quantity: str) -> float:
     """Return one quantity of a run, in N/mm."""
-    value = (
-        contact.rate_hardness if quantity == "rate_hardness" else contact.displayed_stiffness
-    )
+    value = contact.rate_hardness if quantity == "rate_hardness" else contact.displayed_stiffness
     return math.nan if value is None else value
 
 
@@ -105,15 +103,6 @@ def rms_log_error(cells: Iterable[Row]) -> float:
     """Return the root of the mean squared logarithm of ours over the paper's."""
     errors = [row.log_error for row in cells]
     return math.sqrt(sum(error * error for error in errors) / len(errors))
-
-
-def order_of_laws(cells: list[Row], speed: str, quantity: str, ours: bool) -> list[str]:
-    """Return the laws from soft to stiff in one column of the table; equal ones by name."""
-    column = [row for row in cells if (row.speed, row.quantity) == (speed, quantity)]
-    return [
-        row.law
-        for row in sorted(column, key=lambda row: (row.ours if ours else row.paper or 0.0, row.law))
-    ]
 
 
 def run(runs: Runs) -> Outcome:
@@ -172,7 +161,8 @@ def exchanged_pairs(table: list[Row]) -> list[tuple[str, str, str, str]]:
         column = [row for row in table if (row.quantity, row.speed) == (quantity, speed)]
         for soft in column:
             for stiff in column:
-                assert soft.paper is not None and stiff.paper is not None
+                assert soft.paper is not None
+                assert stiff.paper is not None
                 if stiff.paper > 1.05 * soft.paper and stiff.ours < soft.ours:
                     exchanged.append((quantity, speed, soft.law, stiff.law))
     return exchanged
@@ -245,7 +235,11 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     drawing.legend(
-        handles.values(), handles.keys(), loc="outside lower center", ncols=6, frameon=False,
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=6,
+        frameon=False,
         fontsize=9,
     )
     return drawing

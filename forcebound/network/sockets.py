@@ -24,12 +24,14 @@ import select
 import socket as unix
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import msgpack
 import zmq
+from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.errors import ConfigError
 
@@ -39,6 +41,10 @@ HANDSHAKE_MS = 2_000
 RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
 HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
 HEARTBEAT_TIMEOUT_MS = 300
+# Plain integers: arithmetic on Python's enum members costs more than the call that it is for.
+_EVENTS, _DONTWAIT = int(zmq.EVENTS), int(zmq.DONTWAIT)
+_POLLIN, _POLLOUT = int(zmq.POLLIN), int(zmq.POLLOUT)
+_MAX_ITEMS = 64  # in a list or map of a request or its answer
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
 ADVICE = {
@@ -113,11 +119,13 @@ class Publisher:
     """One stream out; never blocks, and drops what nobody takes."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
-        self._send = socket.send
+        self._socket = socket
 
-    def send(self, data: bytes) -> None:
-        """Send one packet to whoever is there."""
-        self._send(data)
+    @property
+    def send(self) -> Callable[[bytes], Any]:
+        """What sends one packet to whoever is there; to be kept by who sends often."""
+        # The compiled method itself: pyzmq's Python one around it serves features not used here.
+        return partial(_CompiledSocket.send, self._socket)
 
 
 class Subscriber:
@@ -125,14 +133,13 @@ class Subscriber:
 
     def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
         self._socket = socket
-        self._get = socket.get
         self._recv = socket.recv
         self._newest_only = newest_only
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
         """Whether a packet is there."""
-        return bool(int(self._get(zmq.EVENTS)) & zmq.POLLIN)
+        return bool(_events(self._socket) & _POLLIN)
 
     def receive(self) -> list[bytes]:
         """Return what has arrived, oldest first; at most one packet if only the newest counts."""
@@ -143,12 +150,12 @@ class Subscriber:
 
         Afterwards the descriptor is quiet until something new comes.
         """
-        get, recv = self._get, self._recv
+        socket, recv = self._socket, self._recv
         messages: list[bytes] = []
         with suppress(zmq.Again):  # the descriptor also reports peers that come and go
-            messages.append(recv(zmq.DONTWAIT))
-            while int(get(zmq.EVENTS)) & zmq.POLLIN:
-                messages.append(recv(zmq.DONTWAIT))
+            messages.append(recv(_DONTWAIT))
+            while _events(socket) & _POLLIN:
+                messages.append(recv(_DONTWAIT))
         if self._newest_only:
             del messages[:-1]
         return messages
@@ -163,12 +170,15 @@ class ControlServer:
 
     def pending(self) -> bool:
         """Whether a request is there."""
-        return bool(int(self._socket.get(zmq.EVENTS)) & zmq.POLLIN)
+        return bool(_events(self._socket) & _POLLIN)
 
     def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
         """Answer all requests that are there; one that is not a map gets an ``error``."""
         while self.pending():
-            request = _unpack_map(b"".join(self._socket.recv_multipart(zmq.DONTWAIT)))
+            data = _receive(self._socket)
+            if data is None:
+                return
+            request = _unpack_map(data)
             reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
             with suppress(zmq.Again):
                 self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
@@ -183,11 +193,11 @@ class ControlClient:
 
     def pending(self) -> bool:
         """Whether an answer is there."""
-        return bool(int(self._socket.get(zmq.EVENTS)) & zmq.POLLIN)
+        return bool(_events(self._socket) & _POLLIN)
 
     def ask(self, request: Mapping[str, Any]) -> bool:
         """Send a request, forgetting the one before; return False while nobody is there."""
-        if not int(self._socket.get(zmq.EVENTS)) & zmq.POLLOUT:
+        if not _events(self._socket) & _POLLOUT:
             return False
         try:
             self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
@@ -197,9 +207,8 @@ class ControlClient:
 
     def answer(self) -> dict[str, Any] | None:
         """Return the answer to the last request, or None while it has not come."""
-        if not self.pending():
-            return None
-        return _unpack_map(b"".join(self._socket.recv_multipart(zmq.DONTWAIT)))
+        data = _receive(self._socket) if self.pending() else None
+        return None if data is None else _unpack_map(data)
 
 
 class Network:
@@ -284,9 +293,26 @@ def _refuse_to_steal(endpoint: str) -> None:
             raise ConfigError(f"cannot bind to {endpoint}: {ADVICE[errno.EADDRINUSE]}")
 
 
+def _events(socket: "zmq.Socket[bytes]") -> int:
+    events = socket.get(_EVENTS)
+    assert isinstance(events, int)
+    return events
+
+
+def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
+    """Return the message that EVENTS promised; None if it was not for us.
+
+    EVENTS also counts an answer to a request that was given up, and a peer that left meanwhile.
+    """
+    try:
+        return b"".join(socket.recv_multipart(zmq.DONTWAIT))
+    except zmq.Again:
+        return None
+
+
 def _unpack_map(data: bytes) -> dict[str, Any] | None:
     try:
-        value = msgpack.unpackb(data)
+        value = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
     except (ValueError, OverflowError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

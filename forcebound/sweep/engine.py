@@ -108,13 +108,31 @@ def _kind_of(section: str, member: object) -> str:
 
 
 def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> list[Ran]:
-    """Run up to ``WIDTH`` cases of one group; empty lanes repeat the last case."""
+    first = configs[0]
+    if ticks_of(first) == 0:
+        error = RunError("the run ended before its first sample; ask for a longer duration")
+        return [Ran("kernel", None, error) for _ in configs]
+    kind = _kind_of("environment", first.environment.model)
+    arguments = block_arguments(configs, timings)
+    lanes.kernel(first.device.servo.law, kind)(*arguments)
+    traces = arguments[-1].reshape(-1, len(lanes.TRACES), lanes.WIDTH)
+    by_lane = np.ascontiguousarray(traces.transpose(2, 1, 0))
+    return [
+        Ran("kernel", RunResult(_columns(config, timing, trace), to_document(config)))
+        for config, timing, trace in zip(configs, timings, by_lane, strict=False)
+    ]
+
+
+def block_arguments(
+    configs: Sequence[GraphConfig], timings: Sequence[Timing]
+) -> lanes.KernelArguments:
+    """Return what a kernel is called with to run up to ``WIDTH`` cases of one group.
+
+    Empty lanes repeat the last case. The last argument takes the traces.
+    """
     first = configs[0]
     servo = first.device.servo
     ticks = ticks_of(first)
-    if ticks == 0:
-        error = RunError("the run ended before its first sample; ask for a longer duration")
-        return [Ran("kernel", None, error) for _ in configs]
     lane_of = [min(i, len(configs) - 1) for i in range(lanes.WIDTH)]
     rows = np.zeros((lanes.ROWS, lanes.WIDTH))
     environment = _kind_of("environment", first.environment.model)
@@ -125,8 +143,7 @@ def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> lis
     engagement = np.stack([timings[index].engagement for index in lane_of], axis=1)
     distance = int((np.arange(ticks)[:, np.newaxis] - answered)[answered >= 0].max(initial=0))
     answers = np.zeros((1 << distance.bit_length(), lanes.WIDTH))
-    traces = np.empty((ticks, len(lanes.TRACES), lanes.WIDTH))
-    lanes.kernel(servo.law, environment)(
+    return (
         ticks,
         servo.period_ns,
         round(servo.reply_wait * servo.period_ns),
@@ -138,13 +155,8 @@ def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> lis
         engagement.ravel(),
         rows.reshape(-1),
         answers.reshape(-1),
-        traces.reshape(-1),
+        np.empty(ticks * len(lanes.TRACES) * lanes.WIDTH),
     )
-    by_lane = np.ascontiguousarray(traces.transpose(2, 1, 0))
-    return [
-        Ran("kernel", RunResult(_columns(config, timing, trace), to_document(config)))
-        for config, timing, trace in zip(configs, timings, by_lane, strict=False)
-    ]
 
 
 def _constants(config: GraphConfig, environment: str) -> list[float]:
@@ -186,9 +198,7 @@ def _path(config: GraphConfig, ticks: int) -> tuple[int, NDArray[np.float64]]:
     return lanes.TABLE, np.repeat(targets, lanes.WIDTH)
 
 
-def _columns(
-    config: GraphConfig, timing: Timing, trace: NDArray[np.float64]
-) -> TelemetryColumns:
+def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) -> TelemetryColumns:
     servo = config.device.servo
     ticks = trace.shape[1]
     wait_ns = round(servo.reply_wait * servo.period_ns)

@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.bounding import LAWS, play
+from forcebound.bounding import ANCHOR_SAMPLES, LAWS, clear_square, least_viscous_path, play
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import count_steps, impede, quantise, step
 from forcebound.environments.damped_wall import damped_wall_force
@@ -60,11 +60,15 @@ INERTIA, IMPEDANCE = 21, 22  # of the steps on the way
 X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY, PLAY, PATH, FORCE, STATE = range(
     23, 35
 )
-ROWS = 35
+OLDER, YOUNGER, VISCOUS, BETWEEN = range(35, 39)  # anchors: ForceBounder, least_viscous_path
+ROWS = 39
 
 # Kinds of paths of hands; any other operator is given as a table.
 PRESSING, SINUSOIDAL, TABLE = range(3)
 
+KernelArguments: TypeAlias = tuple[
+    int, int, int, float, float, int, Floats, Integers, Floats, Floats, Floats, Floats
+]
 Kernel: TypeAlias = Callable[
     [int, int, int, float, float, int, Floats, Integers, Floats, Floats, Floats, Floats], None
 ]
@@ -233,6 +237,8 @@ def kernel(law: str, environment: str) -> Kernel:
         elapsed = period_ns / 1e9
         last = answers.size // WIDTH - 1
         columns = traces.size // (ticks * WIDTH)
+        older_age = younger_age = 0.0  # of the anchors; the clock of all lanes is the same
+        since_anchor = 0
         for k in range(ticks):
             # The sample: read, estimate the velocity, ask the environment.
             time = k * period_ns * 1e-9
@@ -242,9 +248,7 @@ def kernel(law: str, environment: str) -> Kernel:
             for i in range(WIDTH):
                 before = s[SAMPLE * WIDTH + i]
                 sample = quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i])
-                velocity = follow(
-                    s[VELOCITY * WIDTH + i], (sample - before) / since_sample, share
-                )
+                velocity = follow(s[VELOCITY * WIDTH + i], (sample - before) / since_sample, share)
                 s[SAMPLE * WIDTH + i] = sample
                 s[VELOCITY * WIDTH + i] = velocity
                 answers[slot + i] = answer(
@@ -269,6 +273,11 @@ def kernel(law: str, environment: str) -> Kernel:
                 if scale * magnitude > saturation:
                     scale = saturation / magnitude
                 traces[out + WIDTH + i] = asked * scale
+            if k > 0:
+                older_age += elapsed
+                younger_age += elapsed
+                since_anchor += 1
+            moves_anchors = since_anchor == ANCHOR_SAMPLES
             for i in range(WIDTH):
                 asked = traces[out + WIDTH + i]
                 saturation = s[SATURATION * WIDTH + i]
@@ -284,11 +293,23 @@ def kernel(law: str, environment: str) -> Kernel:
                 if k == 0:
                     state = start(damping, friction, half_resolution, period, hold_limit, axes)
                     playing, gone, force = reading, 0.0, 0.0
+                    s[OLDER * WIDTH + i] = reading
+                    s[YOUNGER * WIDTH + i] = reading
                 else:
                     # As ForceBounder.bound does for one axis.
                     moved = reading - s[READING * WIDTH + i]
                     distance = abs(moved)
-                    clear = max(distance - 2.0 * half_resolution, 0.0)
+                    between = s[BETWEEN * WIDTH + i]
+                    viscous = least_viscous_path(
+                        s[VISCOUS * WIDTH + i],
+                        clear_square(reading, s[READING * WIDTH + i], half_resolution),
+                        elapsed,
+                        clear_square(reading, s[OLDER * WIDTH + i], half_resolution),
+                        older_age,
+                        clear_square(reading, s[YOUNGER * WIDTH + i], half_resolution),
+                        younger_age,
+                        between,
+                    )
                     playing = play(reading, s[PLAY * WIDTH + i], half_resolution)
                     gone = s[PATH * WIDTH + i] + abs(playing - s[PLAY * WIDTH + i])
                     state, largest, added = limit(
@@ -296,7 +317,7 @@ def kernel(law: str, environment: str) -> Kernel:
                         min(abs(asked), saturation),
                         elapsed,
                         distance,
-                        clear * clear,
+                        viscous - s[VISCOUS * WIDTH + i],
                         gone - s[PATH * WIDTH + i],
                         held * moved,
                         magnitude,
@@ -311,6 +332,12 @@ def kernel(law: str, environment: str) -> Kernel:
                     largest = min(largest, saturation)
                     wanted = asked + added / elapsed * moved if added > 0.0 else asked
                     force = min(max(wanted, -largest), largest)
+                    if moves_anchors:
+                        s[OLDER * WIDTH + i] = s[YOUNGER * WIDTH + i]
+                        s[YOUNGER * WIDTH + i] = reading
+                        viscous -= between
+                        s[BETWEEN * WIDTH + i] = viscous
+                    s[VISCOUS * WIDTH + i] = viscous
                 state = settle(
                     state,
                     abs(force),
@@ -328,6 +355,9 @@ def kernel(law: str, environment: str) -> Kernel:
                 s[PATH * WIDTH + i] = gone
                 s[STATE * WIDTH + i] = state
                 s[FORCE * WIDTH + i] = force
+            if moves_anchors:
+                older_age, younger_age = younger_age, 0.0
+                since_anchor = 0
             for i in range(WIDTH):
                 force = s[FORCE * WIDTH + i]
                 v = s[V * WIDTH + i]
@@ -357,4 +387,5 @@ def kernel(law: str, environment: str) -> Kernel:
 @cache
 def _allow_common() -> None:
     shared: list[Any] = [move, begin, play, quantise, follow, low_pass_share, count_steps]
+    shared += [clear_square, least_viscous_path]
     allow_in_kernels(shared)

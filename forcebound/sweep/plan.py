@@ -39,7 +39,7 @@ MAX_CASES = 2_000_000
 
 KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
 RANGE_KEYS = ("from", "to", "count", "scale")
-MAP_KEYS = ("x", "y", "value", "per", "limits", "title")
+MAP_KEYS = ("x", "y", "value", "per", "limits", "title", "scale")
 
 SHIPPED = Path(__file__).parent
 
@@ -148,7 +148,7 @@ class _Reader:
             if name in constants and name not in given:
                 where = (self._root.entries["set"].entries[name]).place
                 problems.add(f"{name!r} stands in set: and varies too", where)
-            if not values:
+            if not values and not problems:
                 problems.add(f"{name!r} has no value", root.place)
         problems.raise_if_any()
         grid = {name: values for name, values in grid.items() if name not in given}
@@ -224,9 +224,7 @@ class _Reader:
             self._problems.add(f"{label} must be a mapping, got {section}", section.place)
         return list(section.entries.items())
 
-    def _values(
-        self, name: str, value: Value, draw: tuple[random.Random, int] | None
-    ) -> list[str]:
+    def _values(self, name: str, value: Value, draw: tuple[random.Random, int] | None) -> list[str]:
         if isinstance(value.content, tuple):
             texts = [entry.text for entry in value.content]
             for entry in value.content:
@@ -262,7 +260,9 @@ class _Reader:
             return []
         (low, unit), (high, other) = ends
         if unit != other:
-            section.add(f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"])
+            section.add(
+                f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"]
+            )
             return []
         if is_log and not (low > 0 and high > 0):
             section.add("a log range has no place for zero or less", entries["from"])
@@ -333,7 +333,9 @@ class _Reader:
         for key in ("x", "y", "per"):
             entry = value.entries.get(key)
             if entry is not None and entry.text not in varied:
-                self._problems.add(unknown(f"varied argument for {key}:", entry.text, varied), entry.place)
+                self._problems.add(
+                    unknown(f"varied argument for {key}:", entry.text, varied), entry.place
+                )
         plain: dict[str, Any] = value.plain
         return plain
 

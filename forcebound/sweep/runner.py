@@ -120,8 +120,8 @@ def run_sweep(
         restart: Throw away parts of an earlier run.
 
     Returns:
-        ``result``, ``cases``, ``failed``, ``kernel``, ``graph`` (cases by engine), ``resumed``
-        (cases taken over) and ``simulated_s``.
+        ``result``, ``cases``, ``failed``, ``first_error``, ``kernel``, ``graph`` (cases by
+        engine), ``resumed`` (cases taken over) and ``simulated_s``.
 
     Raises:
         ConfigError: If the folder holds parts of another sweep, or cannot be written.
@@ -161,6 +161,7 @@ def run_sweep(
         "result": str(result),
         "cases": len(rows),
         "failed": sum(row["error"] is not None for row in rows),
+        "first_error": next((row["error"] for row in rows if row["error"] is not None), None),
         "kernel": sum(row["engine"] == "kernel" for row in rows),
         "graph": sum(row["engine"] == "graph" for row in rows),
         "resumed": resumed,
@@ -233,13 +234,10 @@ def cluster_executor(address: str) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise ConfigError(
-            "--cluster needs dask: pip install 'forcebound[cluster]'"
-        ) from error
+        raise ConfigError("--cluster needs dask: pip install 'forcebound[cluster]'") from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(f"no dask scheduler at {address}: {error}") from error
     with client:
         yield client.get_executor(pure=False)
-

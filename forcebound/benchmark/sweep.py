@@ -1,0 +1,223 @@
+"""Is the compiled kernel as fast as C? ``sweep.c`` is the same algorithm in the same layout.
+
+Contestants run blocks of ``WIDTH`` simulations side by side, each one second of the stiff wall under
+the certified law with 20 integration steps a sample, in turns: the kernel and C on one thread, then
+both on all cores. ``gcc`` may contract products and sums (its default); a second build that may not
+must give the kernel's numbers to the last bit, and is asked first.
+"""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.benchmark.figures import Measured, compare, judge, judge_speed
+from forcebound.benchmark.workers import conditions
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.environments.wall import Wall
+from forcebound.errors import RunError
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.loader import load
+from forcebound.sweep.engine import block_arguments, ticks_of
+from forcebound.sweep.kernel import WIDTH, KernelArguments, kernel
+from forcebound.sweep.timing import timing_of
+
+RATIO_TARGET = 0.8  # of the speed of C
+REAL_TIME_TARGET = 1000.0  # simulated seconds a second, on each core
+SUBSTEPS = 20  # integration steps a sample
+SECONDS = 1.0  # that each simulation lasts
+#: The last two change no result; they only let gcc vectorise roots and choices as LLVM does.
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
+
+Run: TypeAlias = Callable[[KernelArguments], None]
+
+
+def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+    """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
+    surroundings = conditions()
+    cores: int = len(surroundings["cores"])
+    compiled = kernel("certified", "wall")
+
+    def by_kernel(arguments: KernelArguments) -> None:
+        compiled(*arguments)
+
+    with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:
+        say("building C")
+        by_c = _library(Path(folder), "contracting", ())
+        exactly = _library(Path(folder), "exact", ("-ffp-contract=off",))
+        difference = _largest_difference(by_kernel, exactly, _block(rate))
+        if difference > 0.0:
+            raise RunError(f"kernel and C differ by {difference:g}, so their times mean nothing")
+        pairs = [
+            _race(by_kernel, by_c, threads, duration / 2, rate, say)
+            for threads in dict.fromkeys((1, cores))
+        ]
+    contestants: dict[str, Any] = {}
+    comparisons: dict[str, Any] = {}
+    for threads, ours, limit in pairs:
+        name = f"threads_{threads}"
+        contestants |= {f"kernel_{name}": ours.summary(), f"c_{name}": limit.summary()}
+        comparisons |= _judged(name, threads, ours, limit)
+    comparisons["difference"] = judge("kernel - C, largest difference", difference, "", 0.0)
+    return {
+        "benchmark": "sweep",
+        "duration_s": duration,
+        "rate_hz": rate,
+        "contestants": contestants,
+        "comparisons": comparisons,
+        "conditions": {
+            **surroundings,
+            "width": WIDTH,
+            "substeps": SUBSTEPS,
+            "compiler": _compiler_version(),
+            "flags": list(FLAGS),
+            "a block": f"{WIDTH} simulations of {SECONDS:g} s at {rate:g} Hz",
+        },
+    }
+
+
+def _judged(name: str, threads: int, ours: Measured, limit: Measured) -> dict[str, Any]:
+    ratio = compare(limit, ours, "p50", None)  # time of C over ours: our speed in that of C
+    ratio |= judge_speed(f"speed / C, {_told(threads)}", ratio["value"], "ratio", RATIO_TARGET)
+    speed = WIDTH * SECONDS / (ours.at("p50") * 1e-9)
+    what = f"times real time on each core, {_told(threads)}"
+    return {
+        f"{name}_ratio": ratio,
+        f"{name}_real_time": judge_speed(what, speed, "times", REAL_TIME_TARGET),
+    }
+
+
+def _told(threads: int) -> str:
+    return "1 thread" if threads == 1 else f"{threads} threads"
+
+
+def _block(rate: float) -> KernelArguments:
+    """Return a block of walls from 0.5 N/mm to 16 N/mm, all different."""
+    base = load("stiff_wall", ["law:=certified"])
+    model = base.device.model
+    assert isinstance(model, PhantomPremium15)
+    model = replace(model, substep=1.0 / rate / SUBSTEPS)
+    device = replace(base.device, model=model, servo=replace(base.device.servo, rate=rate))
+    base = replace(base, duration=SECONDS, device=device)
+    wall = base.environment.model
+    assert isinstance(wall, Wall)
+    configs: list[GraphConfig] = []
+    for lane in range(WIDTH):
+        walls = replace(wall, stiffness=500.0 * (lane + 1))
+        configs.append(replace(base, environment=replace(base.environment, model=walls)))
+    timing = timing_of(base, ticks_of(base))
+    return block_arguments(configs, [timing] * WIDTH)
+
+
+def _race(
+    ours: Run,
+    limit: Run,
+    threads: int,
+    duration: float,
+    rate: float,
+    say: Callable[[str], None],
+) -> tuple[int, Measured, Measured]:
+    """Let both run in turns; each thread has a block of its own."""
+    blocks = [_block(rate) for _ in range(threads)]
+    pair = (
+        (ours, Measured(f"block, kernel, {_told(threads)}")),
+        (limit, Measured(f"block, C, {_told(threads)}")),
+    )
+    ours(blocks[0])  # compile
+    began = time.perf_counter()
+    limit(blocks[0])
+    each = max(time.perf_counter() - began, 1e-5)
+    rounds = max(3, int(duration / 0.5))
+    repeats = max(8, int(duration / rounds / 2 / each))
+    with ThreadPoolExecutor(threads) as pool:
+        for number in range(rounds):
+            say(f"round {number + 1} of {rounds}, {_told(threads)}")
+            for contestant, measured in pair:
+                _round(contestant, measured, blocks, repeats, pool)
+    return threads, pair[0][1], pair[1][1]
+
+
+def _round(
+    contestant: Run,
+    measured: Measured,
+    blocks: Sequence[KernelArguments],
+    repeats: int,
+    pool: ThreadPoolExecutor,
+) -> None:
+    def work(arguments: KernelArguments) -> list[int]:
+        times = []
+        for _ in range(repeats):
+            began = time.perf_counter_ns()
+            contestant(arguments)
+            times.append(time.perf_counter_ns() - began)
+        return times
+
+    processor, began = time.process_time_ns(), time.perf_counter_ns()
+    times = [one for several in pool.map(work, blocks) for one in several]
+    elapsed = time.perf_counter_ns() - began
+    measured.add(times, 0, time.process_time_ns() - processor, elapsed)
+
+
+def _compiler() -> str:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        raise RunError("no C compiler (gcc, cc) on PATH; for example: apt install gcc")
+    return compiler
+
+
+def _compiler_version() -> str:
+    out = subprocess.run([_compiler(), "--version"], capture_output=True, text=True)
+    return out.stdout.partition("\n")[0]
+
+
+def _library(folder: Path, name: str, flags: Sequence[str]) -> Run:
+    """Return ``sweep.c``, built with ``flags`` on top."""
+    path = folder / f"{name}.so"
+    width = f"-DWIDTH={WIDTH}"
+    with resources.as_file(resources.files(__package__).joinpath("sweep.c")) as source:
+        command = [_compiler(), *FLAGS, *flags, width, "-shared", "-fPIC"]
+        built = subprocess.run(
+            [*command, "-o", str(path), str(source), "-lm"], capture_output=True, text=True
+        )
+    if built.returncode:
+        raise RunError(f"{command[0]} could not build sweep.c:\n{built.stderr.strip()}")
+    function = ctypes.CDLL(str(path)).run
+    function.restype = None
+
+    def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+        return ctypes.c_void_p(array.ctypes.data)
+
+    def call(arguments: KernelArguments) -> None:
+        ticks, period, wait, substep, cutoff, _, _, answered, *arrays = arguments
+        engagement, rows, answers, traces = arrays
+        function(
+            *(ctypes.c_int64(number) for number in (ticks, period, wait)),
+            ctypes.c_double(substep),
+            ctypes.c_double(cutoff),
+            pointer(answered),
+            pointer(engagement),
+            pointer(rows),
+            pointer(answers),
+            ctypes.c_int64(answers.size // WIDTH),
+            pointer(traces),
+        )
+
+    return call
+
+
+def _largest_difference(one: Run, other: Run, arguments: KernelArguments) -> float:
+    one(arguments)
+    expected = arguments[-1].copy()
+    arguments[-1].fill(np.nan)
+    other(arguments)
+    return float(np.max(np.abs(arguments[-1] - expected)))

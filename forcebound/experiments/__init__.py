@@ -1,0 +1,43 @@
+"""The paper's experiments, each as a run that anyone can repeat: ``forcebound reproduce``.
+
+The paper is Kim et al., An enhanced force bounding approach for stable haptic interaction by
+including friction, International Journal of Precision Engineering and Manufacturing 18(6), 2017.
+
+To add an experiment: write ``my_experiment.py`` with a function ``run(runs) -> Outcome`` and add
+one line to ``EXPERIMENTS``; ``tests/test_reproduce.py`` then runs it with the others.
+"""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from forcebound.experiments import palpation, saturated, table1, traces
+from forcebound.experiments.contacts import NoLaw, StiffWall, TimeVaryingWall
+from forcebound.experiments.outcome import Outcome
+from forcebound.experiments.setup import Runs
+
+Experiment: TypeAlias = Callable[[Runs], Outcome]
+
+EXPERIMENTS: dict[str, Experiment] = {  # in the paper's order
+    "table1": table1.run,
+    "fig4": TimeVaryingWall("less_conservative").run,
+    "fig5": TimeVaryingWall("more_conservative").run,
+    "fig6": TimeVaryingWall("aol").run,
+    "fig7": NoLaw().run,
+    "fig8": StiffWall("less_conservative_viscous", "high").run,
+    "fig9": StiffWall("less_conservative_viscous", "low").run,
+    "fig10": StiffWall("less_conservative", "high").run,
+    "fig11": StiffWall("less_conservative", "low").run,
+    "fig12": StiffWall("aol", "high").run,
+    "fig13": StiffWall("aol", "low").run,
+    "fig14": StiffWall("more_conservative", "high").run,
+    "fig15": StiffWall("more_conservative", "low").run,
+    "fig16": StiffWall("more_conservative_viscous", "high").run,
+    "fig17": StiffWall("more_conservative_viscous", "low").run,
+    "fig18": traces.run_fig18,
+    "fig19": palpation.run,
+    "fig20": traces.LESS_CONSERVATIVE.run,
+    "fig21": traces.MORE_CONSERVATIVE.run,
+    "eq41_42": saturated.run,
+}
+
+ALIASES = {"eq41": "eq41_42", "eq42": "eq41_42"}

@@ -1,0 +1,155 @@
+"""Figures 4 to 17: one law in one contact, as the paper draws it, beside the certified laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from forcebound.analysis.plots import figure
+from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.setup import (
+    CERTIFIED,
+    HIGH,
+    PAPER_LAWS,
+    SPEEDS,
+    Approach,
+    Contact,
+    Runs,
+    command,
+    wall_command,
+)
+from forcebound.experiments.table1 import COLUMNS, PAPER, WORDS
+
+PANELS = ("position", "force", "contact", "energy", "force_over_penetration")
+
+
+@dataclass(frozen=True)
+class TimeVaryingWall:
+    """Figures 4 to 6: a wall so soft that the bounder has nothing to do."""
+
+    law: str
+
+    def run(self, runs: Runs) -> Outcome:
+        """Reproduce the figure."""
+        contacts = {law: self._contact(runs, law) for law in (self.law, *CERTIFIED)}
+        numbers = [
+            Number("applied over asked force, mean in contact", "1", shown(contact), paper, law)
+            for (law, contact), paper in zip(contacts.items(), (1.0, None, None), strict=True)
+        ]
+        numbers += [_energy(law, contact) for law, contact in contacts.items()]
+        untouched = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
+        return Outcome(
+            title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {_words(self.law)}",
+            paper="The full stiffness of the wall: the bounder never steps in.",
+            finding=f"Not touched by the bounder: {', '.join(untouched) or 'none'}.",
+            numbers=numbers,
+            drawing=_draw(contacts),
+            commands=[self._command(law) for law in contacts],
+        )
+
+    def _contact(self, runs: Runs, law: str) -> Contact:
+        return runs.contact("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
+
+    def _command(self, law: str) -> str:
+        return command("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
+
+
+@dataclass(frozen=True)
+class NoLaw:
+    """Figure 7: the wall of 10 N/mm without any law."""
+
+    def run(self, runs: Runs) -> Outcome:
+        """Reproduce the figure."""
+        contacts = {law: runs.wall(law, HIGH) for law in ("none", *CERTIFIED)}
+        turns = {law: contact.run.summary["contact_reversals"] for law, contact in contacts.items()}
+        numbers = [_energy(law, contact) for law, contact in contacts.items()]
+        numbers += [Number("turns after contact", "1", turns[law], None, law) for law in contacts]
+        numbers += [
+            Number("largest force", "N", contact.run.summary["peak_force_n"], None, law)
+            for law, contact in contacts.items()
+        ]
+        return Outcome(
+            title="wall of 10 N/mm without any law",
+            paper="Clear instability in position and force, and negative energy.",
+            finding=(
+                f"Without a law the hand is thrown back and forth, {turns['none']} turns in "
+                f"{contacts['none'].time[-1]:.0f} s, and gets "
+                f"{-contacts['none'].lowest_energy:.0f} mJ out of the wall; the certified laws "
+                "hold it."
+            ),
+            numbers=numbers,
+            drawing=_draw(contacts),
+            commands=[wall_command(law, HIGH) for law in contacts],
+        )
+
+
+@dataclass(frozen=True)
+class StiffWall:
+    """Figures 8 to 17: the wall of 10 N/mm with one law at one speed."""
+
+    law: str
+    speed: str
+
+    def run(self, runs: Runs) -> Outcome:
+        """Reproduce the figure."""
+        approach: Approach = SPEEDS[self.speed]
+        contacts = {law: runs.wall(law, approach) for law in (self.law, *CERTIFIED)}
+        numbers: list[Number] = []
+        for quantity in WORDS:
+            for law, contact in contacts.items():
+                paper = None
+                if law in PAPER:
+                    paper = PAPER[law][COLUMNS.index((quantity, self.speed))]
+                numbers.append(
+                    Number(WORDS[quantity], "N/mm", getattr(contact, quantity), paper, law)
+                )
+        turns = {law: contact.run.summary["contact_reversals"] for law, contact in contacts.items()}
+        numbers += [Number("turns after contact", "1", turns[law], None, law) for law in contacts]
+        numbers += [_energy(law, contact) for law, contact in contacts.items()]
+        return Outcome(
+            title=f"wall of 10 N/mm at {self.speed} speed, {_words(self.law)}",
+            paper=PAPER_SHOWS[self.law],
+            finding=(
+                f"The hand turns {turns[self.law]} times after contact; with the certified law "
+                f"{turns['certified']}, memoryless {turns['certified_memoryless']} times."
+            ),
+            numbers=numbers,
+            drawing=_draw(contacts),
+            commands=[wall_command(law, approach) for law in contacts],
+        )
+
+
+PAPER_SHOWS = {
+    "less_conservative_viscous": "Stable; oscillates after contact, fed by what free motion lost.",
+    "less_conservative": "Much stiffer than with viscous damping alone; severe oscillations.",
+    "aol": "Very similar to the less conservative law, oscillations too.",
+    "more_conservative": "No severe oscillation: no memory; softer.",
+    "more_conservative_viscous": "0.54 N/mm, exactly 2B, in contact and at rest.",
+}
+
+
+def shown(contact: Contact) -> float:
+    """Return the applied over the asked force, averaged over the samples in which force is asked.
+
+    A wall at rest on the last edge of the encoder asks for force without depth of its own, so the
+    force decides what is contact here.
+    """
+    asked = contact.asked > 0.0
+    return float(np.mean(contact.applied[asked] / contact.asked[asked]))
+
+
+def _energy(law: str, contact: Contact) -> Number:
+    return Number("least true energy", "mJ", contact.lowest_energy, None, law)
+
+
+def _words(law: str) -> str:
+    return PAPER_LAWS.get(law, law)
+
+
+def _draw(contacts: dict[str, Contact]) -> Figure:
+    return figure(
+        [(law, contact.run.columns, contact.run.document) for law, contact in contacts.items()],
+        PANELS,
+    )

@@ -1,0 +1,79 @@
+"""Pictures that compare laws in one panel, in the colours and style of a run's picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from forcebound.analysis.metrics import Floats
+from forcebound.analysis.plots import NEUTRAL
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito
+
+LOG_TICKS = (0.5, 1.0, 2.0, 5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve."""
+
+    label: str
+    x: Floats
+    y: Floats
+    style: str = "-"
+    colour: str | None = None  # None: the next of COLOURS
+    is_wide: bool = False  # a broad pale line, for others to lie on
+
+
+@dataclass(frozen=True)
+class Row:
+    """One panel over the whole width."""
+
+    label: str
+    lines: Sequence[Line]
+    x_label: str = "time since the force engaged (s)"
+    window: tuple[float, float] | None = None  # of x; None: all
+    y_range: tuple[float, float] | None = None  # then logarithmic
+
+
+def draw_rows(rows: Sequence[Row], height: float = 2.1) -> Figure:
+    """Return a figure with one row per panel, its legend beside it."""
+    drawing = Figure(figsize=(11.0, 0.6 + height * len(rows)), dpi=150, layout="constrained")
+    grid = drawing.subplots(len(rows), 1, squeeze=False)[:, 0]
+    for row, axes in zip(rows, grid, strict=True):
+        draw_row(axes, row)
+    drawing.align_ylabels(list(grid))
+    return drawing
+
+
+def draw_row(axes: Axes, row: Row) -> None:
+    """Draw one panel."""
+    colours = iter(COLOURS)
+    for line in row.lines:
+        x, y = line.x, line.y
+        if row.window is not None:  # so that the scale fits what is seen
+            seen = (x >= row.window[0]) & (x <= row.window[1])
+            x, y = x[seen], y[seen]
+        style: dict[str, Any] = {"color": line.colour or next(colours), "linestyle": line.style}
+        width, alpha = (3.5, 0.4) if line.is_wide else (1.1, 1.0)
+        axes.plot(x, y, label=line.label, linewidth=width, alpha=alpha, **style)
+    if row.window is not None:
+        axes.set_xlim(*row.window)
+    else:
+        axes.margins(x=0.01)
+    if row.y_range is not None:
+        axes.set_yscale("log")
+        axes.set_ylim(*row.y_range)
+        ticks = [tick for tick in LOG_TICKS if row.y_range[0] <= tick <= row.y_range[1]]
+        axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+    axes.set_ylabel(row.label, fontsize=9)
+    axes.set_xlabel(row.x_label, fontsize=9)
+    axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)

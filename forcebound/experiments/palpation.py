@@ -1,0 +1,91 @@
+"""Figure 19: the laws under a 2 Hz sinusoidal motion, as in palpation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from forcebound.experiments.drawing import Line, Row, draw_rows
+from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.setup import CERTIFIED, Contact, Runs, command
+
+LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
+FREQUENCY = 2.0  # Hz; paper, Fig. 19
+
+
+def run(runs: Runs) -> Outcome:
+    """Reproduce the figure."""
+    contacts = {law: runs.contact("palpation", f"law:={law}") for law in LAWS}
+    peaks = {law: peak_forces(contact) for law, contact in contacts.items()}
+    numbers = [
+        Number("displayed stiffness, mean in contact", "N/mm", mean_stiffness(contact), None, law)
+        for law, contact in contacts.items()
+    ]
+    for law in LAWS:
+        first, last = float(peaks[law][0]), float(peaks[law][-1])
+        numbers.append(Number("peak force, first second", "N", first, None, law))
+        numbers.append(Number("peak force, last second", "N", last, None, law))
+    numbers += [
+        Number("least true energy", "mJ", contact.lowest_energy, None, law)
+        for law, contact in contacts.items()
+    ]
+    some = contacts["more_conservative"]
+    growing = [law for law in LAWS if peaks[law][-1] > peaks[law][0] + 0.01]
+    return Outcome(
+        title="2 Hz palpation with every law",
+        paper=(
+            "Stable forces; AOL and less conservative stiffer than more conservative; the force "
+            "grows slightly with time for all methods."
+        ),
+        finding=(
+            "Stable with every law. The peak force grows from the first to the last second with "
+            f"{', '.join(growing) or 'none of them'}; it cannot where a law has no memory, or has "
+            "reached the motor's 8.5 N."
+        ),
+        numbers=numbers,
+        drawing=draw_rows(
+            [
+                Row("position (mm)", [Line("read", some.time, some.position * 1e3)]),
+                Row("force (N)", [Line(law, c.time, c.applied) for law, c in contacts.items()]),
+                Row(
+                    "force (N)\nlast second",
+                    [Line(law, c.time, c.applied) for law, c in contacts.items()],
+                    window=(4.0, 5.0),
+                ),
+                Row(
+                    "true energy (mJ)",
+                    [
+                        Line(law, c.run.columns.time, c.run.columns.true_energy * 1e3)
+                        for law, c in contacts.items()
+                    ],
+                ),
+                Row(
+                    "force (N)",
+                    [
+                        Line(law, c.depth[c.time >= 4.0] * 1e3, c.applied[c.time >= 4.0])
+                        for law, c in contacts.items()
+                    ],
+                    x_label="penetration (mm), last second",
+                    window=(-0.5, 4.5),
+                ),
+            ]
+        ),
+        commands=[command("palpation", f"law:={law}") for law in LAWS],
+    )
+
+
+def peak_forces(contact: Contact) -> list[float]:
+    """Return the largest force of each whole second, in N."""
+    seconds = int(contact.time[-1] + 1e-9)
+    return [
+        float(contact.applied[(contact.time >= s) & (contact.time < s + 1.0)].max())
+        for s in range(seconds)
+    ]
+
+
+def mean_stiffness(contact: Contact) -> float:
+    """Return mean force over mean penetration of the samples in contact, in N/mm.
+
+    Not the mean of the ratios: a shallow sample of a moving hand would weigh as much as a deep one.
+    """
+    where = contact.in_contact
+    return float(np.mean(contact.applied[where]) / np.mean(contact.depth[where])) * 1e-3

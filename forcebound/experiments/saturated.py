@@ -1,0 +1,162 @@
+"""Equations 41 and 42: displayed stiffness of the saturated more conservative law over depth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from forcebound.analysis.metrics import Floats
+from forcebound.bounding import Dissipation
+from forcebound.experiments.drawing import Line, Row, draw_rows
+from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.setup import CERTIFIED, SPEEDS, Contact, Runs, wall_command
+from forcebound.experiments.traces import dissipation
+
+SHALLOWEST = 0.1e-3  # m; three encoder steps: nearer to the surface the ratio is of two roundings
+
+# Mean depth (m) and displayed stiffness (N/mm) of the paper's user study, section 5.3.
+USER_STUDY = {"high": (3.94e-3, 0.68), "low": (1.52e-3, 0.80)}
+
+
+def next_force(force: float, move: float, relied_on: Dissipation) -> float:
+    r"""Return the next force of the saturated law, in N.
+
+    .. math:: F_d(i) = \sqrt{(F_d(i-1) + 2 B \Delta x(i))^2 + 4 B f_c |\Delta x(i)|}
+
+    Args:
+        force: F_d(i-1), in N.
+        move: Δx(i), in m.
+        relied_on: The device; B = b/T and f_c.
+
+    Source: paper, Eq. 41, first line.
+    """
+    capability = relied_on.damping / relied_on.period
+    return math.sqrt(
+        (force + 2.0 * capability * move) ** 2 + 4.0 * capability * relied_on.friction * abs(move)
+    )
+
+
+def stiffness_at(depth: float, move: float, relied_on: Dissipation) -> float:
+    """Return Eq. 42's displayed stiffness at ``depth``, reached in steps of ``move``, in N/mm."""
+    force = 0.0
+    steps = max(1, round(depth / move))
+    for _ in range(steps):
+        force = next_force(force, move, relied_on)
+    return force / (steps * move) * 1e-3
+
+
+def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
+    """Return the longest stretch from contact in which the bound is active, and Eq. 41 on it.
+
+    The recursion begins with the force of the first sample in contact: that one may be the wall's
+    own force, still below the bound.
+    """
+    first = int(np.argmax(contact.in_contact))
+    free = np.flatnonzero(contact.asked[first + 1 :] <= contact.applied[first + 1 :])
+    last = first + 1 + (int(free[0]) if free.size else contact.time.size - first - 1)
+    forces = [float(contact.applied[first])]
+    for before, after in pairwise(contact.position[first:last].tolist()):
+        forces.append(next_force(forces[-1], after - before, relied_on))
+    return slice(first, last), np.array(forces)
+
+
+def run(runs: Runs) -> Outcome:
+    """Compare both equations with runs, and with what the paper's user study measured."""
+    numbers: list[Number] = []
+    rows: list[Row] = []
+    largest = 0.0
+    for speed, approach in SPEEDS.items():
+        contact = runs.wall("more_conservative", approach)
+        relied_on = dissipation(contact)
+        where, forces = recursion(contact, relied_on)
+        difference = float(np.abs(forces - contact.applied[where]).max())
+        largest = max(largest, difference)
+        numbers.append(
+            Number(
+                f"Eq. 41 against the run, {speed} speed, largest difference over {forces.size} "
+                "samples",
+                "N",
+                difference,
+                None,
+                "more_conservative",
+            )
+        )
+        depth, paper = USER_STUDY[speed]
+        move = contact.contact_speed * relied_on.period
+        numbers.append(
+            Number(
+                f"Eq. 42 at {depth * 1e3:g} mm in even steps of {move * 1e3:.3f} mm "
+                "(paper: mean of its user study)",
+                "N/mm",
+                stiffness_at(depth, move, relied_on),
+                paper,
+                "more_conservative",
+            )
+        )
+        rows.append(Row(f"force over penetration\n(N/mm), {speed} speed", _lines(runs, speed)))
+    capability = relied_on.damping / relied_on.period
+    numbers.append(
+        Number(
+            "Eq. 42 at 1 m, the limit for great depth (2B)",
+            "N/mm",
+            stiffness_at(1.0, 3e-5, relied_on),
+            2.0 * capability * 1e-3,
+            "more_conservative",
+        )
+    )
+    rows = [
+        Row(row.label, row.lines, "penetration (mm)", window=(0.1, 5.0), y_range=(0.4, 12.0))
+        for row in rows
+    ]
+    return Outcome(
+        title="Equations 41 and 42: displayed stiffness of the saturated more conservative law",
+        paper="Depends on penetration: larger when shallow, 2B when deep.",
+        finding=(
+            f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
+            "active, also where the hand turns round. Eq. 42 falls from the shallow to 2B. In the "
+            "runs the stiffness at one depth is not one number: every move, inwards or outwards, "
+            "adds friction, so a hand that bounced feels more."
+        ),
+        numbers=numbers,
+        drawing=draw_rows(rows, height=2.8),
+        commands=[wall_command("more_conservative", approach) for approach in SPEEDS.values()],
+    )
+
+
+def _lines(runs: Runs, speed: str) -> list[Line]:
+    approach = SPEEDS[speed]
+    contact = runs.wall("more_conservative", approach)
+    relied_on = dissipation(contact)
+    where, forces = recursion(contact, relied_on)
+    move = contact.contact_speed * relied_on.period
+    depths = np.arange(np.ceil(SHALLOWEST / move), 5e-3 / move) * move
+    lines = [
+        replace(
+            _over_depth(
+                "more_conservative, run", contact.depth[where], contact.applied[where], "-"
+            ),
+            is_wide=True,
+        ),
+        _over_depth("Eq. 41 on its readings", contact.depth[where], forces, ":"),
+        Line(
+            "Eq. 42, even steps",
+            depths * 1e3,
+            np.array([stiffness_at(float(depth), move, relied_on) for depth in depths]),
+            "--",
+        ),
+    ]
+    for law in CERTIFIED:
+        other = runs.wall(law, approach)
+        first = int(np.argmax(other.in_contact))
+        lines.append(_over_depth(f"{law}, run", other.depth[first:], other.applied[first:], "-"))
+    two_b = 2.0 * relied_on.damping / relied_on.period * 1e-3
+    lines.append(Line("2B", np.array([0.1, 5.0]), np.array([two_b] * 2), ":", "#7F7F7F"))
+    return lines
+
+
+def _over_depth(label: str, depth: Floats, force: Floats, style: str) -> Line:
+    deep = depth >= SHALLOWEST
+    return Line(label, depth[deep] * 1e3, force[deep] / depth[deep] * 1e-3, style)

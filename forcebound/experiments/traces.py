@@ -1,0 +1,177 @@
+"""Figures 18, 20, 21: laws computed on the recorded trace of another law's run.
+
+The trace gives readings and the force that the wall asked for; a law computed on it keeps its own
+ledger and its own forces, but no force moves the hand: the comparison is of the laws alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from forcebound.analysis.metrics import Floats
+from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.bounding.less_conservative import less_conservative_noncausal
+from forcebound.bounding.more_conservative import more_conservative_noncausal
+from forcebound.experiments.drawing import Line, Row, draw_rows
+from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
+from forcebound.launch.loader import from_document
+from forcebound.nodes.device import dissipation_of
+
+NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float]]
+
+
+def dissipation(contact: Contact) -> Dissipation:
+    """Return what the law of a run relied on."""
+    device = from_document(contact.run.document).device
+    return dissipation_of(device.model, device.servo)
+
+
+def on_trace(law: str, contact: Contact) -> Floats:
+    """Return the force of ``law`` at each sample of a run's trace, in N."""
+    relied_on = dissipation(contact)
+    period_ns = round(relied_on.period * 1e9)
+    bounder = ForceBounder(law, relied_on)
+    bounder.start(0, (float(contact.position[0]),))
+    forces = [0.0]
+    readings, asked = contact.position.tolist(), contact.asked.tolist()
+    for n in range(1, len(readings)):
+        force = bounder.bound(n * period_ns, (readings[n],), (asked[n],))
+        bounder.settle(force)
+        forces.append(force[0])
+    return np.array(forces)
+
+
+def relative_extra(more: Floats, less: Floats, contact: Contact) -> float:
+    """Return how much more force ``more`` shows than ``less``, in %: of the means in contact."""
+    where = contact.in_contact
+    return float(100.0 * (more[where].mean() / less[where].mean() - 1.0))
+
+
+def run_fig18(runs: Runs) -> Outcome:
+    """Compute the AOL on the trace of Fig. 10 (less conservative, high speed)."""
+    contact = runs.wall("less_conservative", HIGH)
+    forces = {law: on_trace(law, contact) for law in ("less_conservative", "aol", *CERTIFIED)}
+    where = contact.in_contact
+    repeated = float(np.abs(forces["less_conservative"] - contact.applied).max())
+    extra = {law: relative_extra(forces[law], contact.applied, contact) for law in forces}
+    aol = forces["aol"][where] / contact.applied[where]
+    numbers = [
+        Number("more force than less conservative", "%", extra["aol"], 5.9, "aol"),
+        *(
+            Number("more force than less conservative", "%", extra[law], None, law)
+            for law in CERTIFIED
+        ),
+        Number("the same, mean of the ratios", "%", float(100.0 * (aol.mean() - 1.0)), 5.9, "aol"),
+        Number("trace repeated, largest difference", "N", repeated, 0.0, "less_conservative"),
+    ]
+    lines = [Line("less conservative (the run)", contact.time, contact.applied)]
+    lines += [Line(f"{law} on its trace", contact.time, forces[law]) for law in ("aol", *CERTIFIED)]
+    return Outcome(
+        title="AOL computed on the position trace of Fig. 10",
+        paper="The AOL gives slightly more force, 5.9 %.",
+        finding=(
+            f"{extra['aol']:.1f} % more force: mean AOL force over mean applied force, all samples "
+            "in contact. The AOL is a reconstruction (docs/theory.md): the exact causal bound, "
+            "whose F_max has f_c where the less conservative law has a guess from the last move. "
+            f"The certified law gives {extra['certified']:+.1f} %, its memoryless variant "
+            f"{extra['certified_memoryless']:+.1f} % on the same trace; both are certain for the "
+            "true position, of which the encoder tells only steps."
+        ),
+        numbers=numbers,
+        drawing=draw_rows(
+            [
+                Row("position (mm)", [Line("read", contact.time, contact.position * 1e3)]),
+                Row("force (N)", lines),
+                Row("force (N)\nat contact", lines, window=around_contact(contact)),
+            ]
+        ),
+        commands=[wall_command("less_conservative", HIGH)],
+    )
+
+
+def around_contact(contact: Contact) -> tuple[float, float]:
+    """Return the window from just before to 150 ms after first contact, in s."""
+    first = float(contact.time[int(np.argmax(contact.in_contact))])
+    return first - 0.02, first + 0.15
+
+
+@dataclass(frozen=True)
+class CausalAgainstOriginal:
+    """Figures 20 and 21: the causal law of a run against its non-causal original on the trace."""
+
+    law: str
+    original: NonCausal
+    figures: tuple[str, str]  # whose traces these are, high and low speed
+
+    def run(self, runs: Runs) -> Outcome:
+        """Reproduce the figure."""
+        numbers: list[Number] = []
+        rows: list[Row] = []
+        shares = []
+        for (speed, approach), name in zip(SPEEDS.items(), self.figures, strict=True):
+            contact = runs.wall(self.law, approach)
+            original = np.array(
+                self.original(
+                    contact.position.tolist(), contact.asked.tolist(), dissipation(contact)
+                )
+            )
+            where = contact.in_contact
+            difference = (original - contact.applied)[where]
+            rms = float(np.sqrt(np.mean(difference**2)))
+            shares.append(100.0 * rms / float(contact.applied[where].mean()))
+            numbers.append(Number(f"RMS difference, {speed} speed", "N", rms, None, self.law))
+            numbers.append(
+                Number("the same, of the mean force in contact", "%", shares[-1], None, self.law)
+            )
+            start, end = around_contact(contact)
+            early = where & (contact.time >= start) & (contact.time <= end)
+            early_rms = float(np.sqrt(np.mean((original - contact.applied)[early] ** 2)))
+            numbers.append(
+                Number(
+                    f"RMS difference, first 150 ms of contact, {speed} speed",
+                    "N",
+                    early_rms,
+                    None,
+                    self.law,
+                )
+            )
+            lines = [
+                Line("causal law (the run)", contact.time, contact.applied),
+                Line("non-causal original", contact.time, original, "--"),
+            ]
+            certified = [
+                Line(f"{one} on the trace", contact.time, on_trace(one, contact))
+                for one in CERTIFIED
+            ]
+            rows.append(Row(f"force (N)\ntrace of {name}", lines + certified))
+            rows.append(
+                Row(
+                    f"force (N)\n{name}, contact",
+                    lines + certified,
+                    window=around_contact(contact),
+                )
+            )
+        return Outcome(
+            title=f"{self.law.replace('_', ' ')} law against its non-causal original",
+            paper="Almost the same values; no number.",
+            finding=(
+                f"RMS difference over the samples in contact {shares[0]:.2f} % of the mean force "
+                f"at high and {shares[1]:.2f} % at low speed. The certified laws are causal from "
+                "the start and have no such original; they are drawn on the same traces."
+            ),
+            numbers=numbers,
+            drawing=draw_rows(rows),
+            commands=[wall_command(self.law, approach) for approach in SPEEDS.values()],
+        )
+
+
+LESS_CONSERVATIVE = CausalAgainstOriginal(
+    "less_conservative", less_conservative_noncausal, ("Fig. 10", "Fig. 11")
+)
+MORE_CONSERVATIVE = CausalAgainstOriginal(
+    "more_conservative", more_conservative_noncausal, ("Fig. 14", "Fig. 15")
+)

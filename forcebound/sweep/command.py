@@ -1,0 +1,64 @@
+"""What ``forcebound sweep`` does: read, run with progress on standard error, draw."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from forcebound.sweep.plan import load_sweep
+from forcebound.sweep.runner import cluster_executor, local_executor, run_sweep
+
+
+def run(
+    file: str,
+    arguments: Sequence[str] = (),
+    output: Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    restart: bool = False,
+    plot: bool = False,
+) -> dict[str, Any]:
+    """Run a sweep file and return what became of it; arguments as on the command line.
+
+    Raises:
+        ConfigError: If the file or an option is wrong; before anything runs.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    sweep = load_sweep(file, arguments)
+    result = output or Path(f"{sweep.name}.parquet")
+    began = time.monotonic()
+    columns = (
+        TextColumn(sweep.name),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(elapsed_when_finished=False),
+    )
+    with (
+        cluster_executor(cluster) if cluster else local_executor(workers) as executor,
+        Progress(*columns, console=Console(stderr=True)) as bar,
+    ):
+        task = bar.add_task(sweep.name, total=len(sweep.cases))
+
+        def show(done: int, cases: int) -> None:
+            bar.update(task, completed=done, total=cases)
+
+        document = run_sweep(sweep, result, executor, show, restart)
+    document["seconds"] = round(time.monotonic() - began, 3)
+    if plot and sweep.drawing:
+        from forcebound.sweep.maps import draw
+
+        picture = result.with_suffix(".png")
+        draw(result, picture)
+        document["map"] = str(picture)
+    return document

@@ -1,0 +1,97 @@
+r"""What theory says of the stiffest wall, to be drawn over what was simulated.
+
+All of these are for an elastic wall of stiffness K, a device of mass, viscous damping b and Coulomb
+friction f_c, a force held for a period T, and no bounding law. None knows of the saturation, of the
+wall being one-sided, or of a particular hand: they promise passivity with *any* hand, so a
+simulation with one hand may well stay passive beyond them. What they must not do is show a leak
+*below* them; what a law shows above them is the law's merit.
+
+``colgate_schenkel``
+    :math:`b > K T / 2 + |B|` with B the wall's damping, computed from a backward difference. J. E.
+    Colgate and G. Schenkel, Passivity of a class of sampled-data systems: application to haptic
+    interfaces, Journal of Robotic Systems 14(1), 1997. No delay, no quantisation. Here the force is
+    written ``reply_wait`` after the reading and the velocity is filtered; the line does not know.
+``abbott_okamura``
+    :math:`K \le \min(2 b / T, 2 f_c / \Delta)`. J. J. Abbott and A. M. Okamura, Effects of position
+    quantization and sampling rate on virtual-wall passivity, IEEE Transactions on Robotics 21(5),
+    2005. Necessary and sufficient for an undamped wall read by an encoder of resolution Δ, without
+    delay.
+``diolaiti``
+    :math:`K < b / (T / 2 + t_d)` and :math:`K \le 2 f_c / \Delta` with :math:`t_d` the delay from
+    reading to writing. N. Diolaiti, G. Niemeyer, F. Barbagli and J. K. Salisbury, Stability of
+    haptic rendering: discretization, quantization, time delay, and Coulomb effects, IEEE
+    Transactions on Robotics 22(2), 2006: the region that they call passive, in which neither
+    viscous losses are exceeded by what hold and delay give, nor friction by what the encoder's
+    step gives. Their further regions (locally stable, limit cycles) depend on the start of a
+    motion and are not drawn. The first part also follows from Colgate and Schenkel's theorem
+    (:func:`passive_damping`); ``tests/test_limits.py`` checks that it does.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+LABELS = {
+    "colgate_schenkel": "Colgate & Schenkel 1997",
+    "abbott_okamura": "Abbott & Okamura 2005",
+    "diolaiti": "Diolaiti et al. 2006",
+}
+
+
+def colgate_schenkel(damping: float, period: float, wall_damping: float) -> float:
+    """Return the stiffest passive wall, in N/m; 0 where no wall is."""
+    return max(2.0 * (damping - abs(wall_damping)) / period, 0.0)
+
+
+def abbott_okamura(damping: float, friction: float, period: float, resolution: float) -> float:
+    """Return the stiffest passive wall, in N/m; ``resolution`` in m."""
+    by_friction = 2.0 * friction / resolution if resolution > 0.0 else math.inf
+    return min(2.0 * damping / period, by_friction)
+
+
+def diolaiti(
+    damping: float, friction: float, period: float, resolution: float, delay: float
+) -> float:
+    """Return the stiffest passive wall, in N/m; ``delay`` from reading to writing, in s."""
+    by_friction = 2.0 * friction / resolution if resolution > 0.0 else math.inf
+    return min(damping / (0.5 * period + delay), by_friction)
+
+
+def passive_damping(stiffness: float, period: float, delay: int, points: int = 4096) -> float:
+    r"""Return the least damping for which a late elastic wall is passive, in N s/m.
+
+    .. math:: b > \frac{T}{2} \frac{1}{1 - \cos \omega T}
+              \Re \{ (1 - e^{-j \omega T}) H(e^{j \omega T}) \}, \quad 0 < \omega \le \pi / T
+
+    with :math:`H(z) = K z^{-d}`, evaluated on a grid of ω.
+
+    Args:
+        stiffness: K, in N/m.
+        period: T, in s.
+        delay: d, in samples.
+        points: How fine the grid is.
+
+    Source: Colgate and Schenkel 1997, Eq. 1 of the theorem.
+    """
+    worst = -math.inf
+    for point in range(1, points + 1):
+        angle = math.pi * point / points
+        real = math.cos(delay * angle) - math.cos((delay + 1) * angle)
+        worst = max(worst, 0.5 * period * stiffness * real / (1.0 - math.cos(angle)))
+    return worst
+
+
+def limit_of(row: Mapping[str, Any], name: str) -> float:
+    """Return a limit for the case of a row, in N/m.
+
+    Args:
+        row: Of the result of a sweep: its resolved parameters and its loop delay.
+        name: A key of :data:`LABELS`.
+    """
+    device = (row["device.damping"], row["device.friction"])
+    period, resolution = 1.0 / row["device.rate"], row["device.resolution"]
+    if name == "colgate_schenkel":
+        return colgate_schenkel(device[0], period, row.get("environment.damping") or 0.0)
+    if name == "abbott_okamura":
+        return abbott_okamura(*device, period, resolution)
+    return diolaiti(*device, period, resolution, (row["loop_delay_ms.p50"] or 0.0) * 1e-3)

@@ -1,0 +1,211 @@
+"""The paper's experiments: numbers that must hold, and a report that needs nothing but itself."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.experiments import ALIASES, EXPERIMENTS, palpation, saturated, table1, traces
+from forcebound.experiments.reproduce import Reproduction, choose, reproduce
+from forcebound.experiments.setup import CERTIFIED, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
+
+SHOWN = ("table1", "fig7", "fig18")  # drawn in the tests; drawing all takes a minute
+
+
+@pytest.fixture(scope="module")
+def runs() -> Runs:
+    return Runs()
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
+    return reproduce(SHOWN, tmp_path_factory.mktemp("reproduction"))
+
+
+# --- Table 1 -------------------------------------------------------------------------------------
+
+
+def test_the_table_has_the_promised_rows_and_errors(done: Reproduction) -> None:
+    document = json.loads((done.folder / "numbers.json").read_text())
+    assert len(document["table1"]) == 20
+    for row in document["table1"]:
+        assert set(row) == {"law", "quantity", "speed", "paper", "ours", "fitted"}
+        assert row["law"] in PAPER_LAWS
+        assert isinstance(row["fitted"], bool)
+    assert sum(row["fitted"] for row in document["table1"]) == 10
+    both = document["rms_log_error_fitted"] ** 2 + document["rms_log_error_predicted"] ** 2
+    assert document["rms_log_error"] == pytest.approx((both / 2.0) ** 0.5)
+    assert {row["law"] for row in document["table1_certified"]} == set(CERTIFIED)
+
+
+def test_each_column_and_each_row_of_the_table_is_half_fitted() -> None:
+    fitted = np.array([[table1.is_fitted(law, cell) for cell in range(4)] for law in range(5)])
+    assert fitted.sum() == 10
+    assert (fitted.sum(axis=1) == 2).all()
+    assert set(fitted.sum(axis=0)) <= {2, 3}
+
+
+def test_the_viscous_more_conservative_law_shows_twice_the_dissipation(runs: Runs) -> None:
+    for row in table1.rows(runs):
+        if row.law == "more_conservative_viscous":
+            assert row.ours == pytest.approx(0.54, rel=0.01), row
+
+
+def test_the_table_is_as_near_to_the_papers_as_we_say(runs: Runs) -> None:
+    cells = table1.rows(runs)
+    assert table1.rms_log_error(cells) < 0.19
+    assert table1.rms_log_error(cell for cell in cells if cell.fitted) < 0.15
+
+
+def test_the_laws_stand_in_the_papers_order_in_every_column(runs: Runs) -> None:
+    assert table1.exchanged_pairs(table1.rows(runs)) == []
+
+
+def test_hand_and_handle_move_inside_the_papers_bands(runs: Runs) -> None:
+    for approach, low, high in ((HIGH, 0.150, 0.250), (LOW, 0.020, 0.050)):
+        assert low <= approach.speed <= high
+        assert low <= runs.wall("none", approach).contact_speed <= high
+
+
+def test_no_certified_law_gives_energy_in_any_experiment(runs: Runs) -> None:
+    for law in CERTIFIED:
+        contacts = [runs.wall(law, approach) for approach in SPEEDS.values()]
+        contacts.append(runs.contact("palpation", f"law:={law}"))
+        for contact in contacts:
+            assert contact.lowest_energy * 1e-3 >= -1e-9
+
+
+def test_the_memoryless_certified_law_is_stiffer_than_the_more_conservative_one(runs: Runs) -> None:
+    for approach in SPEEDS.values():
+        ours, paper = (
+            runs.wall(law, approach) for law in ("certified_memoryless", "more_conservative")
+        )
+        assert ours.rate_hardness is not None
+        assert paper.rate_hardness is not None
+        assert ours.rate_hardness > paper.rate_hardness
+
+
+# --- Figures and equations -----------------------------------------------------------------------
+
+
+def test_without_a_law_the_hand_gets_energy_out_of_the_wall(runs: Runs) -> None:
+    contact = runs.wall("none", HIGH)
+    assert contact.lowest_energy < -1.0  # mJ
+    assert contact.run.summary["contact_reversals"] > 10
+
+
+def test_the_aol_gives_about_six_percent_more_force_on_the_trace(done: Reproduction) -> None:
+    (number,) = (
+        number
+        for number in done.outcomes["fig18"].numbers
+        if number.paper == 5.9 and number.quantity.startswith("more force")
+    )
+    assert number.ours is not None
+    assert 4.0 < number.ours < 8.0
+
+
+def test_a_law_on_its_own_trace_repeats_its_run(runs: Runs) -> None:
+    for law in ("less_conservative", "more_conservative", *CERTIFIED):
+        contact = runs.wall(law, LOW)
+        assert np.array_equal(traces.on_trace(law, contact), contact.applied)
+
+
+def test_the_causal_laws_stay_near_their_originals(runs: Runs) -> None:
+    for experiment in (traces.LESS_CONSERVATIVE, traces.MORE_CONSERVATIVE):
+        shares = [n.ours for n in experiment.run(runs).numbers if n.unit == "%"]
+        assert len(shares) == 2
+        assert all(share is not None and share < 3.0 for share in shares)
+
+
+def test_equation_41_is_what_the_saturated_law_does(runs: Runs) -> None:
+    for approach in SPEEDS.values():
+        contact = runs.wall("more_conservative", approach)
+        where, forces = saturated.recursion(contact, traces.dissipation(contact))
+        assert forces.size > 100
+        assert np.abs(forces - contact.applied[where]).max() < 1e-9
+
+
+def test_equation_42_falls_from_the_shallow_to_twice_the_dissipation(runs: Runs) -> None:
+    relied_on = traces.dissipation(runs.wall("more_conservative", HIGH))
+    stiffness = [saturated.stiffness_at(d, 3e-5, relied_on) for d in (1e-4, 1e-3, 1e-2, 1.0)]
+    assert stiffness == sorted(stiffness, reverse=True)
+    assert stiffness[-1] == pytest.approx(0.54, rel=0.01)
+
+
+def test_palpation_stays_stable_and_stiffer_with_memory(runs: Runs) -> None:
+    shown = {
+        law: palpation.mean_stiffness(runs.contact("palpation", f"law:={law}"))
+        for law in palpation.LAWS
+    }
+    assert shown["less_conservative"] > shown["more_conservative"]
+    assert shown["aol"] > shown["more_conservative"]
+
+
+def test_the_time_varying_wall_is_shown_whole_by_the_laws_with_memory(runs: Runs) -> None:
+    for name in ("fig4", "fig6"):
+        number = EXPERIMENTS[name](runs).numbers[0]
+        assert number.ours == pytest.approx(1.0, abs=0.005), name
+
+
+# --- The report and the command ------------------------------------------------------------------
+
+
+def test_the_report_is_one_file_that_loads_nothing(done: Reproduction) -> None:
+    page = (done.folder / "report.html").read_text()
+    sources = re.findall(r"""(?:src|href|data|action)\s*=\s*["']([^"']*)""", page)
+    assert sources
+    assert all(source.startswith(("data:image/png;base64,", "#")) for source in sources)
+    assert "http:" not in page
+    assert "https:" not in page
+    assert "@import" not in page
+    assert "<script" not in page
+    for name in SHOWN:
+        assert f'<section id="{name}">' in page
+        assert (done.folder / f"{name}.png").stat().st_size > 10_000
+        assert (done.folder / f"{name}.svg").read_text().startswith("<?xml")
+    assert "forcebound reproduce table1 fig7 fig18" in page
+
+
+def test_the_commands_in_the_report_repeat_the_run(runs: Runs) -> None:
+    import shlex
+
+    from forcebound.experiments.setup import wall_command
+
+    words = shlex.split(wall_command("certified", HIGH))
+    result = CliRunner().invoke(main, [*words[1:], "--json"], catch_exceptions=False)
+    summary: dict[str, Any] = json.loads(result.stdout)
+    expected = runs.wall("certified", HIGH).displayed_stiffness
+    assert expected is not None
+    assert summary["displayed_stiffness_n_per_m"] == pytest.approx(expected * 1e3, rel=1e-12)
+
+
+def test_the_command_prints_one_document(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "folder"
+    words = ["reproduce", "eq41", "eq42", "--out", str(out), "--json"]
+    result = CliRunner().invoke(main, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert list(document["experiments"]) == ["eq41_42"]
+    assert (out / "report.html").exists()
+
+
+def test_an_unknown_experiment_is_an_error_that_names_the_known_ones(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["reproduce", "fig99", "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "no experiment 'fig99'" in result.stderr
+    assert "eq41_42" in result.stderr
+
+
+def test_every_figure_of_the_paper_has_its_experiment() -> None:
+    assert set(EXPERIMENTS) >= {"table1", *(f"fig{number}" for number in range(4, 22))}
+    assert choose(()) == list(EXPERIMENTS)
+    assert choose(("fig8", "fig8")) == ["fig8"]
+    assert set(ALIASES.values()) <= set(EXPERIMENTS)
+    with pytest.raises(ConfigError):
+        choose(("fig1",))

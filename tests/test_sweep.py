@@ -1,0 +1,274 @@
+"""Sweeps: what a file says, what a result holds, and that nothing is lost on the way."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from forcebound.errors import ConfigError
+from forcebound.launch.loader import build
+from forcebound.sweep.command import run
+from forcebound.sweep.maps import draw
+from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
+from forcebound.sweep.runner import parts_of, run_sweep
+from forcebound.sweep.table import read_table
+
+SMALL = """
+forcebound: 1
+description: a small one
+launch: stiff_wall
+duration: 50 ms
+set: { approach_speed: 100 mm/s }
+over:
+  law: [certified, none]
+  stiffness: { from: 1 N/mm, to: 4 N/mm, count: 3, scale: log }
+map: { x: stiffness, value: peak_force_n, per: law }
+"""
+
+LONG = SMALL.replace("count: 3", "count: 320")
+
+
+class AtOnce(Executor):
+    """Runs each task when it is submitted."""
+
+    def __init__(self, most: int | None = None) -> None:
+        self.left = most  # tasks after which it refuses
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if self.left == 0:
+            future.set_exception(KeyboardInterrupt())
+        else:
+            self.left = None if self.left is None else self.left - 1
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def written(folder: Path, text: str) -> Path:
+    file = folder / "small.yaml"
+    file.write_text(text)
+    return file
+
+
+def test_a_grid_has_every_combination_the_last_argument_fastest(tmp_path: Path) -> None:
+    sweep = load_sweep(written(tmp_path, SMALL))
+    assert sweep.columns == ("law", "stiffness")
+    assert [case[0] for case in sweep.cases] == ["certified"] * 3 + ["none"] * 3
+    assert [case[1] for case in sweep.cases[:3]] == ["1.0 N/mm", "2.0 N/mm", "4.0 N/mm"]
+    assert sweep.overrides(0) == [
+        "approach_speed:=100 mm/s",
+        "law:=certified",
+        "stiffness:=1.0 N/mm",
+    ]
+
+
+def test_repeated_seeds_and_linear_ranges(tmp_path: Path) -> None:
+    over = "seed: { repeat: 2, from: 7 }\n  delay: { from: 0 ms, to: 3 ms, count: 4 }"
+    text = SMALL.replace("law: [certified, none]", over).replace(", per: law", "")
+    sweep = load_sweep(written(tmp_path, text))
+    assert {case[0] for case in sweep.cases} == {"7", "8"}
+    assert sorted({case[1] for case in sweep.cases}) == ["0.0 ms", "1.0 ms", "2.0 ms", "3.0 ms"]
+
+
+def test_random_draws_are_the_same_for_all_combinations_and_every_time(tmp_path: Path) -> None:
+    text = SMALL + "random: { count: 5, seed: 3, over: { delay: { from: 0 ms, to: 5 ms } } }\n"
+    sweep = load_sweep(written(tmp_path, text))
+    assert len(sweep.cases) == 30
+    draws = [case[2] for case in sweep.cases]
+    assert draws[:5] * 6 == draws
+    assert len(set(draws)) == 5
+    assert load_sweep(tmp_path / "small.yaml").cases == sweep.cases
+
+
+def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> None:
+    sweep = load_sweep(written(tmp_path, SMALL), ["law:=aol"])
+    assert sweep.columns == ("stiffness",)
+    assert "law:=aol" in sweep.overrides(0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("law: [", "lwa: [", 8, "did you mean 'law'?"),
+        ("count: 3", "cuont: 3", 9, "did you mean 'count'?"),
+        ("scale: log", "scale: lgo", 9, "linear or log"),
+        ("to: 4 N/mm", "to: 4 N/m", 9, "one unit"),
+        ("from: 1 N/mm", "from: 0 N/mm", 9, "no place for zero"),
+        ("from: 1 N/mm", "from: soft", 9, "expected a number"),
+        ("[certified, none]", "[]", 8, "no case"),
+        ("duration: 50 ms", "duration: 5 mm", 5, "duration"),
+        ("x: stiffness", "x: stifness", 10, "did you mean 'stiffness'?"),
+        ("launch: stiff_wall", "launch: stif_wall", 4, "no launch file"),
+        ("set: {", "set: { stiffness: 1 N/mm,", 6, "varies too"),
+        ("forcebound: 1", "forcebound: 2", 2, "version"),
+    ],
+)
+def test_a_mistake_in_a_sweep_file_is_shown_at_its_place(
+    tmp_path: Path, old: str, new: str, line: int, words: str
+) -> None:
+    with pytest.raises(ConfigError) as error:
+        load_sweep(written(tmp_path, SMALL.replace(old, new)))
+    assert words in str(error.value)
+    assert f"small.yaml:{line}:" in str(error.value)
+
+
+def test_an_unknown_sweep_file_names_those_that_come_with_the_package() -> None:
+    with pytest.raises(ConfigError, match=r"z_width\.yaml"):
+        load_sweep("z_wdith")
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_sweep_can_be_built_case_by_case(name: str) -> None:
+    sweep = load_sweep(SHIPPED / name)
+    assert sweep.drawing
+    for case in range(0, len(sweep.cases), 97):
+        build(sweep.template, sweep.overrides(case))
+
+
+def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:
+    result = tmp_path / "small.parquet"
+    document = run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce())
+    assert document["cases"] == 6
+    assert document["failed"] == 0
+    assert document["kernel"] == 6
+    table = read_table(result).columns
+    assert table["over.law"] == ["certified"] * 3 + ["none"] * 3
+    assert table["over.stiffness"][:3] == [1000.0, 2000.0, 4000.0]
+    assert table["environment.stiffness"] == table["over.stiffness"]
+    assert table["device.friction"] == [0.12] * 6
+    assert table["duration"] == [0.05] * 6
+    assert table["error"] == [None] * 6
+    assert all(samples > 0 for samples in table["samples"])
+    assert not list(tmp_path.glob("*.parts"))
+
+
+def test_a_failed_case_is_a_row_with_its_error(tmp_path: Path) -> None:
+    text = SMALL.replace("[certified, none]", "[certified, certfied]")
+    result = tmp_path / "small.parquet"
+    document = run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    assert document["failed"] == 3
+    table = read_table(result).columns
+    assert table["error"][:3] == [None] * 3
+    assert "did you mean 'certified'" in table["error"][3]
+    assert table["engine"] == ["kernel"] * 3 + [None] * 3
+    assert table["over.law"][3] == "certfied"
+
+
+def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -> None:
+    sweep = load_sweep(written(tmp_path, SMALL.replace("count: 3", "count: 60")))
+    whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
+    run_sweep(sweep, whole, AtOnce())
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(sweep, cut, AtOnce(most=2))
+    assert not cut.exists()
+    document = run_sweep(sweep, cut, AtOnce())
+    assert 0 < document["resumed"] < 120
+    assert cut.read_bytes() == whole.read_bytes()
+
+
+def test_parts_of_another_sweep_are_refused_until_thrown_away(tmp_path: Path) -> None:
+    result = tmp_path / "one.parquet"
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce(most=0))
+    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
+    with pytest.raises(ConfigError, match="another sweep"):
+        run_sweep(other, result, AtOnce())
+    assert run_sweep(other, result, AtOnce(), restart=True)["cases"] == 3
+
+
+@pytest.mark.parametrize("cases", [1, 31, 32, 33, 5000, 100_000])
+def test_parts_cover_every_case_once(cases: int) -> None:
+    covered = [case for first, last in parts_of(cases) for case in range(first, last)]
+    assert covered == list(range(cases))
+
+
+@pytest.mark.parametrize("y", ["", "y: stiffness, "])
+def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
+    limits = "limits: [diolaiti, abbott_okamura, colgate_schenkel]"
+    x = "x: delay, " if y else "x: stiffness, "
+    text = SMALL.replace("x: stiffness, value: peak_force_n", f"{x}{y}value: true_energy_min_j")
+    text = text.replace("per: law }", f"per: law, {limits} }}")
+    text = text.replace("map:", "  delay: { from: 0 ms, to: 1 ms, count: 2 }\nmap:")
+    result, picture = tmp_path / "small.parquet", tmp_path / "small.png"
+    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    draw(result, picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no result of a sweep"):
+        draw(written(tmp_path, SMALL), tmp_path / "x.png")
+
+
+def command(file: Path, result: Path, *options: str) -> list[str]:
+    return [sys.executable, "-m", "forcebound", "sweep", str(file), "-o", str(result), *options]
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path: Path) -> None:
+    file = written(tmp_path, LONG)
+    whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
+    assert run(str(file), output=whole, workers=1)["cases"] == 640
+    parts = cut.with_name("cut.parquet.parts")
+    process = subprocess.Popen(command(file, cut, "--workers", "1"), stderr=subprocess.DEVNULL)
+    try:
+        while len(list(parts.glob("0*.json"))) < 2:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                assert process.wait(0.005) is None, "it was done before it could be killed"
+        process.send_signal(signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+    assert parts.exists()
+    assert not cut.exists()
+    again = subprocess.run(
+        command(file, cut, "--workers", "1", "--json"), capture_output=True, text=True
+    )
+    document = json.loads(again.stdout)
+    assert 0 < document["resumed"] < document["cases"]
+    assert cut.read_bytes() == whole.read_bytes()
+    assert not parts.exists()
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_dask_cluster_gives_the_same_file_as_this_machine(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed (extra: cluster)")
+    file = written(tmp_path, SMALL.replace("count: 3", "count: 40"))
+    here, there = tmp_path / "here.parquet", tmp_path / "there.parquet"
+    run_sweep(load_sweep(file), here, AtOnce())
+    dask = [sys.executable, "-m", "dask"]
+    note = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    worker = ["worker", "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    with contextlib.ExitStack() as started:
+
+        def start(*arguments: str) -> None:
+            process = subprocess.Popen([*dask, *arguments, "--scheduler-file", str(note)], **quiet)  # type: ignore[call-overload]  # options by name
+            started.callback(process.wait)
+            started.callback(process.kill)
+
+        start(*scheduler)
+        start(*worker)
+        start(*worker)
+        while not note.exists() or not note.read_text().endswith("}"):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                subprocess.run(
+                    [sys.executable, "-c", "input()"], timeout=0.1, stdin=subprocess.PIPE
+                )
+        address = json.loads(note.read_text())["address"]
+        done = subprocess.run(
+            command(file, there, "--cluster", address, "--json"), capture_output=True
+        )
+    assert done.returncode == 0, done.stderr.decode()
+    assert json.loads(done.stdout)["cases"] == 80
+    assert there.read_bytes() == here.read_bytes()
