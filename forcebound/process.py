@@ -190,6 +190,7 @@ class Runner:
         self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
         self._descriptors.append(self._control.descriptor)
         self._readable: Collection[int] | None = None  # None: look at everything
+        self._unsettled: list[sockets.Subscriber] = []  # to be asked before their descriptors are
         self._stop_requested = False
         self._log: Sequence[str] = ()
         self.steps = 0
@@ -224,6 +225,10 @@ class Runner:
         Args:
             stop_descriptor: Ends the sleep when it is readable.
         """
+        self._readable = [s.descriptor for s in self._unsettled if s.pending()]
+        self._unsettled.clear()
+        if self._readable:
+            return time.monotonic_ns()
         next_ns = self._next_ns()
         timeout_ns = IDLE_NS if next_ns is None else min(IDLE_NS, next_ns - time.monotonic_ns())
         readable = sockets.wait((*self._descriptors, stop_descriptor), timeout_ns)
@@ -257,6 +262,7 @@ class Runner:
                 arrived = subscriber.receive()
             elif subscriber.descriptor in readable:
                 arrived = subscriber.receive_ready()
+                self._unsettled.append(subscriber)
             elif link is None:
                 continue
             else:

@@ -116,6 +116,7 @@ def test_the_descriptor_speaks_for_every_packet(network: Network, folder: Path) 
             readable = sockets.wait([subscriber.descriptor], round(PATIENCE * 1e9))
             assert readable, f"packet {number} came without a word of the descriptor"
             got = subscriber.receive_ready()
+            assert not subscriber.pending()
         assert got == [b"%d" % number]
 
 

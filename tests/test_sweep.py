@@ -38,17 +38,20 @@ LONG = SMALL.replace("count: 3", "count: 320")
 class AtOnce(Executor):
     """Runs each task when it is submitted."""
 
-    def __init__(self, most: int | None = None) -> None:
-        self.left = most  # tasks after which it refuses
-
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        if self.left == 0:
-            future.set_exception(KeyboardInterrupt())
-        else:
-            self.left = None if self.left is None else self.left - 1
-            future.set_result(fn(*args, **kwargs))
+        future.set_result(fn(*args, **kwargs))
         return future
+
+
+def interrupt_at(most: int) -> Callable[[int, int], None]:
+    """Return a progress that presses Ctrl-C when so many cases are done."""
+
+    def progress(done: int, cases: int) -> None:
+        if done >= most:
+            raise KeyboardInterrupt
+
+    return progress
 
 
 def written(folder: Path, text: str) -> Path:
@@ -166,7 +169,7 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -
     whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
     run_sweep(sweep, whole, AtOnce())
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(sweep, cut, AtOnce(most=2))
+        run_sweep(sweep, cut, AtOnce(), interrupt_at(64))
     assert not cut.exists()
     document = run_sweep(sweep, cut, AtOnce())
     assert 0 < document["resumed"] < 120
@@ -176,7 +179,7 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -
 def test_parts_of_another_sweep_are_refused_until_thrown_away(tmp_path: Path) -> None:
     result = tmp_path / "one.parquet"
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce(most=0))
+        run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce(), interrupt_at(0))
     other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
     with pytest.raises(ConfigError, match="another sweep"):
         run_sweep(other, result, AtOnce())

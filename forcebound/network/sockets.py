@@ -148,16 +148,15 @@ class Subscriber:
     def receive_ready(self) -> list[bytes]:
         """Do as :meth:`receive`, cheaper if :attr:`descriptor` is known to be readable.
 
-        Afterwards the descriptor is quiet until something new comes.
+        If only the newest counts, :meth:`pending` must be asked before the descriptor is waited for
+        again. It is not asked here, because a packet that is here should not wait for the answer.
         """
         socket, recv = self._socket, self._recv
         messages: list[bytes] = []
         with suppress(zmq.Again):  # the descriptor also reports peers that come and go
             messages.append(recv(_DONTWAIT))
-            while _events(socket) & _POLLIN:
+            while not self._newest_only and _events(socket) & _POLLIN:
                 messages.append(recv(_DONTWAIT))
-        if self._newest_only:
-            del messages[:-1]
         return messages
 
 

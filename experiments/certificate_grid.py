@@ -1,0 +1,170 @@
+"""How stiff does each law show a wall, over a grid of walls, delays and speeds?
+
+    python experiments/certificate_grid.py [--json]
+
+The hand and the wall are those of ``stiff_wall``, the clock is steady and the hold limit is one
+period (``T_max = T``), so that all laws rely on the same dissipation. The runs go through the
+compiled kernel, which gives the bits of the virtual-time graph (``tests/test_sweep_kernel.py``).
+
+Aims: ``certified`` at least as stiff as the paper's less conservative law, ``certified_memoryless``
+at least 1.3 times as stiff as the paper's more conservative law, on average over the grid.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from statistics import mean
+from typing import Any
+
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.loader import load
+from forcebound.sweep.engine import run_all
+
+LAWS = (
+    "less_conservative",
+    "less_conservative_viscous",
+    "aol",
+    "certified",
+    "more_conservative",
+    "more_conservative_viscous",
+    "certified_memoryless",
+)
+STIFFNESSES = (1, 3, 10, 30)  # N/mm
+DELAYS = (0, 1, 5)  # ms, each way
+SPEEDS = (200, 35)  # mm/s
+
+#: Law, the law of the paper that it is measured against, and how much stiffer it should be.
+AIMS = (
+    ("certified", "less_conservative", 1.0),
+    ("certified_memoryless", "more_conservative", 1.3),
+)
+
+
+def case(law: str, stiffness: float, delay: float, speed: float) -> GraphConfig:
+    """Return one cell of the grid; units as above."""
+    config = load(
+        "stiff_wall",
+        [
+            f"law:={law}",
+            f"stiffness:={stiffness} N/mm",
+            f"delay:={delay} ms",
+            f"approach_speed:={speed} mm/s",
+        ],
+    )
+    servo = replace(config.device.servo, hold_limit=1.0)
+    return replace(config, device=replace(config.device, servo=servo))
+
+
+def measure(laws: Sequence[str]) -> list[dict[str, Any]]:
+    """Run the grid and return one row for each cell."""
+    cells = list(product(laws, STIFFNESSES, DELAYS, SPEEDS))
+    outcomes = run_all([case(*cell) for cell in cells])
+    rows = []
+    for (law, stiffness, delay, speed), outcome in zip(cells, outcomes, strict=True):
+        if outcome.result is None:
+            raise SystemExit(f"{law}, {stiffness} N/mm, {delay} ms, {speed} mm/s: {outcome.error}")
+        summary = outcome.result.summary
+        rows.append(
+            {
+                "law": law,
+                "stiffness_n_per_mm": stiffness,
+                "delay_ms": delay,
+                "approach_speed_mm_per_s": speed,
+                "displayed_stiffness_n_per_mm": summary["displayed_stiffness_n_per_m"] / 1e3,
+                "rate_hardness_n_per_mm": summary["rate_hardness_n_per_m"] / 1e3,
+                "contact_reversals": summary["contact_reversals"],
+                "true_energy_min_j": summary["true_energy_min_j"],
+            }
+        )
+    return rows
+
+
+def average(rows: list[dict[str, Any]], laws: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the mean of each law over the grid."""
+    averages = []
+    for law in laws:
+        own = [row for row in rows if row["law"] == law]
+        averages.append(
+            {
+                "law": law,
+                "displayed_stiffness_n_per_mm": mean(
+                    row["displayed_stiffness_n_per_mm"] for row in own
+                ),
+                "rate_hardness_n_per_mm": mean(row["rate_hardness_n_per_mm"] for row in own),
+                "contact_reversals": mean(row["contact_reversals"] for row in own),
+                "most_contact_reversals": max(row["contact_reversals"] for row in own),
+                "true_energy_min_j": min(row["true_energy_min_j"] for row in own),
+            }
+        )
+    return averages
+
+
+def judge(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return how much stiffer our laws are than the paper's, as means over the grid."""
+    verdicts = []
+    for law, other, aim in AIMS:
+        pairs = {
+            key: [
+                (ours[key], paper[key])
+                for ours, paper in zip(
+                    [row for row in rows if row["law"] == law],
+                    [row for row in rows if row["law"] == other],
+                    strict=True,
+                )
+            ]
+            for key in ("displayed_stiffness_n_per_mm", "rate_hardness_n_per_mm")
+        }
+        stiffness = pairs["displayed_stiffness_n_per_mm"]
+        hardness = pairs["rate_hardness_n_per_mm"]
+        ratio = mean(a for a, _ in stiffness) / mean(b for _, b in stiffness)
+        verdicts.append(
+            {
+                "law": law,
+                "against": other,
+                "ratio_of_mean_stiffness": ratio,
+                "mean_of_stiffness_ratios": mean(a / b for a, b in stiffness),
+                "least_stiffness_ratio": min(a / b for a, b in stiffness),
+                "ratio_of_mean_rate_hardness": mean(a for a, _ in hardness)
+                / mean(b for _, b in hardness),
+                "aim": aim,
+                "reached": ratio >= aim,
+            }
+        )
+    return verdicts
+
+
+def main() -> int:
+    """Print the grid; return 1 if an aim is not reached, else 0."""
+    parser = argparse.ArgumentParser(description="Stiffness of the laws over a grid.")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    as_json = parser.parse_args().json
+    rows = measure(LAWS)
+    averages, verdicts = average(rows, LAWS), judge(rows)
+    if as_json:
+        document = {"averages": averages, "aims": verdicts, "rows": rows}
+        sys.stdout.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    else:
+        sys.stdout.write(f"{'N/mm':<27}{'S_D':>8}{'H_R':>8}{'turns':>8}{'least energy, J':>18}\n")
+        for row in averages:
+            sys.stdout.write(
+                f"{row['law']:<27}{row['displayed_stiffness_n_per_mm']:>8.3f}"
+                f"{row['rate_hardness_n_per_mm']:>8.3f}{row['contact_reversals']:>8.1f}"
+                f"{row['true_energy_min_j']:>18.2g}\n"
+            )
+        for verdict in verdicts:
+            sys.stdout.write(
+                f"{verdict['law']} / {verdict['against']}: S_D "
+                f"{verdict['ratio_of_mean_stiffness']:.3f} (cell by cell "
+                f"{verdict['mean_of_stiffness_ratios']:.3f}, least "
+                f"{verdict['least_stiffness_ratio']:.3f}), H_R "
+                f"{verdict['ratio_of_mean_rate_hardness']:.3f}; aim {verdict['aim']:.1f} "
+                f"{'reached' if verdict['reached'] else 'NOT reached'}\n"
+            )
+    return 0 if all(verdict["reached"] for verdict in verdicts) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
