@@ -4,7 +4,7 @@
 
 The hand and the wall are those of ``stiff_wall``, the clock is steady and the hold limit is one
 period (``T_max = T``), so that all laws rely on the same dissipation. The runs go through the
-compiled kernel, which gives the bits of the virtual-time graph (``tests/test_sweep_kernel.py``).
+compiled kernel, which gives the bits of the virtual-time graph (``tests/test_sweep.py``).
 
 Aims: ``certified`` at least as stiff as the paper's less conservative law, ``certified_memoryless``
 at least 1.3 times as stiff as the paper's more conservative law, on average over the grid.

@@ -14,9 +14,9 @@ from forcebound.launch.loader import load
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 
 MESSAGE = """\
-Without a law, the wall of 10 N/mm whose answer comes {delay:.0f} ms late throws the hand about: it gives the
-hand {given:.0f} mJ that the hand never put in. With the certified law, the same wall over the same late
-network holds the hand at rest {depth:.1f} mm deep, and the energy never falls below zero."""
+Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and gives it {given:.0f} mJ
+that it never put in. With the certified law, the same wall over the same late network holds the hand
+no deeper than {depth:.1f} mm, and the energy never falls below zero ({least:.2g} mJ at the least)."""
 
 
 def main() -> int:
@@ -40,7 +40,8 @@ def main() -> int:
         MESSAGE.format(
             delay=certified["loop_delay_ms"]["p50"],
             given=-1e3 * without["true_energy_min_j"],
-            depth=1e3 * certified["penetration_at_rest_m"],
+            depth=1e3 * certified["peak_penetration_m"],
+            least=1e3 * certified["true_energy_min_j"],
         ),
         soft_wrap=True,
     )

@@ -219,6 +219,25 @@ def test_overruns_that_cross_an_encoder_cell_leak_nothing() -> None:
     assert overrun_attack(Ours(PHANTOM), 2000) >= 0.0
 
 
+@pytest.mark.parametrize("law", CERTIFIED_LAWS)
+def test_the_anchors_do_not_earn_the_way_of_a_cut_hold_again(law: str) -> None:
+    """Each overrun goes just so far that the motor has given all that it can.
+
+    The ledger has paid for that, assuming the damping's loss on the way. Anchors from before the
+    overrun would credit this loss a second time: 30 uJ in each of these cycles.
+    """
+    held, rest = 0.5, (0.0,)
+    furthest = (held - PHANTOM.friction) / (2.0 * CAPABILITY)
+    earn = Step(MS, ((1e-3,),), rest, rest)
+    push = Step(MS, (rest,), rest, (-held,))
+    overrun = Step(5 * MS, ((furthest,), rest, rest, rest), rest, rest)  # 1.25 ms, then rest
+    settle = [Step(MS, (rest,), rest, rest)] * 2
+    cycle = [push, overrun, *settle]
+    truth, reserves = walk(law, PHANTOM, [earn] * 10 + cycle * 200, 1)
+    assert truth.lowest >= 0.0
+    assert min(reserves) >= -1e-12
+
+
 # By hand
 
 

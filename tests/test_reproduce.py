@@ -13,7 +13,8 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS, palpation, saturated, table1, traces
 from forcebound.experiments.reproduce import Reproduction, choose, reproduce
-from forcebound.experiments.setup import CERTIFIED, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
+from forcebound.experiments.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
+from forcebound.launch.loader import load
 
 SHOWN = ("table1", "fig7", "fig18")  # drawn in the tests; drawing all takes a minute
 
@@ -71,6 +72,11 @@ def test_hand_and_handle_move_inside_the_papers_bands(runs: Runs) -> None:
     for approach, low, high in ((HIGH, 0.150, 0.250), (LOW, 0.020, 0.050)):
         assert low <= approach.speed <= high
         assert low <= runs.wall("none", approach).contact_speed <= high
+
+
+def test_the_launch_file_holds_the_fitted_hand() -> None:
+    hand = load("paper_wall").operator
+    assert (hand.mass, hand.stiffness, hand.damping) == (HAND.mass, HAND.stiffness, HAND.damping)
 
 
 def test_no_certified_law_gives_energy_in_any_experiment(runs: Runs) -> None:

@@ -114,13 +114,14 @@ def _judged(one: Result) -> tuple[str, ...]:
     unit = "us" if one["unit"] == "us" else ""
     spread = f"{number(one['lowest'])} to {number(one['highest'])}" if "lowest" in one else ""
     here = f"{number(one['value'])} {unit}".strip()
+    side = "at least" if one.get("at_least") else "at most"
     if one["target"] is None:
         return (one["what"], here, spread, "", "")
     return (
         one["what"],
         here,
         spread,
-        f"{'at least' if one.get('at_least') else 'at most'} {number(one['target'])} {unit}".strip(),
+        f"{side} {number(one['target'])} {unit}".strip(),
         "yes" if one["reached"] else "no",
     )
 

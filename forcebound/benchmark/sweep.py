@@ -1,9 +1,9 @@
 """Is the compiled kernel as fast as C? ``sweep.c`` is the same algorithm in the same layout.
 
-Contestants run blocks of ``WIDTH`` simulations side by side, each one second of the stiff wall under
-the certified law with 20 integration steps a sample, in turns: the kernel and C on one thread, then
-both on all cores. ``gcc`` may contract products and sums (its default); a second build that may not
-must give the kernel's numbers to the last bit, and is asked first.
+Contestants run blocks of ``WIDTH`` simulations side by side, each one second of the stiff wall
+under the certified law with 20 integration steps a sample, in turns: the kernel and C on one
+thread, then both on all cores. ``gcc`` may contract products and sums (its default); a second build
+that may not must give the kernel's numbers to the last bit, and is asked first.
 """
 
 import ctypes

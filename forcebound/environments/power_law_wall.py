@@ -13,7 +13,8 @@ def power_law_force(
 ) -> float:
     """Return ``k d_0 (d / d_0)^p`` behind the surface, in N, else 0."""
     depth = max(position - surface, 0.0) / reference
-    return stiffness * reference * depth**exponent
+    force: float = stiffness * reference * depth**exponent
+    return force
 
 
 @dataclass(frozen=True)

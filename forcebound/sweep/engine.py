@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.bounding import LAWS
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
 from forcebound.launch.config import KINDS, GraphConfig, to_document
@@ -85,6 +86,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
         or type(config.controller.model) is not DirectController
+        or servo.period_ns / 1e9 > servo.longest_hold  # by rounding: every hold would count as cut
     ):
         return None
     path: object = operator
@@ -162,7 +164,7 @@ def block_arguments(
 def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
-    law = lanes.LAWS[servo.law].parameters(dissipation_of(model, servo))
+    law = LAWS[servo.law].parameters(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
     path: list[float] = []
@@ -206,12 +208,13 @@ def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) ->
     time_ns = seq * servo.period_ns + wait_ns
     reading, commanded, applied, estimated, energy, position = trace
     unknown = np.full(ticks, np.nan)
+    elapsed: NDArray[np.float64] = time_ns * 1e-9
     age = (time_ns - timing.answered * servo.period_ns) * 1e-9
     return TelemetryColumns(
         time=(time_ns - time_ns[int(np.argmax(timing.engagement > 0.0))]) * 1e-9,
         time_ns=time_ns,
         seq=seq,
-        elapsed=time_ns * 1e-9,
+        elapsed=elapsed,
         position=reading[:, np.newaxis],
         commanded_force=commanded[:, np.newaxis],
         applied_force=applied[:, np.newaxis],

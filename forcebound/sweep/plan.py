@@ -248,7 +248,7 @@ class _Reader:
 
     def _range(self, section: Section, draw: tuple[random.Random, int] | None) -> list[str]:
         entries = section.value.entries
-        ends = [self._end(section, key) for key in ("from", "to")]
+        start, end = (self._end(section, key) for key in ("from", "to"))
         scale = entries.get("scale")
         is_log = scale is not None and scale.text == "log"
         if scale is not None and scale.text not in ("log", "linear"):
@@ -256,9 +256,9 @@ class _Reader:
         count = draw[1] if draw is not None else self._whole(entries.get("count"), 0)
         if draw is None and count < 1:
             section.add_here(f"{section.name} needs 'count', a whole number of at least 1")
-        if ends[0] is None or ends[1] is None:
+        if start is None or end is None:
             return []
-        (low, unit), (high, other) = ends
+        (low, unit), (high, other) = start, end
         if unit != other:
             section.add(
                 f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"]

@@ -236,7 +236,7 @@ def cluster_executor(address: str) -> Iterator[Executor]:
     except ImportError as error:
         raise ConfigError("--cluster needs dask: pip install 'forcebound[cluster]'") from error
     try:
-        client = Client(address, timeout="10s", set_as_default=False)
+        client: Any = Client(address, timeout="10s", set_as_default=False)  # type: ignore[no-untyped-call]  # dask has no types
     except (OSError, ValueError) as error:
         raise ConfigError(f"no dask scheduler at {address}: {error}") from error
     with client:

@@ -182,7 +182,8 @@ def _comes_too_late(
     if np.any(is_tied & follows):
         raise _Inexact
     own = (began == 0) & (origin == tick)
-    return (is_tied & ((began > 0) | own)).astype(np.int64)
+    late: Times = (is_tied & ((began > 0) | own)).astype(np.int64)
+    return late
 
 
 def _accept(
