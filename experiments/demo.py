@@ -7,16 +7,18 @@ from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
 from forcebound.cli import print_table
-from forcebound.errors import ForceboundError
+from forcebound.errors import ForceboundError, RunError
 from forcebound.launch.live import run_live
 from forcebound.launch.loader import load
 
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 
-MESSAGE = """\
-Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and gives it {given:.0f} mJ
-that it never put in. With the certified law, the same wall over the same late network holds the hand
-no deeper than {depth:.1f} mm, and the energy never falls below zero ({least:.2g} mJ at the least)."""
+MESSAGE = (
+    "Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and gives "
+    "it {given:.0f} mJ that it never put in. With the certified law, the same wall over the same late "
+    "network holds the hand no deeper than {depth:.1f} mm, and the energy never falls below zero "
+    "({least:.2g} mJ at the least)."
+)
 
 
 def main() -> int:
@@ -35,6 +37,8 @@ def main() -> int:
     save(figure([(r.label, r.columns, r.document) for r in results]), picture)
     print_table(results)
     without, certified = (result.summary for result in results)
+    if certified["true_energy_min_j"] < -1e-9:
+        raise RunError("the certified law has leaked energy: please report it with the recording")
     console.print()
     console.print(
         MESSAGE.format(

@@ -42,8 +42,8 @@ FAILED = 3.0  # logarithmic error of a cell that has no value
 
 #               kg    N/m   N s/m  m/s   m     m     m/s   m     m
 NAMES = ("mass", "stiffness", "damping", "speed", "way", "target", "speed", "way", "target")
-LOWEST = np.array([0.1, 20.0, 0.05, 0.150, 0.015, 3e-4, 0.020, 0.015, 3e-4])
-HIGHEST = np.array([1.5, 3000.0, 40.0, 0.250, 0.200, 0.040, 0.050, 0.200, 0.040])
+LOWEST = np.array([0.1, 20.0, 0.05, 0.150, 0.010, 3e-4, 0.020, 0.010, 3e-4])
+HIGHEST = np.array([1.5, 3000.0, 4.0, 0.250, 0.200, 0.040, 0.050, 0.200, 0.040])
 LINEAR = np.array([name == "speed" for name in NAMES])  # the others are searched by logarithm
 BANDS = {"high": (0.150, 0.250), "low": (0.020, 0.050)}  # m/s; paper, section 5.2
 

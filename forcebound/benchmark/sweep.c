@@ -16,7 +16,7 @@ enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNES
 
 enum { ANCHOR_SAMPLES = 8 }; /* law.py */
 
-enum { COLUMNS = 6, ANCHOR_SAMPLES = 8 };
+enum { COLUMNS = 6 };
 
 #define AT(row) s[(row) * WIDTH + i]
 #define LANES for (int i = 0; i < WIDTH; i++)
@@ -41,12 +41,6 @@ static inline double quantise(double x, double resolution)
 {
     double reading = floor(x / resolution + 0.5) * resolution;
     return resolution <= 0.0 ? x : reading;
-}
-
-static inline double clear_square(double reading, double anchor, double half_resolution)
-{
-    double clear = larger(fabs(reading - anchor) - 2.0 * half_resolution, 0.0);
-    return clear * clear;
 }
 
 static int64_t count_steps(double duration, double substep)
@@ -103,8 +97,6 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
     int64_t last = answers_rows - 1;
     double older_age = 0.0, younger_age = 0.0;
     int since_anchor = 0;
-    double older_age = 0.0, younger_age = 0.0;
-    int since_anchor = 0;
 
     LANES {
         for (int row = CONSTANTS; row < ROWS; row++)
@@ -143,22 +135,17 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             since_anchor++;
         }
         int moves_anchors = since_anchor == ANCHOR_SAMPLES;
-        if (k > 0) {
-            older_age += elapsed;
-            younger_age += elapsed;
-        }
         LANES {
             double asked = out[WIDTH + i], saturation = AT(SATURATION);
             double damping = AT(LAW), friction = AT(LAW + 1), half_resolution = AT(LAW + 2);
             double hold_limit = AT(LAW + 4), axes = AT(LAW + 5);
             double reading = quantise(AT(X), AT(RESOLUTION));
             double held = AT(FORCE), magnitude = fabs(held);
-            double state, playing, gone, force, viscous;
+            double state, playing, gone, force;
             if (k == 0) {
                 state = -friction * half_resolution * sqrt(axes);
                 playing = reading;
-                gone = force = viscous = 0.0;
-                AT(OLDER) = AT(YOUNGER) = reading;
+                gone = force = 0.0;
                 AT(OLDER) = AT(YOUNGER) = reading;
             } else {
                 double moved = reading - AT(READING);
@@ -198,21 +185,9 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             AT(READING) = reading;
             AT(PLAY) = playing;
             AT(PATH) = gone;
-            AT(VISCOUS) = viscous;
             AT(FORCE) = force;
         }
         if (moves_anchors) {
-            older_age = younger_age;
-            younger_age = 0.0;
-            since_anchor = 0;
-        }
-        since_anchor += k > 0;
-        if (since_anchor == ANCHOR_SAMPLES) {
-            LANES {
-                AT(OLDER) = AT(YOUNGER);
-                AT(YOUNGER) = AT(READING);
-                AT(VISCOUS) = AT(BETWEEN) = AT(VISCOUS) - AT(BETWEEN);
-            }
             older_age = younger_age;
             younger_age = 0.0;
             since_anchor = 0;

@@ -58,9 +58,9 @@ class Approach:
 # reasons. The hand's values are also the defaults of paper_wall.yaml. It is a soft grip, as in the
 # paper (4.2): the force on a hand this soft hardly depends on how deep the handle is, which the
 # table asks for, since each law lets it sink to another depth.
-HAND = Hand(mass=0.415, stiffness=90, damping=40)
-HIGH = Approach("high", speed=0.150, way=0.016, target=0.0285)  # paper: 150 to 250 mm/s
-LOW = Approach("low", speed=0.035, way=0.015, target=0.02)  # paper: 20 to 50 mm/s
+HAND = Hand(mass=0.915, stiffness=1125, damping=0.05)
+HIGH = Approach("high", speed=0.151, way=0.024, target=0.0058)  # paper: 150 to 250 mm/s
+LOW = Approach("low", speed=0.030, way=0.0105, target=0.0022)  # paper: 20 to 50 mm/s
 SPEEDS = {"high": HIGH, "low": LOW}
 
 PAPER_LAWS = {  # in the order of the paper's Table 1, with its words

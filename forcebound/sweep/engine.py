@@ -208,7 +208,7 @@ def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) ->
     time_ns = seq * servo.period_ns + wait_ns
     reading, commanded, applied, estimated, energy, position = trace
     unknown = np.full(ticks, np.nan)
-    elapsed: NDArray[np.float64] = time_ns * 1e-9
+    elapsed = np.multiply(time_ns, 1e-9, dtype=np.float64)
     age = (time_ns - timing.answered * servo.period_ns) * 1e-9
     return TelemetryColumns(
         time=(time_ns - time_ns[int(np.argmax(timing.engagement > 0.0))]) * 1e-9,

@@ -278,9 +278,6 @@ def kernel(law: str, environment: str) -> Kernel:
                 younger_age += elapsed
                 since_anchor += 1
             moves_anchors = since_anchor == ANCHOR_SAMPLES
-            if k > 0:
-                older_age += elapsed
-                younger_age += elapsed
             for i in range(WIDTH):
                 asked = traces[out + WIDTH + i]
                 saturation = s[SATURATION * WIDTH + i]
@@ -295,8 +292,7 @@ def kernel(law: str, environment: str) -> Kernel:
                 magnitude = abs(held)
                 if k == 0:
                     state = start(damping, friction, half_resolution, period, hold_limit, axes)
-                    playing, gone, force, viscous = reading, 0.0, 0.0, 0.0
-                    s[OLDER * WIDTH + i] = s[YOUNGER * WIDTH + i] = reading
+                    playing, gone, force = reading, 0.0, 0.0
                     s[OLDER * WIDTH + i] = reading
                     s[YOUNGER * WIDTH + i] = reading
                 else:
@@ -357,20 +353,9 @@ def kernel(law: str, environment: str) -> Kernel:
                 s[READING * WIDTH + i] = reading
                 s[PLAY * WIDTH + i] = playing
                 s[PATH * WIDTH + i] = gone
-                s[VISCOUS * WIDTH + i] = viscous
                 s[STATE * WIDTH + i] = state
                 s[FORCE * WIDTH + i] = force
             if moves_anchors:
-                older_age, younger_age = younger_age, 0.0
-                since_anchor = 0
-            if k > 0:
-                since_anchor += 1
-            if since_anchor == ANCHOR_SAMPLES:
-                for i in range(WIDTH):
-                    s[OLDER * WIDTH + i] = s[YOUNGER * WIDTH + i]
-                    s[YOUNGER * WIDTH + i] = s[READING * WIDTH + i]
-                    viscous = s[VISCOUS * WIDTH + i] - s[BETWEEN * WIDTH + i]
-                    s[VISCOUS * WIDTH + i] = s[BETWEEN * WIDTH + i] = viscous
                 older_age, younger_age = younger_age, 0.0
                 since_anchor = 0
             for i in range(WIDTH):
@@ -401,16 +386,6 @@ def kernel(law: str, environment: str) -> Kernel:
 
 @cache
 def _allow_common() -> None:
-    shared: list[Any] = [
-        clear_square,
-        least_viscous_path,
-        move,
-        begin,
-        play,
-        quantise,
-        follow,
-        low_pass_share,
-        count_steps,
-    ]
+    shared: list[Any] = [move, begin, play, quantise, follow, low_pass_share, count_steps]
     shared += [clear_square, least_viscous_path]
     allow_in_kernels(shared)

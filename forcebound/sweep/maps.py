@@ -1,7 +1,8 @@
 """The result of a sweep as a picture: one panel for each law, the limits of theory over it.
 
-Energies are drawn in two colours: a leak, below zero by more than rounding, shows at a glance and
-its depth on a logarithmic scale. Everything else has one scale for all panels.
+Energies: a leak, below zero by more than rounding, shows at a glance and its depth on a logarithmic
+scale; where there is none, light and dark blue tell whether the hand comes to rest. Everything else
+has one scale for all panels.
 """
 
 import math
@@ -21,6 +22,7 @@ from forcebound.sweep.table import Table, read_table
 LEAK = 1e-9  # J; less is rounding of the ground truth
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffe0b3", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
+_RESTLESS = "#9fb4c8"
 _COLUMNS = 3
 _STYLES = {"colgate_schenkel": "-", "abbott_okamura": "--", "diolaiti": ":"}
 
@@ -84,6 +86,7 @@ def _panels(table: Table, drawing: Mapping[str, Any]) -> list[str | None]:
 def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
     x, y = _numbers(table, drawing["x"]), _numbers(table, drawing["y"])
     value = _numbers(table, drawing["value"])
+    rests = np.array([1.0 if rest is None else float(rest) for rest in table.columns["at_rest"]])
     panels = _panels(table, drawing)
     group = np.array(_column(table, drawing["per"])) if "per" in drawing else np.full(x.size, None)
     is_energy = drawing["value"].endswith("energy_min_j")
@@ -99,14 +102,19 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
         grid = _worst(xs, ys, x[chosen], y[chosen], value[chosen])
         axis.set_facecolor("#eeeeee")
         if is_energy:
-            passive = np.where(grid >= -LEAK * 1e3, 1.0, np.nan)
-            axis.pcolormesh(*_edges(xs, ys), passive, cmap=ListedColormap([_PASSIVE]))
+            is_passive = grid >= -LEAK * 1e3
+            rest = _worst(xs, ys, x[chosen], y[chosen], rests[chosen])
+            for colour, cells in ((_PASSIVE, is_passive), (_RESTLESS, is_passive & (rest == 0.0))):
+                cells = np.where(cells, 1.0, np.nan)
+                axis.pcolormesh(*_edges(xs, ys), cells, cmap=ListedColormap([colour]))
             grid = np.where(grid < -LEAK * 1e3, -grid, np.nan)
         mesh = axis.pcolormesh(*_edges(xs, ys), grid, norm=norm, cmap=_LEAKS if is_energy else None)
         axis.set_title("" if panel is None else str(panel).replace("_", " "), fontsize=10)
         _draw_limits(axis, table, drawing, chosen, xs)
     for axis in axes[len(panels) :]:
         axis.set_visible(False)
+    if _is_log(xs):
+        axes[0].set_xscale("log")
     if _is_log(ys):
         axes[0].set_yscale("log")
     axes[0].set_xlim(xs[0], xs[-1])
@@ -118,7 +126,11 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
         if number % columns == 0:
             axes[number].set_ylabel(_label(drawing["y"]).replace(" (", "\n("))
     assert mesh is not None
-    label = "energy given to the hand (mJ); blue: none" if is_energy else _label(drawing["value"])
+    label = (
+        "energy given to the hand (mJ); blue: none; dark blue: none, but no rest"
+        if is_energy
+        else _label(drawing["value"])
+    )
     figure.colorbar(mesh, ax=axes.tolist(), label=label)
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
