@@ -14,10 +14,10 @@ from forcebound.launch.loader import load
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 
 MESSAGE = (
-    "Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and gives "
-    "it {given:.0f} mJ that it never put in. With the certified law, the same wall over the same late "
-    "network holds the hand no deeper than {depth:.1f} mm, and the energy never falls below zero "
-    "({least:.2g} mJ at the least)."
+    "Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and "
+    "gives it {given:.0f} mJ that it never put in. With the certified law, the same wall over the "
+    "same late network holds the hand no deeper than {depth:.1f} mm, and the energy never falls "
+    "below zero ({least:.2g} mJ at the least)."
 )
 
 
