@@ -23,7 +23,7 @@ test-slow: $(STAMP)
 	$(BIN)/pytest -m slow
 
 audit: $(STAMP)
-	$(BIN)/python -m forcebound.audit --runs 20000
+	$(BIN)/forcebound audit --runs 6000 --search 6000 --out docs/audit.md
 
 bench: $(STAMP)
 	$(BIN)/forcebound bench servo

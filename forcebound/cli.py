@@ -221,6 +221,87 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         Console().print(table)
 
 
+@main.group(invoke_without_command=True)
+@click.option(
+    "--runs",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Random runs of each law.",
+)
+@click.option(
+    "--search",
+    "searched",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Runs of each law by a search that learns to hurt.",
+)
+@click.option("--law", "laws", multiple=True, help="Only this law; may be repeated.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--workers", type=click.IntRange(min=0), help="Processes; one a core by default; 0: this one."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="REPORT.md",
+    help="Write the result as a page.",
+)
+@_json_option
+@click.pass_context
+@_reports_errors
+def audit(
+    context: click.Context,
+    runs: int,
+    searched: int,
+    laws: tuple[str, ...],
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Attack the laws; exit with 1 if a certified one gives energy away."""
+    if context.invoked_subcommand is not None:
+        return
+    from forcebound.audit.command import run
+    from forcebound.audit.report import show_energy, verdict
+
+    document = run(laws, runs, searched, seed, workers, out)
+    if as_json:
+        _print_json(document)
+    else:
+        for row in document["laws"]:
+            lowest = show_energy(row["loss_and_work_min_j"])
+            click.echo(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
+        click.echo(f"{document['runs']} runs; forcebound audit replay LAW CASE shows one again")
+    sys.exit(0 if all(row["holds"] for row in document["laws"]) else 1)
+
+
+@audit.command()
+@click.argument("law")
+@click.argument("case")
+@_duration_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="RUN.png",
+    help="Draw the run, .png or .svg.",
+)
+@_json_option
+@_reports_errors
+def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
+    """Show a run of an audit again: LAW under CASE, a seed or a code."""
+    from forcebound.audit.command import run_again
+
+    document = run_again(law, case, duration or 2.0, out)
+    if as_json:
+        _print_json(document)
+        return
+    for name, value in [*document.pop("case").items(), *document.items()]:
+        click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
+
+
 @main.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(

@@ -1,33 +1,48 @@
 """The audit: that the certified laws hold, and that it would find out if they did not."""
 
 import dataclasses
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from forcebound.audit import (
     ENERGY_TOLERANCE,
+    TRACE_COLUMNS,
     Case,
-    audit,
+    Result,
+    attack,
+    case_of,
     dissipation_of,
     draw_case,
-    main,
     replay,
     run_campaign,
 )
+from forcebound.audit.cases import ADVERSARIES, DIMENSIONS, SENSORS, difficulties, encode
+from forcebound.audit.report import page
+from forcebound.audit.search import NICHES, pain, search
 from forcebound.bounding import LAWS, BoundingLaw, ForceBounder
+from forcebound.cli import main
 from forcebound.errors import ConfigError
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
+OTHER_LAWS = sorted(set(LAWS) - set(CERTIFIED_LAWS))
 RUNS = 400
 SECONDS = 1.0
-COLUMNS = {"time": 0, "reading": 2, "asked": 3, "force": 4}
+COLUMNS = {name: column for column, name in enumerate(TRACE_COLUMNS)}
+
+
+def worst_of(law: str, runs: int) -> Result:
+    cases = (draw_case(seed, SECONDS) for seed in range(1, runs + 1))
+    return min((attack(law, case)[0] for case in cases), key=lambda result: result.lowest)
 
 
 @pytest.mark.parametrize("law", CERTIFIED_LAWS)
 def test_a_certified_law_never_lets_the_energy_fall_below_zero(law: str) -> None:
-    (worst,) = audit([law], RUNS, seed=1, seconds=SECONDS)
+    worst = worst_of(law, RUNS)
     assert worst.is_passive
     assert worst.energy_min >= -1e-9
     assert worst.loss_and_work_min >= -1e-9
@@ -35,7 +50,7 @@ def test_a_certified_law_never_lets_the_energy_fall_below_zero(law: str) -> None
 
 @pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
 def test_the_audit_catches_the_laws_that_leak(law: str) -> None:
-    (worst,) = audit([law], 100, seed=1, seconds=SECONDS)
+    worst = worst_of(law, 100)
     assert not worst.is_passive
     assert worst.energy_min < -1e-3
 
@@ -86,35 +101,148 @@ def test_every_kind_of_trouble_occurs() -> None:
     assert share(is_rough) > 0.05
 
 
+def test_a_searched_case_is_made_again_from_its_code() -> None:
+    rng = np.random.default_rng(1)
+    for niche in NICHES:
+        code = encode(*niche, int(rng.integers(32)), rng.random(DIMENSIONS).tolist())
+        case = case_of(code, SECONDS)
+        assert (case.name, case.adversary, case.sensor) == (code, *niche)
+        assert case_of(code, SECONDS) == case
+        dissipation_of(case)  # refuses what is out of range
+
+
+@pytest.mark.parametrize("u", [0.0, 0.5, 1.0])
+def test_the_ends_of_the_code_are_the_ends_of_the_ranges(u: float) -> None:
+    case = case_of(encode(0, 0, 0, [u] * DIMENSIONS), SECONDS)
+    assert 0.02 <= case.mass <= 0.5 * (1 + 1e-12)
+    assert 0.0 <= case.resolution <= 2e-4 * (1 + 1e-12)
+    assert 0 <= case.delay <= 60
+    assert 0.0 <= case.overruns <= 0.2 * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("name", ["", "-1", "x1", "c0", "c" + "w" * 45, "c" + "9" * 45])
+def test_a_name_that_is_no_case_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="a case is a seed or a code"):
+        case_of(name, SECONDS)
+
+
+def test_the_difficulties_of_a_case_are_named() -> None:
+    rough = difficulties(draw_case(1, SECONDS))
+    assert set(rough) >= {"delay", "quantisation", "jitter", "overrun", "loss", "hand"}
+    exact = encode(0, 0, 0, [0.0] * DIMENSIONS)
+    assert difficulties(case_of(exact, SECONDS)) == {
+        "clock and reading": "steady, exact",
+        "environment": "late wall",
+        "delay": "none",
+        "loss": "none",
+        "quantisation": "none",
+        "reading": "exact",
+        "jitter": "none",
+        "overrun": "none",
+        "hand": "to 0.1 N/mm",
+    }
+
+
+def test_the_search_learns_to_hurt() -> None:
+    niche = NICHES.index((ADVERSARIES.index("late_wall"), SENSORS.index("quantised")))
+    pains = [pain(result) for result in search("none", niche, 150, seed=1, seconds=SECONDS)]
+    assert len(pains) == 150
+    assert np.median(pains[-48:]) < np.median(pains[:48])
+    assert min(pains) < -1e-3
+
+
+def test_the_search_is_the_same_for_the_same_seed() -> None:
+    first = [result.case.name for result in search("certified", 3, 30, seed=5, seconds=0.2)]
+    again = [result.case.name for result in search("certified", 3, 30, seed=5, seconds=0.2)]
+    other = [result.case.name for result in search("certified", 3, 30, seed=6, seconds=0.2)]
+    assert first == again
+    assert first != other
+
+
 def test_a_campaign_says_which_law_holds() -> None:
-    rows = run_campaign(40, ["none", "certified"], seed=1, seconds_each=0.5)
+    told: list[tuple[int, int]] = []
+    document = run_campaign(
+        ["none", "certified"], 40, 48, 1, 0.5, 0, lambda *progress: told.append(progress)
+    )
+    rows = document["laws"]
+    assert told[-1] == (176, 176) == (document["runs"], document["runs"])
     assert [row["law"] for row in rows] == ["none", "certified"]
     assert [row["is_certified"] for row in rows] == [False, True]
     assert [row["holds"] for row in rows] == [True, True]  # "none" promises nothing
-    assert rows[0]["energy_min_j"] < -1.0
-    worst, _ = replay("none", rows[0]["worst_seed"], 0.5)
-    assert worst.energy_min == rows[0]["energy_min_j"]
+    assert rows[0]["loss_and_work_min_j"] < -1.0
+    for row in rows:
+        for kind, runs in (("random", 40), ("search", 48)):
+            assert row[kind]["runs"] == runs
+            again, _ = replay(row["law"], row[kind]["case"], 0.5)
+            assert again.loss_and_work_min == row[kind]["loss_and_work_min_j"]
+        for axis in row["difficulties"].values():
+            assert sum(cell["runs"] for cell in axis.values()) == 88
 
 
-def test_the_campaign_of_the_command_line_ends_with_status_1_only_for_a_broken_promise(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_a_campaign_on_two_processes_has_the_numbers_of_one() -> None:
+    alone = run_campaign(["aol"], 20, 24, 1, 0.2, workers=0)
+    assert run_campaign(["aol"], 20, 24, 1, 0.2, workers=2) == alone
+
+
+def test_the_page_shows_worst_cases_and_how_to_see_them_again() -> None:
+    document = run_campaign(["aol", "certified"], 100, 0, 1, 0.5, 0)
+    text = page(document, "the command")
+    assert "    the command\n" in text
+    assert "| `certified` | 0 | 0 | – |" in text
+    assert f"`aol {document['laws'][0]['case']}`" in text
+    assert "### Overrun" in text
+    assert max(map(len, text.split("## ")[0].splitlines())) <= 100
+
+
+def test_the_command_ends_with_status_1_only_for_a_broken_promise(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    options = ["--runs", "40", "--seconds", "0.5"]
-    assert main([*options, "--law", "none", "--law", "certified"]) == 0
-    table = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in table] == ["law", "none", "certified"]
-    assert table[1].endswith("not certified")
-    assert table[2].endswith("holds")
+    report = tmp_path / "new" / "audit.md"
+    options = ["audit", "--runs", "40", "--search", "0", "--workers", "0"]
+    done = CliRunner().invoke(
+        main, [*options, "--law", "certified", "--out", str(report), "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["laws"][0]["holds"]
+    assert "--runs 40 --search 0 --seed 1 --law certified" in report.read_text()
     monkeypatch.setitem(LAWS, "broken", dataclasses.replace(LAWS["none"], is_certified=True))
-    assert main([*options, "--law", "broken"]) == 1
-    assert "BROKEN" in capsys.readouterr().out
+    done = CliRunner().invoke(main, [*options, "--law", "broken"])
+    assert done.exit_code == 1, done.output
+    assert "BROKEN" in done.stdout
+
+
+def test_the_command_shows_a_run_again_and_draws_it(tmp_path: Path) -> None:
+    picture = tmp_path / "run.png"
+    options = ["audit", "replay", "aol", "3", "--duration", "200 ms"]
+    done = CliRunner().invoke(main, [*options, "--out", str(picture), "--json"])
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert document["loss_and_work_min"] == replay("aol", 3, 0.2)[0].loss_and_work_min
+    assert document["case"]["adversary"] in ADVERSARIES
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "loss_and_work_min" in CliRunner().invoke(main, options).output
 
 
 def test_an_unknown_law_and_an_audit_without_runs_are_refused() -> None:
     with pytest.raises(ConfigError, match="known are aol"):
         replay("unbound", 1, SECONDS)
+    with pytest.raises(ConfigError, match="known are aol"):
+        run_campaign(["unbound"], 1)
     with pytest.raises(ConfigError, match="runs must be >= 1"):
-        audit(["certified"], 0, 1)
+        run_campaign(["certified"], 0)
+
+
+@pytest.mark.slow
+def test_a_tenth_of_the_audit() -> None:
+    document = run_campaign(list(LAWS), 600, 600)
+    assert document["runs"] >= 10_000
+    rows = {row["law"]: row for row in document["laws"]}
+    for law in CERTIFIED_LAWS:
+        assert rows[law]["loss_and_work_min_j"] >= -1e-9
+        assert rows[law]["energy_min_j"] >= -1e-9
+    for law in OTHER_LAWS:
+        assert rows[law]["random"]["loss_and_work_min_j"] < -1e-3
+        assert rows[law]["search"]["loss_and_work_min_j"] < -1e-3
 
 
 # Certified laws with one part missing: the audit must find each of them out
@@ -172,5 +300,5 @@ def broken_law(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_audit_catches_a_certified_law_with_a_part_missing(broken_law: str) -> None:
-    (worst,) = audit([broken_law], RUNS, seed=1, seconds=SECONDS)
+    worst = worst_of(broken_law, RUNS)
     assert worst.loss_and_work_min < -100 * ENERGY_TOLERANCE

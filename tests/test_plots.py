@@ -120,7 +120,7 @@ def test_an_environment_without_a_surface_draws_none() -> None:
     label, columns, _ = run_of(telemetry())
     drawing = figure([(label, columns, {"environment": {"kind": "damper"}})], list(PANELS))
     assert "surface" not in drawn(panel(drawing, 0))
-    assert not panel(drawing, 4).lines
+    assert not panel(drawing, list(PANELS).index("force_over_penetration")).lines
 
 
 # --- Words ---------------------------------------------------------------------------------------

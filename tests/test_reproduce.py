@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS, palpation, saturated, table1, traces
+from forcebound.experiments.contacts import UNBOUNDED
 from forcebound.experiments.reproduce import Reproduction, choose, reproduce
 from forcebound.experiments.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
 from forcebound.launch.loader import load
@@ -60,8 +61,9 @@ def test_the_viscous_more_conservative_law_shows_twice_the_dissipation(runs: Run
 
 def test_the_table_is_as_near_to_the_papers_as_we_say(runs: Runs) -> None:
     cells = table1.rows(runs)
-    assert table1.rms_log_error(cells) < 0.19
-    assert table1.rms_log_error(cell for cell in cells if cell.fitted) < 0.15
+    assert table1.rms_log_error(cells) < 0.16
+    assert table1.rms_log_error(cell for cell in cells if cell.fitted) < 0.12
+    assert table1.rms_log_error(cell for cell in cells if not cell.fitted) < 0.19
 
 
 def test_the_laws_stand_in_the_papers_order_in_every_column(runs: Runs) -> None:
@@ -101,19 +103,20 @@ def test_the_memoryless_certified_law_is_stiffer_than_the_more_conservative_one(
 
 
 def test_without_a_law_the_hand_gets_energy_out_of_the_wall(runs: Runs) -> None:
-    contact = runs.wall("none", HIGH)
+    contact = runs.wall("none", UNBOUNDED)
     assert contact.lowest_energy < -1.0  # mJ
     assert contact.run.summary["contact_reversals"] > 10
+    assert contact.run.summary["at_rest"] is False
 
 
-def test_the_aol_gives_about_six_percent_more_force_on_the_trace(done: Reproduction) -> None:
+def test_the_aol_gives_a_few_percent_more_force_on_the_trace(done: Reproduction) -> None:
     (number,) = (
         number
         for number in done.outcomes["fig18"].numbers
         if number.paper == 5.9 and number.quantity.startswith("more force")
     )
     assert number.ours is not None
-    assert 4.0 < number.ours < 8.0
+    assert 2.5 < number.ours < 8.0  # f_c over the force; the paper's 5.9 % is at 2 N
 
 
 def test_a_law_on_its_own_trace_repeats_its_run(runs: Runs) -> None:

@@ -45,6 +45,8 @@ class ForceBounder:
         self._axes = axes
         self._force: Vector = (0.0,) * axes
         self._held = self._held_sum = self._path = 0.0
+        self._viscous = self._between = 0.0
+        self._samples = 0  # since the anchors were moved
         self._plays: list[float] = []
         self._paths: list[float] = []
         self.start(0, self._force)

@@ -55,12 +55,12 @@ class Approach:
 
 
 # Fitted by experiments/fit_table1.py on one half of Table 1, and rounded; docs/reproduce.md has the
-# reasons. The hand's values are also the defaults of paper_wall.yaml. It is a soft grip, as in the
-# paper (4.2): the force on a hand this soft hardly depends on how deep the handle is, which the
-# table asks for, since each law lets it sink to another depth.
-HAND = Hand(mass=0.915, stiffness=1125, damping=0.05)
-HIGH = Approach("high", speed=0.151, way=0.024, target=0.0058)  # paper: 150 to 250 mm/s
-LOW = Approach("low", speed=0.030, way=0.0105, target=0.0022)  # paper: 20 to 50 mm/s
+# reasons. The hand's values are also the defaults of paper_wall.yaml. Hand and forearm weigh about
+# this much. There is hardly any damping, as the paper wanted of its soft grip (section 4.1); more
+# than k T / 2 = 5 N s/m would steady the wall of Fig. 7 without any law.
+HAND = Hand(mass=0.925, stiffness=1120.0, damping=0.05)
+HIGH = Approach("high", speed=0.153, way=0.0243, target=0.0059)  # paper: 150 to 250 mm/s
+LOW = Approach("low", speed=0.0302, way=0.0104, target=0.00225)  # paper: 20 to 50 mm/s
 SPEEDS = {"high": HIGH, "low": LOW}
 
 PAPER_LAWS = {  # in the order of the paper's Table 1, with its words

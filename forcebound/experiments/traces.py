@@ -68,6 +68,7 @@ def run_fig18(runs: Runs) -> Outcome:
         Number("the same, mean of the ratios", "%", float(100.0 * (aol.mean() - 1.0)), 5.9, "aol"),
         Number("trace repeated, largest difference", "N", repeated, 0.0, "less_conservative"),
     ]
+    mean_force = float(contact.applied[where].mean())
     lines = [Line("less conservative (the run)", contact.time, contact.applied)]
     lines += [Line(f"{law} on its trace", contact.time, forces[law]) for law in ("aol", *CERTIFIED)]
     return Outcome(
@@ -76,7 +77,8 @@ def run_fig18(runs: Runs) -> Outcome:
         finding=(
             f"{extra['aol']:.1f} % more force: mean AOL force over mean applied force, all samples "
             "in contact. The AOL is a reconstruction (docs/theory.md): the exact causal bound, "
-            "whose F_max has f_c where the less conservative law has a guess from the last move. "
+            "whose F_max has f_c where the less conservative law has a guess from the last move; so "
+            f"the extra is 0.12 N over the force, here {mean_force:.1f} N; 5.9 % are 2.0 N. "
             f"The certified law gives {extra['certified']:+.1f} %, its memoryless variant "
             f"{extra['certified_memoryless']:+.1f} % on the same trace; both are certain for the "
             "true position, of which the encoder tells only steps."

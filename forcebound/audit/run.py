@@ -1,37 +1,21 @@
-r"""Does a bounding law hold? Ground-truth energy under environments that try to break it.
+"""One run of an audit: plant, hand, adversary, bad clock and law, compiled.
 
-A run draws a device, a hand, an adversary and a bad clock from its seed, and integrates them with
-the same plant step (:func:`forcebound.devices.plant.advance`) and the same law functions
-(:data:`forcebound.bounding.LAWS`) as everything else, compiled. Along the way it keeps, at every
-sub-step and out of sight of the law,
-
-* the *hand's energy* :math:`\int F_h v\,dt`: what the paper's Eq. 1 asks to be non-negative;
-* the *loss plus work*: viscous loss, friction loss and work against the motor. It is the hand's
-  energy less the device's kinetic energy, so it is the sharper test, and the certified laws promise
-  it too;
-* the *balance* of the plant: work of the hand less the growth of kinetic energy, losses and motor
-  work. Below zero by more than rounding, the integrator would make energy, and the audit be void.
-
-The device dissipates exactly what the law is told, so no law has a hidden reserve. One axis.
-
-``python -m forcebound.audit`` runs a campaign; its status is 1 if a certified law does not hold.
+The order within a sample is that of :class:`forcebound.bounding.ForceBounder` for one axis; tests
+compare the two bit by bit.
 """
 
-import argparse
 import math
-import random
-import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forcebound.audit.cases import PERIOD, Case, case_of, dissipation_of
 from forcebound.bounding import (
     ANCHOR_SAMPLES,
     LAWS,
-    Dissipation,
     clear_square,
     least_viscous_path,
     play,
@@ -41,75 +25,33 @@ from forcebound.devices.plant import advance, quantise
 from forcebound.errors import ConfigError
 
 ENERGY_TOLERANCE = 1e-9  # J; rounding of sums that reach some 10 J in a run
-
-PERIOD = 1e-3  # s, nominal sampling period T
 SUBSTEPS = 8  # plant steps in a hold
-
-ADVERSARIES = (
-    "late_wall",
-    "active_wall",
-    "negative_damper",
-    "random_force",
-    "velocity_pusher",
-    "late_spring",
-)
-
-#: How a reading may differ from the position: by half the resolution, in any way.
-SENSORS = ("quantised", "noisy", "chattering", "leading")
+EARNED = 1e-5  # J; a run that has not earned this much says nothing about how much was given back
 
 Floats: TypeAlias = NDArray[np.float64]
-
-
-class Case(NamedTuple):
-    """All that defines a run besides its law; drawn from ``seed`` by :func:`draw_case`."""
-
-    seed: int
-    samples: int
-    # device
-    mass: float  # kg
-    damping: float  # N s/m
-    friction: float  # N
-    resolution: float  # m
-    sensor: int  # index in SENSORS
-    saturation: float  # N
-    hold_limit: float  # s, after which the device drops the force
-    # hand
-    hand_mass: float  # kg
-    hand_stiffness: float  # N/m
-    hand_damping: float  # N s/m
-    amplitude: float  # m, of the target's motion
-    slow: float  # Hz, of its slow part
-    fast: float  # Hz, of its fast part
-    # environment
-    adversary: int  # index in ADVERSARIES
-    stiffness: float  # N/m
-    environment_damping: float  # N s/m, magnitude of what the adversary gives
-    magnitude: float  # N, of its forces that do not depend on position
-    surface: float  # m
-    delay: int  # samples from reading to force
-    loss: float  # share of forces that do not arrive
-    corruption: float  # share of forces that are replaced by a random one
-    # clock
-    jitter: float  # of the period, in periods: 0 to 1 gives T(1 - 0.7 j) to T(1 + j)
-    overruns: float  # share of periods that are up to 6 times as long
 
 
 class Result(NamedTuple):
     """What a run showed."""
 
     law: str
-    seed: int
     energy_min: float  # J, lowest energy of the hand
     loss_and_work_min: float  # J, lowest loss plus motor work
     balance_min: float  # J, lowest balance of a plant step: the integrator's error
-    time_of_min: float  # s, when energy_min was reached
+    share_left: float  # lowest share left of what had been lost and worked; 1 if it was nothing
+    time_of_min: float  # s, when loss plus work was lowest
     peak_force: float  # N
     case: Case
 
     @property
+    def lowest(self) -> float:
+        """The lower of the two energies, in J."""
+        return min(self.energy_min, self.loss_and_work_min)
+
+    @property
     def is_passive(self) -> bool:
-        """Whether the hand's energy never fell below zero by more than rounding."""
-        return self.energy_min >= -ENERGY_TOLERANCE
+        """Whether no energy ever fell below zero by more than rounding."""
+        return self.lowest >= -ENERGY_TOLERANCE
 
 
 #: Columns of a trace, SI units; ``energy`` and ``loss_and_work`` are the lowest since the last row.
@@ -129,72 +71,22 @@ Kernel: TypeAlias = Callable[
 ]
 
 
-def draw_case(seed: int, seconds: float) -> Case:
-    """Return the run of ``seed``, of about ``seconds`` s."""
-    draw = random.Random(seed)
-
-    def logarithmic(low: float, high: float) -> float:
-        return math.exp(draw.uniform(math.log(low), math.log(high)))
-
-    return Case(
-        seed=seed,
-        samples=max(2, round(seconds / PERIOD)),
-        mass=logarithmic(0.02, 0.5),
-        damping=logarithmic(0.01, 3.0),
-        friction=logarithmic(0.003, 1.0),
-        resolution=draw.choice((0.0, 1e-6, logarithmic(1e-6, 2e-4), 3e-5, 2e-4)),
-        sensor=draw.choice((0, 0, 1, 2, 3)),
-        saturation=draw.uniform(3.0, 30.0),
-        hold_limit=round(PERIOD * draw.choice((1.0, 1.25, draw.uniform(1.0, 2.5))) * 1e9) / 1e9,
-        hand_mass=logarithmic(0.01, 1.0),
-        hand_stiffness=logarithmic(10.0, 2000.0),
-        hand_damping=draw.choice((0.0, logarithmic(0.1, 10.0))),
-        amplitude=logarithmic(1e-5, 0.05),
-        slow=logarithmic(0.2, 3.0),
-        fast=logarithmic(3.0, 30.0),
-        adversary=draw.randrange(len(ADVERSARIES)),
-        stiffness=logarithmic(100.0, 30_000.0),
-        environment_damping=logarithmic(1.0, 100.0),
-        magnitude=draw.uniform(0.5, 30.0),
-        surface=draw.uniform(-0.01, 0.02),
-        delay=draw.choice((0, 0, 1, draw.randrange(61), draw.randrange(61))),
-        loss=draw.choice((0.0, draw.uniform(0.0, 0.5))),
-        corruption=draw.choice((0.0, 0.0, draw.uniform(0.0, 0.1))),
-        jitter=draw.choice((0.0, draw.uniform(0.0, 1.0))),
-        overruns=draw.choice((0.0, 0.0, draw.uniform(0.0, 0.2))),
-    )
-
-
-def dissipation_of(case: Case) -> Dissipation:
-    """Return what the law of a run is told: exactly what the device does."""
-    return Dissipation(
-        damping=case.damping,
-        friction=case.friction,
-        resolution=case.resolution,
-        period=PERIOD,
-        hold_limit=case.hold_limit,
-        saturation=case.saturation,
-    )
-
-
-def replay(law: str, seed: int, seconds: float) -> tuple[Result, Floats]:
-    """Return one run again, with its trace.
+def attack(law: str, case: Case) -> tuple[Result, Floats]:
+    """Run one case.
 
     Args:
         law: A key of :data:`forcebound.bounding.LAWS`.
-        seed: Of the run.
-        seconds: Length of the run, in s; another length of the same seed is the same run, cut.
+        case: What to run.
 
     Returns:
-        The result, and an array of shape ``(samples, len(TRACE_COLUMNS))``.
+        The result, and a trace of shape ``(samples, len(TRACE_COLUMNS))``.
 
     Raises:
         ConfigError: If the law is not known.
     """
     if law not in LAWS:
         raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
-    case = draw_case(seed, seconds)
-    chance = np.random.default_rng(seed).random((case.samples, 6))
+    chance = np.random.default_rng(case.seed).random((case.samples, 6))
     periods = PERIOD * (1.0 + case.jitter * (1.7 * chance[:, 0] - 0.7))
     periods[chance[:, 1] < case.overruns] *= 1.0 + 5.0 * chance[chance[:, 1] < case.overruns, 0]
     periods_ns = np.maximum(np.rint(periods * 1e9), 1.0).astype(np.int64)
@@ -205,13 +97,17 @@ def replay(law: str, seed: int, seconds: float) -> tuple[Result, Floats]:
     trace = np.zeros((case.samples, len(TRACE_COLUMNS)))
     parameters = LAWS[law].parameters(dissipation_of(case))
     _kernel_of(law)(case, parameters, periods_ns, 2.0 * chance[:, 4] - 1.0, noise, faults, trace)
-    lowest = int(np.argmin(trace[:, 5]))
+    lost = trace[:, 6]
+    earned = np.maximum.accumulate(lost)
+    lowest = int(np.argmin(lost))
     result = Result(
         law=law,
-        seed=seed,
-        energy_min=float(trace[lowest, 5]),
-        loss_and_work_min=float(trace[:, 6].min()),
+        energy_min=float(trace[:, 5].min()),
+        loss_and_work_min=float(lost[lowest]),
         balance_min=float(trace[:, 7].min()),
+        share_left=float(
+            np.divide(lost, earned, where=earned > EARNED, out=np.ones_like(lost)).min()
+        ),
         time_of_min=float(trace[lowest, 0]),
         peak_force=float(np.abs(trace[:, 4]).max()),
         case=case,
@@ -219,71 +115,12 @@ def replay(law: str, seed: int, seconds: float) -> tuple[Result, Floats]:
     return result, trace
 
 
-def audit(laws: Iterable[str], runs: int, seed: int, seconds: float = 2.0) -> list[Result]:
-    """Return the worst run of each law: the one whose hand got the most energy out.
+def replay(law: str, name: str | int, seconds: float) -> tuple[Result, Floats]:
+    """Run a case again by its name; see :func:`attack` and :func:`forcebound.audit.case_of`.
 
-    Args:
-        laws: Keys of :data:`forcebound.bounding.LAWS`.
-        runs: Runs of each law; they have the seeds ``seed``, ``seed + 1``, ...
-        seed: Seed of the first run.
-        seconds: Length of each run, in s.
-
-    Returns:
-        One result for each law, in their order; :func:`replay` shows it again by its seed.
-
-    Raises:
-        ConfigError: If a law is not known or there is no run.
+    Another length of the same name is the same run, cut.
     """
-    if runs < 1:
-        raise ConfigError(f"runs must be >= 1, got {runs}")
-    return [
-        min(
-            (replay(law, seed + run, seconds)[0] for run in range(runs)),
-            key=lambda result: min(result.energy_min, result.loss_and_work_min),
-        )
-        for law in laws
-    ]
-
-
-def run_campaign(
-    runs: int, laws: Sequence[str], seed: int, seconds_each: float
-) -> list[dict[str, Any]]:
-    """Audit ``laws`` and return a table with one row each.
-
-    Args:
-        runs: Runs of each law.
-        laws: Keys of :data:`forcebound.bounding.LAWS`.
-        seed: Seed of the first run.
-        seconds_each: Length of a run, in s.
-
-    Returns:
-        Rows with ``law``, ``runs``, ``energy_min_j``, ``loss_and_work_min_j``, ``worst_seed``,
-        ``worst_adversary``, ``worst_sensor``, ``balance_min_j`` (all of the worst run),
-        ``is_certified`` and ``holds``: whether the law did what it promises (a law that promises
-        nothing holds).
-
-    Raises:
-        ConfigError: As :func:`audit`.
-    """
-    rows: list[dict[str, Any]] = []
-    for law in laws:
-        (worst,) = audit([law], runs, seed, seconds_each)
-        certified = LAWS[law].is_certified
-        rows.append(
-            {
-                "law": law,
-                "runs": runs,
-                "energy_min_j": worst.energy_min,
-                "loss_and_work_min_j": worst.loss_and_work_min,
-                "worst_seed": worst.seed,
-                "worst_adversary": ADVERSARIES[worst.case.adversary],
-                "worst_sensor": SENSORS[worst.case.sensor],
-                "balance_min_j": worst.balance_min,
-                "is_certified": certified,
-                "holds": not certified or worst.loss_and_work_min >= -ENERGY_TOLERANCE,
-            }
-        )
-    return rows
+    return attack(law, case_of(name, seconds))
 
 
 def read(sensor: int, x: float, v: float, resolution: float, noise: float) -> float:
@@ -295,43 +132,6 @@ def read(sensor: int, x: float, v: float, resolution: float, noise: float) -> fl
     if sensor == 3:
         return x + 0.5 * resolution * math.copysign(1.0, v)
     return quantise(x, resolution)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a campaign, print its table, and return 1 if a law broke its promise, else 0."""
-    parser = argparse.ArgumentParser(
-        prog="python -m forcebound.audit", description="Audit bounding laws."
-    )
-    parser.add_argument("--runs", type=int, default=1000, help="runs of each law")
-    parser.add_argument("--seconds", type=float, default=2.0, help="length of a run, s")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first run")
-    parser.add_argument(
-        "--law", action="append", choices=sorted(LAWS), help="only this; repeatable"
-    )
-    chosen = parser.parse_args(arguments)
-    line = "{:<26}{:>14}{:>22}{:>12}  {:<17}{:<11}{}\n"
-    heading = (
-        "law",
-        "energy min, J",
-        "loss and work min, J",
-        "worst seed",
-        "adversary",
-        "sensor",
-        "",
-    )
-    sys.stdout.write(line.format(*heading))
-    holds = True
-    for law in chosen.law or LAWS:
-        (row,) = run_campaign(chosen.runs, [law], chosen.seed, chosen.seconds)
-        holds = holds and row["holds"]
-        verdict = (
-            ("holds" if row["holds"] else "BROKEN") if row["is_certified"] else "not certified"
-        )
-        energies = (f"{row[name]:.3g}" for name in ("energy_min_j", "loss_and_work_min_j"))
-        worst = (row["worst_seed"], row["worst_adversary"], row["worst_sensor"])
-        sys.stdout.write(line.format(law, *energies, *worst, verdict))
-        sys.stdout.flush()
-    return 0 if holds else 1
 
 
 LOST = 1  # the force of this sample did not arrive: the old one is asked for again
@@ -513,10 +313,3 @@ def _kernel_of(law: str) -> Kernel:
 @cache
 def _allow_common() -> None:
     allow_in_kernels([advance, quantise, read, play, ask, clear_square, least_viscous_path])
-
-
-if __name__ == "__main__":
-    # Not the functions of this copy: numba's cache on disk refers to their module by name.
-    from forcebound.audit import main as campaign
-
-    sys.exit(campaign())

@@ -1,0 +1,210 @@
+"""Many attacks on many laws: random and learned, on all cores, and the worst of them.
+
+The campaign is cut into tasks that do not depend on each other, so its numbers do not depend on how
+many cores there are.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+from forcebound.audit.cases import difficulties, draw_case
+from forcebound.audit.run import ENERGY_TOLERANCE, Result, attack
+from forcebound.audit.search import NICHES, search
+from forcebound.bounding import LAWS
+from forcebound.errors import ConfigError
+
+PIECE = 500  # random runs of a task: about a second
+
+#: Called with the runs done and all runs.
+Progress = Callable[[int, int], None]
+
+
+class Task(NamedTuple):
+    """Part of a campaign."""
+
+    law: str
+    niche: int | None  # of the search; None: random runs
+    seed: int  # first of the random runs; or of the search
+    runs: int
+    seconds: float  # of each run
+
+
+class Extreme(NamedTuple):
+    """The lowest loss plus work of some runs, and of which."""
+
+    runs: int
+    loss_and_work: float  # J
+    energy: float  # J, the lowest of the hand in any of the runs
+    share_left: float
+    balance: float  # J
+    case: str
+
+
+Tally = dict[tuple[str, ...], Extreme]
+"""By ``(law, "random" or "search")`` and by ``(law, axis, difficulty)``."""
+
+
+def results_of(task: Task) -> Iterator[Result]:
+    """Run a task."""
+    if task.niche is None:
+        for seed in range(task.seed, task.seed + task.runs):
+            yield attack(task.law, draw_case(seed, task.seconds))[0]
+    else:
+        yield from search(task.law, task.niche, task.runs, task.seed, task.seconds)
+
+
+def tally(task: Task) -> Tally:
+    """Run a task and return what was worst."""
+    worst: Tally = {}
+    kind = "random" if task.niche is None else "search"
+    for result in results_of(task):
+        one = Extreme(
+            1,
+            result.loss_and_work_min,
+            result.energy_min,
+            result.share_left,
+            result.balance_min,
+            result.case.name,
+        )
+        for key in ((kind,), *difficulties(result.case).items()):
+            _add(worst, (task.law, *key), one)
+    return worst
+
+
+def _add(worst: Tally, key: tuple[str, ...], other: Extreme) -> None:
+    own = worst.get(key)
+    if own is None:
+        worst[key] = other
+        return
+    lower = other if other.loss_and_work < own.loss_and_work else own
+    worst[key] = Extreme(
+        own.runs + other.runs,
+        lower.loss_and_work,
+        min(own.energy, other.energy),
+        min(own.share_left, other.share_left),
+        min(own.balance, other.balance),
+        lower.case,
+    )
+
+
+def plan(laws: Iterable[str], runs: int, searched: int, seed: int, seconds: float) -> list[Task]:
+    """Return the tasks of a campaign; arguments as in :func:`run_campaign`."""
+    tasks = []
+    for law in laws:
+        for first in range(0, runs, PIECE):
+            tasks.append(Task(law, None, seed + first, min(PIECE, runs - first), seconds))
+        for niche in range(len(NICHES)):
+            share = searched * (niche + 1) // len(NICHES) - searched * niche // len(NICHES)
+            if share:
+                tasks.append(Task(law, niche, seed, share, seconds))
+    return tasks
+
+
+def run_campaign(
+    laws: Sequence[str],
+    runs: int,
+    searched: int = 0,
+    seed: int = 1,
+    seconds: float = 2.0,
+    workers: int | None = None,
+    progress: Progress = lambda done, total: None,
+) -> dict[str, Any]:
+    """Attack ``laws`` and return what was worst, ready for JSON.
+
+    Args:
+        laws: Keys of :data:`forcebound.bounding.LAWS`.
+        runs: Random runs of each law; they have the seeds ``seed``, ``seed + 1``, ...
+        searched: Runs of each law that the search may make.
+        seed: Seed of the first random run, and of the search.
+        seconds: Length of each run, in s.
+        workers: Processes; None: one for each core; 0: this process.
+        progress: Told how far it is, from this process.
+
+    Returns:
+        ``runs`` in all, ``seed``, ``seconds``, and ``laws``: one entry each with ``law``,
+        ``is_certified``, ``holds`` (a law that promises nothing holds), ``runs``,
+        ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
+        ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``difficulties``: by
+        axis and difficulty ``runs``, ``loss_and_work_min_j`` and ``case``.
+
+    Raises:
+        ConfigError: If a law is not known or there is no run.
+    """
+    for law in laws:
+        if law not in LAWS:
+            raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
+    if runs < 0 or searched < 0 or runs + searched < 1:
+        raise ConfigError(f"runs must be >= 1, got {runs} random and {searched} searched")
+    tasks = plan(laws, runs, searched, seed, seconds)
+    total = sum(task.runs for task in tasks)
+    done = 0
+    worst: Tally = {}
+    for task, part in _all_done(tasks, workers):
+        for key, extreme in part.items():
+            _add(worst, key, extreme)
+        done += task.runs
+        progress(done, total)
+    return {
+        "runs": total,
+        "seed": seed,
+        "seconds": seconds,
+        "laws": [_summary(law, worst) for law in laws],
+    }
+
+
+def _all_done(tasks: Sequence[Task], workers: int | None) -> Iterator[tuple[Task, Tally]]:
+    """Yield each task with its tally, in the order of the tasks, so that ties fall alike."""
+    if workers == 0:
+        yield from ((task, tally(task)) for task in tasks)
+        return
+    count = workers or len(os.sched_getaffinity(0))
+    # Spawned, not forked: the parent may have threads (progress bar, numba).
+    with ProcessPoolExecutor(count, get_context("spawn")) as executor:
+        futures = {executor.submit(tally, task): index for index, task in enumerate(tasks)}
+        waiting: dict[int, Tally] = {}
+        following = 0
+        for future in as_completed(futures):
+            waiting[futures[future]] = future.result()
+            while following in waiting:
+                yield tasks[following], waiting.pop(following)
+                following += 1
+
+
+def _summary(law: str, worst: Tally) -> dict[str, Any]:
+    kinds = {kind: worst[law, kind] for kind in ("random", "search") if (law, kind) in worst}
+    both: Tally = {}
+    for extreme in kinds.values():
+        _add(both, (law,), extreme)
+    axes: dict[str, dict[str, Any]] = {}
+    for key, extreme in sorted(worst.items()):
+        if key[0] == law and len(key) == 3:
+            axes.setdefault(key[1], {})[key[2]] = {
+                "runs": extreme.runs,
+                "loss_and_work_min_j": extreme.loss_and_work,
+                "case": extreme.case,
+            }
+    lowest = both[law,]
+    certified = LAWS[law].is_certified
+    holds = min(lowest.loss_and_work, lowest.energy) >= -ENERGY_TOLERANCE
+    return {
+        "law": law,
+        "is_certified": certified,
+        "holds": not certified or holds,
+        **_numbers(lowest),
+        **{kind: _numbers(extreme) for kind, extreme in kinds.items()},
+        "difficulties": axes,
+    }
+
+
+def _numbers(extreme: Extreme) -> dict[str, Any]:
+    return {
+        "runs": extreme.runs,
+        "loss_and_work_min_j": extreme.loss_and_work,
+        "energy_min_j": extreme.energy,
+        "share_left_min": extreme.share_left,
+        "balance_min_j": extreme.balance,
+        "case": extreme.case,
+    }

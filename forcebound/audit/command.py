@@ -1,0 +1,75 @@
+"""What ``forcebound audit`` does: a campaign with progress on standard error, or one run again."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from forcebound.audit.campaign import run_campaign
+from forcebound.audit.cases import ADVERSARIES, SENSORS
+from forcebound.audit.report import draw_run, page
+from forcebound.audit.run import replay
+from forcebound.bounding import LAWS
+
+
+def run(
+    laws: Sequence[str],
+    runs: int,
+    searched: int,
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+) -> dict[str, Any]:
+    """Run a campaign and write its page; arguments as on the command line.
+
+    Raises:
+        ConfigError: If there is nothing to run, or a law is not known.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("audit"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("runs, left:"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("audit", total=None)
+        document = run_campaign(
+            list(laws) or list(LAWS),
+            runs,
+            searched,
+            seed,
+            workers=workers,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if out is not None:
+        chosen = "".join(f" --law {law}" for law in laws)
+        command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
+    return document
+
+
+def run_again(law: str, case: str, seconds: float, picture: Path | None) -> dict[str, Any]:
+    """Run one case again, draw it if asked, and return what it is and what it showed.
+
+    Raises:
+        ConfigError: If the law or the case is not known.
+    """
+    result, trace = replay(law, case, seconds)
+    if picture is not None:
+        draw_run(result, trace, picture)
+    document = result._asdict()
+    document["case"] = result.case._asdict() | {
+        "adversary": ADVERSARIES[result.case.adversary],
+        "sensor": SENSORS[result.case.sensor],
+    }
+    return document

@@ -1,0 +1,174 @@
+"""What an audit has found: as a page, as lines for a terminal, and one run of it as a picture."""
+
+import platform
+import re
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from forcebound.audit.run import ENERGY_TOLERANCE, TRACE_COLUMNS, Floats, Result
+
+INTRODUCTION = """\
+# The audit: can the laws be broken?
+
+{runs:,} attacks on the laws, some drawn at random, some by a search that learns to hurt. Each runs
+a simulated device with a hand, under an adversary in place of an environment, over a bad network
+and with a bad clock, for {seconds:g} s, and keeps the *loss plus work*: what the device has
+dissipated, plus the work done against its motor. That is the energy which the hand has put in, less
+the kinetic energy of the device. A passive device keeps it at or above zero; rounding is
+{tolerance:.0e} J. The device dissipates exactly what the law is told, so no law has a reserve that
+it does not know.
+
+    {command}
+
+made this page (forcebound {version}, {processor}). Any run is shown again by its name:
+
+    forcebound audit replay LAW CASE --out run.png
+
+A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the 21 continuous
+parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the same budget
+for each law; its cases are named by a code of their parameters. Where nothing leaks it drives down
+the *share left*: the least part, at any moment, of all that had been lost and worked before.
+
+What is drawn: moving mass 0.03 to 1.5 kg, b 0.01 to 3 N s/m, f_c 3 mN to 1 N, resolution none or
+1 um to 0.2 mm, readings wrong by up to half of it in any way, saturation 3 to 30 N, hold limit 1 to
+2.5 T, hand 10 to 2000 N/m moving up to 50 mm at up to 30 Hz; walls and active walls to 30 N/mm,
+negative dampers to 100 N s/m, random forces and forces along the velocity to 30 N, all up to 60
+samples late; up to half of the forces lost, up to a tenth replaced by random ones; periods from 0.3
+to 2 T, up to a fifth of them another six times as long.
+"""
+
+#: Difficulties with a section of their own: what the paper's laws assume, and one step away.
+ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
+
+
+def page(document: dict[str, Any], command: str) -> str:
+    """Return the result of :func:`forcebound.audit.run_campaign` as a page in Markdown.
+
+    Args:
+        document: The result.
+        command: That made it, for the reader.
+    """
+    return "\n".join(_page(document, command)) + "\n"
+
+
+def _page(document: dict[str, Any], command: str) -> Iterator[str]:
+    laws = document["laws"]
+    yield INTRODUCTION.format(
+        runs=document["runs"],
+        seconds=document["seconds"],
+        tolerance=ENERGY_TOLERANCE,
+        command=command,
+        version=version("forcebound"),
+        processor=f"{platform.system()} {platform.machine()}",
+    )
+    yield "## Worst case of each law\n"
+    yield "| law | lowest loss plus work | random | search | share left | verdict |"
+    yield "|---|---|---|---|---|---|"
+    for row in laws:
+        kinds = [
+            show_energy(row[kind]["loss_and_work_min_j"]) if kind in row else "–"
+            for kind in ("random", "search")
+        ]
+        yield (
+            f"| `{row['law']}` | {show_energy(row['loss_and_work_min_j'])} | {' | '.join(kinds)} "
+            f"| {_share(row)} | {verdict(row)} |"
+        )
+    yield (
+        f"\nThe integrator's own error: a step of the plant has never made more than "
+        f"{-min(row['balance_min_j'] for row in laws):.0e} J (of steps that move up to kilojoules "
+        "where no law bounds the force).\n"
+    )
+    leaks = [row for row in laws if row["loss_and_work_min_j"] < -ENERGY_TOLERANCE]
+    if leaks:
+        yield "## The leaks, and the runs that cause them\n"
+        for row in leaks:
+            yield f"* `{row['law']}` gives {show_energy(-row['loss_and_work_min_j'])} away"
+            for kind in ("random", "search"):
+                if kind in row:
+                    yield from _leak(row["law"], row[kind], kind)
+            assumed, steady = ASSUMED
+            for name in steady:
+                if name in row["difficulties"][assumed]:
+                    yield from _leak(row["law"], row["difficulties"][assumed][name], name)
+        yield ""
+    yield "## By axis of difficulty\n"
+    yield "Lowest loss plus work. Cases are hard on several axes at once.\n"
+    for axis in laws[0]["difficulties"]:
+        names = sorted(
+            {name for row in laws for name in row["difficulties"].get(axis, {})}, key=_order
+        )
+        yield f"### {axis.capitalize()}\n"
+        yield f"| law | {' | '.join(names)} |"
+        yield "|---|" + "---|" * len(names)
+        for row in laws:
+            cells = row["difficulties"].get(axis, {})
+            energies = (
+                show_energy(cells[name]["loss_and_work_min_j"]) if name in cells else "–"
+                for name in names
+            )
+            yield f"| `{row['law']}` | {' | '.join(energies)} |"
+        yield ""
+
+
+def _leak(law: str, extreme: dict[str, Any], what: str) -> Iterator[str]:
+    energy = extreme["loss_and_work_min_j"]
+    if energy < -ENERGY_TOLERANCE:
+        yield f"    * {what}: {show_energy(energy)}, `{law} {extreme['case']}`"
+
+
+def _order(name: str) -> tuple[bool, float, str]:
+    """No difficulty comes first, then ranges by their end, then words."""
+    numbers = re.findall(r"[0-9.]+", name)
+    return (name not in ("none", "exact"), float(numbers[-1]) if numbers else 0.0, name)
+
+
+def _share(row: dict[str, Any]) -> str:
+    return "–" if row["loss_and_work_min_j"] < -ENERGY_TOLERANCE else f"{row['share_left_min']:.2%}"
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """Return what the campaign says of a law."""
+    if row["is_certified"]:
+        return "holds" if row["holds"] else "BROKEN"
+    leaks = row["loss_and_work_min_j"] < -ENERGY_TOLERANCE
+    return "leaks" if leaks else "no leak found, none excluded"
+
+
+def show_energy(energy: float) -> str:
+    """Return an energy, in J, with a fitting unit; rounding errors are zero."""
+    if abs(energy) < ENERGY_TOLERANCE:
+        return "0"
+    if abs(energy) >= 10.0:
+        return f"{energy:,.0f} J"
+    return f"{energy:.3g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.3g} mJ"
+
+
+def draw_run(result: Result, trace: Floats, picture: Path) -> None:
+    """Draw a run: position, forces, energies over time; .png or .svg."""
+    from matplotlib.figure import Figure
+
+    columns = dict(zip(TRACE_COLUMNS, trace.T, strict=True))
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    top.plot(columns["time"], 1e3 * columns["position"], label="position")
+    top.plot(columns["time"], 1e3 * columns["reading"], lw=0.7, label="reading")
+    top.set_ylabel("mm")
+    middle.plot(columns["time"], columns["asked"], lw=0.7, color="0.6", label="asked")
+    middle.plot(columns["time"], columns["force"], label="applied")
+    middle.set_ylabel("N")
+    bottom.plot(columns["time"], 1e3 * columns["energy"], label="of the hand")
+    bottom.plot(columns["time"], 1e3 * columns["loss_and_work"], label="loss plus work")
+    bottom.axhline(0.0, color="k", lw=0.7)
+    bottom.axvline(result.time_of_min, color="r", lw=0.7)
+    bottom.set_ylabel("mJ")
+    bottom.set_xlabel("s")
+    for axes in (top, middle, bottom):
+        axes.legend(loc="upper left", fontsize="small")
+    figure.suptitle(
+        f"{result.law}, case {result.case.name}: lowest loss plus work "
+        f"{show_energy(result.loss_and_work_min)}",
+        fontsize="small",
+    )
+    figure.savefig(picture)

@@ -1,0 +1,77 @@
+"""A search that learns to hurt: CMA-ES over the parameters of a case.
+
+The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
+tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those that
+hurt most. It gets one niche at a time, an adversary with a sensor, since these are not numbers that
+have neighbours; where it converges it begins anew elsewhere in its niche.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from forcebound.audit.cases import ADVERSARIES, DIMENSIONS, NOISES, SENSORS, encode
+from forcebound.audit.run import ENERGY_TOLERANCE, Result, replay
+from forcebound.errors import ConfigError
+
+NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
+GENERATION = 12  # cases that are compared with each other; Hansen's 4 + 3 ln(21)
+SPREAD = 0.25  # first standard deviation, of ranges of length 1
+
+
+def pain(result: Result) -> float:
+    """Return what the search makes as small as it can.
+
+    A leak counts by its energy, in J. Where nothing leaks there would be nothing to learn from, so
+    there it is the share that was left, at the worst moment, of all that had been lost and worked:
+    a law that is driven to zero by less and less is about to leak.
+    """
+    leak = result.loss_and_work_min
+    return leak if leak < -ENERGY_TOLERANCE else max(result.share_left, 0.0)
+
+
+def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterator[Result]:
+    """Attack ``law`` in one niche and yield every run.
+
+    Args:
+        law: A key of :data:`forcebound.bounding.LAWS`.
+        niche: Index in :data:`NICHES`.
+        runs: How many.
+        seed: Of the search; the same seed makes the same runs.
+        seconds: Length of each run, in s.
+
+    Raises:
+        ConfigError: If the package ``cma`` is not there.
+    """
+    try:
+        import cma
+    except ImportError as error:
+        raise ConfigError(
+            "the search needs the package cma: pip install 'forcebound[audit]'; or use --search 0"
+        ) from error
+    adversary, sensor = NICHES[niche]
+    random = np.random.default_rng((seed, niche))
+    left = runs
+    while left > 0:
+        noise = int(random.integers(NOISES))
+        strategy = cma.CMAEvolutionStrategy(
+            random.uniform(0.2, 0.8, DIMENSIONS),
+            SPREAD,
+            {
+                "bounds": [0.0, 1.0],
+                "popsize": GENERATION,
+                "randn": lambda *shape: random.standard_normal(shape),
+                "seed": np.nan,  # ours decides; the package would seed numpy's global one
+                "verbose": -9,
+            },
+        )
+        while left > 0 and not strategy.stop():
+            points = strategy.ask()
+            results = [
+                replay(law, encode(adversary, sensor, noise, point), seconds)[0]
+                for point in points[:left]
+            ]
+            yield from results
+            left -= len(results)
+            if len(results) == len(points):
+                strategy.tell(points, [pain(result) for result in results])
