@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
-from forcebound.bounding.certified import FORGETTING
+from forcebound.bounding.certified import FORGETTING, cut_loss
 from forcebound.messages.packets import Vector
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
@@ -263,7 +263,8 @@ def test_after_an_overrun_the_worst_is_assumed_of_the_cut_hold() -> None:
     ledger = -0.12 * R + 0.27 * (1e-3 - 2 * R) ** 2 / 1e-3 + 0.12 * (1e-3 - R)
     held = 0.3
     ledger -= R * held
-    ledger -= (held - 0.12) ** 2 / (4 * CAPABILITY) + R * held + 0.12 * R
+    ledger -= cut_loss(held, held * 4e-3, 4e-3 - 2 * R, 1.3e-3, 0.27, 0.12, 1.25e-3)
+    ledger -= R * held + 0.12 * R
     trace = [(MS, (1e-3,), (held,)), (1_300_000, (5e-3,), (9.0,))]
     row = run("certified", PHANTOM, trace)[1]
     assert row.limit == pytest.approx(0.12 + 2 * math.sqrt(CAPABILITY * ledger))
@@ -274,7 +275,37 @@ def test_a_period_of_exactly_the_hold_limit_is_no_overrun() -> None:
     at_limit = run("certified", PHANTOM, [(1_250_000, (1e-3,), (0.0,))])[0]
     beyond = run("certified", PHANTOM, [(1_250_001, (1e-3,), (0.0,))])[0]
     assert at_limit.energy > 0.0
-    assert beyond.energy == pytest.approx(-2 * 0.12 * R)
+    viscous = 0.27 * (1e-3 - 2 * R) ** 2 / 1.250001e-3  # no friction: the play starts anew
+    assert beyond.energy == pytest.approx(viscous - 2 * 0.12 * R)
+
+
+@given(
+    held=st.floats(-8, 8),
+    damping=st.floats(0.01, 3),
+    friction=st.floats(0, 1),
+    hold_limit=st.floats(1e-3, 3e-3),
+    periods=st.floats(1.000001, 6),
+    drift=st.floats(-1.5, 1.5),
+)
+def test_a_cut_hold_costs_no_more_than_is_assumed_wherever_it_was_cut(
+    held: float, damping: float, friction: float, hold_limit: float, periods: float, drift: float
+) -> None:
+    """Loss plus work of the cheapest motion, for every time of the cut and many ways in it."""
+    dt = hold_limit * periods
+    way = drift * abs(held) * dt / damping
+    assumed = cut_loss(abs(held), held * way, abs(way), dt, damping, friction, hold_limit)
+    for cut in (hold_limit * k / 20 for k in range(1, 21)):
+        rest = dt - cut
+        worst = (2 * damping * way / rest - held) / (2 * damping * (1 / cut + 1 / rest))
+        for moved in (worst, 0.0, way, 0.5 * worst, 0.5 * (worst + way)):
+            viscous = damping * (moved**2 / cut + (way - moved) ** 2 / rest)
+            loss = viscous + friction * (abs(moved) + abs(way - moved))
+            assert loss + held * moved >= -assumed - 1e-12
+
+
+def test_a_hand_at_rest_that_is_let_go_for_a_moment_costs_a_quarter_of_the_blind_bound() -> None:
+    blind = 2.0**2 * 1.25e-3 / (4 * 0.27)
+    assert cut_loss(2.0, 0.0, 0.0, 1.250001e-3, 0.27, 0.0, 1.25e-3) == pytest.approx(blind / 4)
 
 
 def test_a_longer_measured_period_earns_less() -> None:

@@ -83,6 +83,8 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
     leaks = [row for row in laws if row["loss_and_work_min_j"] < -ENERGY_TOLERANCE]
     if leaks:
         yield "## The leaks, and the runs that cause them\n"
+        yield "Law and case as `forcebound audit replay` takes them. *Steady*: the clock is as the"
+        yield "paper's laws assume, neither jitter nor overruns; *exact*: so is the reading.\n"
         for row in leaks:
             yield f"* `{row['law']}` gives {show_energy(-row['loss_and_work_min_j'])} away"
             for kind in ("random", "search"):

@@ -163,9 +163,15 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
                 /* certified.py: limit */
                 double stiffness = damping / hold_limit;
                 double excess = larger(magnitude - friction, 0.0);
-                double cut = AT(STATE) - excess * excess / (4.0 * stiffness)
-                    - half_resolution * magnitude;
-                cut -= friction * half_resolution * sqrt(axes);
+                double blind = excess * excess * hold_limit / (4.0 * damping);
+                double square = larger(held * held, 1e-30), work = held * moved;
+                double clear = larger(fabs(moved) - 2.0 * half_resolution * sqrt(axes), 0.0);
+                double share = 0.5 - 2.0 * damping * work / (square * elapsed);
+                share = smaller(larger(share, 0.0), hold_limit / elapsed);
+                double seeing = share * (1.0 - share) * held * held * elapsed / (4.0 * damping);
+                seeing -= share * work + damping * clear * clear / elapsed;
+                double cut = AT(STATE) - smaller(blind, seeing);
+                cut -= half_resolution * magnitude + friction * half_resolution * sqrt(axes);
                 double kept = AT(STATE) + damping * (viscous - before)
                     + friction * (gone - AT(PATH)) + held * moved;
                 int is_cut = elapsed > hold_limit;

@@ -13,22 +13,31 @@ ledger A. Between samples, with e = x - q and y the play operator, it keeps the 
    Σ ΔF(k)·e(k): a price r Σ_i\|ΔF_i\| for a change of force, not r\|F\| for every sample.
 3. *Friction.* When y moves by m, it moves towards x: \|x - y\| grows by at most (path of x) - m.
    So f_c m may be credited; the unknown \|x(0) - y(0)\| <= r √axes is paid at the start.
-4. *In deficit* \|F\| <= f_c: friction eats all that such a force could give.
+4. *Damping.* In any window of readings from t_j to t_n the way is at least \|Δ\| with Δ_i =
+   max(\|q_i(n) - q_i(j)\| - 2r, 0), so by Cauchy-Schwarz ∫\|v\|² dt >= \|Δ\|²/(t_n - t_j) in it. If
+   V_j is a lower bound up to t_j, then V_j + \|Δ\|²/(t_n - t_j) is one up to t_n, and so is the
+   largest of several such: from the last sample and from two anchors, which move on every eight
+   samples (:func:`forcebound.bounding.least_viscous_path`). The ledger gets b times its increase.
+   One sample alone loses 2r each time: a hand at 35 mm/s moves 0.035 mm a millisecond, and with
+   2r = 0.03 mm a fiftieth of its loss is left.
+5. *In deficit* \|F\| <= f_c: friction eats all that such a force could give.
+6. *The memoryless variant* only gives energy up, so its A is a lower bound as well.
 
 What is easily missed: after an overrun (dt > T_max) the play operator must *start again* at the
 reading, for the price f_c r √axes of a start. Letting it follow the reading without credit is not
 enough. The friction of the cut hold is already used up in step 1, but \|x - y\| may have grown by
 2r in it, and step 3 would credit that path a second time: f_c Δ for each overrun
-(``tests/test_certified_law.py`` walks the path on which this leaks). The factor √axes is the length
-of a vector of n errors of at most r.
+(``tests/test_certified_law.py`` walks the path on which this leaks). The anchors start again too,
+for no price: the damping's loss in the cut hold is used up in step 1, and no window may reach
+across it. The factor √axes is the length of a vector of n errors of at most r.
 """
 
 import math
 
 from forcebound.bounding.law import BoundingLaw
 
-FORGETTING = 0.020  # s, in which the memoryless law forgets 63 % of a surplus; chosen in
-#                     docs/theory.md: with more of it, contacts begin to bounce
+FORGETTING = 0.020  # s, in which the memoryless law forgets 62 % of a surplus: the longest for
+#                     which contacts turn no oftener than with the paper's law (docs/theory.md, 3)
 
 
 def start(
@@ -64,25 +73,73 @@ def limit(
 
     .. math::
 
-        A &\mathrel{+}= b \max(|\Delta q| - 2r, 0)^2 / dt + f_c |y' - y| + F(n-1) \Delta q \\
+        A &\mathrel{+}= b\,(V' - V) + f_c |y' - y| + F(n-1) \Delta q \\
         F_{max} &= f_c + 2 \sqrt{B \max(A - r |F(n-1)|, 0)}
 
-    with :math:`B = b / T_{max}`. If :math:`dt > T_{max}` the hold was cut at an unknown position:
+    with :math:`B = b / T_{max}` and V the least viscous path. If :math:`dt > T_{max}` the hold
+    was cut at an unknown position:
 
-    .. math:: A \mathrel{-}= (|F(n-1)| - f_c)_+^2 / (4B) + r |F(n-1)| + f_c r \sqrt{axes}
+    .. math:: A \mathrel{-}= \mathrm{loss}_{cut} + r |F(n-1)| + f_c r \sqrt{axes}
 
-    and from there F(n-1) = 0 and y' = q(n).
+    and from there (:func:`cut_loss`) F(n-1) = 0, y' = q(n) and V begins anew.
     """
     stiffness = damping / hold_limit
     if elapsed > hold_limit:
-        excess = max(held - friction, 0.0)
-        ledger = state - excess * excess / (4.0 * stiffness) - half_resolution * held_sum
-        ledger -= friction * half_resolution * math.sqrt(axes)
+        clear = max(distance - 2.0 * half_resolution * math.sqrt(axes), 0.0)
+        ledger = state - cut_loss(held, work, clear, elapsed, damping, friction, hold_limit)
+        ledger -= half_resolution * held_sum + friction * half_resolution * math.sqrt(axes)
         surplus = max(ledger, 0.0)
     else:
         ledger = state + damping * viscous_path + friction * path + work
         surplus = max(ledger - half_resolution * held_sum, 0.0)
     return ledger, friction + 2.0 * math.sqrt(stiffness * surplus), 0.0
+
+
+def cut_loss(
+    held: float,
+    work: float,
+    clear: float,
+    elapsed: float,
+    damping: float,
+    friction: float,
+    hold_limit: float,
+) -> float:
+    r"""Return the most energy that a cut hold and the free motion after it can have cost, in J.
+
+    The device dropped the force F at an unknown time :math:`s \le T_{max}` after an unknown
+    displacement d, and moved on freely to the end of the period. Two bounds hold; the smaller one
+    counts. With the friction of the hold alone (step 1 of the proof):
+
+    .. math:: (|F| - f_c)_+^2 / (4B)
+
+    And with the way that is known, :math:`\Delta x`. By Cauchy-Schwarz the two parts lose
+    :math:`b |d|^2 / s + b |\Delta x - d|^2 / (dt - s)`; with the work :math:`F d` and the worst d
+    this is, for :math:`\bar s = s / dt`,
+
+    .. math:: \bar s (1 - \bar s) |F|^2 dt / (4b) - \bar s\, F \Delta x - b |\Delta x|^2 / dt
+
+    which is concave in s, so the worst s is known too. Readings may stand for positions: the error
+    of :math:`\bar s F \Delta q` and the F·e(n-1) of the invariant are together
+    :math:`F ((1 - \bar s) e(n-1) + \bar s e(n)) \ge -r \sum_i |F_i|`, the price paid anyway.
+    A hand at rest that is let go for a moment so costs a quarter of what the first bound says.
+
+    Args:
+        held: :math:`|F(n-1)|`, in N.
+        work: :math:`F(n-1) \cdot \Delta q`, in J.
+        clear: Least way between the two positions, in m: :math:`(|\Delta q| - 2r\sqrt{axes})_+`.
+        elapsed: dt, in s, more than ``hold_limit``.
+        damping: b, in N s/m.
+        friction: f_c, in N.
+        hold_limit: T_max, in s.
+    """
+    excess = max(held - friction, 0.0)
+    blind = excess * excess * hold_limit / (4.0 * damping)
+    square = max(held * held, 1e-30)  # N²; no force: the share does not matter
+    share = 0.5 - 2.0 * damping * work / (square * elapsed)
+    share = min(max(share, 0.0), hold_limit / elapsed)
+    seeing = share * (1.0 - share) * held * held * elapsed / (4.0 * damping)
+    seeing -= share * work + damping * clear * clear / elapsed
+    return min(blind, seeing)
 
 
 def settle(

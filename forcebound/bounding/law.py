@@ -136,8 +136,8 @@ def play(reading: float, position: float, half_width: float) -> float:
     return max(reading - half_width, min(reading + half_width, position))
 
 
-#: Samples after which the younger of two anchors takes the place of the older. Eight get 98 % of
-#: the stiffness that 64 anchors would, for a hand (``docs/theory.md``, section 3).
+#: Samples after which the younger of two anchors takes the place of the older. With eight,
+#: two anchors gain 97 % of what 64 would, in displayed stiffness (``docs/theory.md``, section 3).
 ANCHOR_SAMPLES = 8
 
 

@@ -82,8 +82,9 @@ class NoLaw:
             finding=(
                 f"Without a law the hand is thrown back and forth, {turns['none']} turns in "
                 f"{contacts['none'].time[-1]:.0f} s, and gets "
-                f"{-contacts['none'].lowest_energy:.0f} mJ out of the wall; the certified laws "
-                "hold it."
+                f"{-contacts['none'].lowest_energy:.1f} mJ out of the wall; the certified laws "
+                "hold it. The paper says neither speed nor press: here the low speed, with a "
+                f"target {UNBOUNDED.target * 1e3:g} mm behind the surface."
             ),
             numbers=numbers,
             drawing=_draw(contacts),

@@ -17,12 +17,13 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #1b1b1b; background: #fff;
 h1 { line-height: 1.2; margin-bottom: .3rem; }
 h2 { margin-top: 3rem; border-top: 1px solid #ccc; padding-top: 1.2rem; line-height: 1.25; }
 p, li { max-width: 48rem; }
-nav ol { columns: 2; padding-left: 1.4rem; font-size: .93rem; }
+nav ol { columns: 2 22rem; padding-left: 1.4rem; font-size: .93rem; }
 img { width: 100%; height: auto; margin: .6rem 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .9rem; margin: .8rem 0; }
 th, td { padding: .22rem .8rem .22rem 0; text-align: left; border-bottom: 1px solid #e4e4e4; }
-th { border-bottom: 1px solid #888; font-weight: 600; }
+th { font-weight: 600; }
+th, td { vertical-align: top; }
 .number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .fitted { color: #0072B2; }
 .quiet { color: #5a5a5a; }
@@ -69,7 +70,7 @@ def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
         f'<li><a href="#{name}">{_text(_label(name))}: {_text(_title(outcome))}</a></li>'
         for name, outcome in outcomes.items()
     )
-    hand = f"{HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m, in all experiments"
+    hand = f"{HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m (not Fig. 19)"
     rows = [*PARAMETERS, ("hand", hand)]
     rows += [
         (
