@@ -97,11 +97,11 @@ class Simulation:
             route = self._routes.get(kind)
             if route is None:
                 continue
-            receiver, link, wakes_on_arrival = route
-            if link is not None:
-                link.accept(time_ns, packet)
+            receiver, model, wakes_on_arrival = route
+            if model is not None:
+                model.accept(time_ns, packet)
                 if wakes_on_arrival:
-                    self._schedule(_ARRIVAL, receiver, link.next_due_ns)
+                    self._schedule(_ARRIVAL, receiver, model.next_due_ns)
                 continue
             self._mail[receiver][kind] = packet
             if wakes_on_arrival and receiver not in self._now:

@@ -1,6 +1,7 @@
 """The promises that every operator keeps, and the path of each one."""
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,7 @@ def test_every_target_is_finite_continuous_and_a_function_of_time(operator: Oper
     times = [0.001 * k for k in range(4000)]
     targets = [operator.target(t) for t in times]
     assert targets == [operator.target(t) for t in times]
-    for before, after in zip(targets, targets[1:], strict=False):
+    for before, after in pairwise(targets):
         assert all(math.isfinite(value) for value in after)
         assert math.dist(before, after) < 1e-3  # 1 m/s
 

@@ -182,7 +182,9 @@ def _finding(
         f"{errors['rms_log_error_fitted']:.3f} over the 10 fitted and "
         f"{errors['rms_log_error_predicted']:.3f} over the 10 predicted ones; {order}. One hand "
         f"({HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m) for all of it; the "
-        f"handle meets the wall at {speeds['high'] * 1e3:.0f} and {speeds['low'] * 1e3:.0f} mm/s."
+        f"handle meets the wall at {speeds['high'] * 1e3:.0f} and {speeds['low'] * 1e3:.0f} mm/s. "
+        "The search began at a hand fitted to all cells, so the prediction is not an untouched "
+        "one (docs/reproduce.md)."
     )
 
 

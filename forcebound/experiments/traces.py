@@ -78,7 +78,7 @@ def run_fig18(runs: Runs) -> Outcome:
             f"{extra['aol']:.1f} % more force: mean AOL force over mean applied force, all samples "
             "in contact. The AOL is a reconstruction (docs/theory.md): the exact causal bound, "
             "whose F_max has f_c where the less conservative law guesses from the last move, so "
-            f"the extra is 0.12 N over the force, here {mean_force:.1f} N; 5.9 % are 2.0 N. "
+            f"the extra is about 0.12 N over the force, here {mean_force:.1f} N; 5.9 % are 2.0 N. "
             f"The certified law gives {extra['certified']:+.1f} %, its memoryless variant "
             f"{extra['certified_memoryless']:+.1f} % on the same trace; both are certain for the "
             "true position, of which the encoder tells only steps."
