@@ -109,7 +109,7 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
         Stiffness, in N/m; None without contact in the window. Means little for a hand that is
         thrown about: a shallow sample with a late force weighs as much as a deep one.
 
-    Source: Kim et al., enhanced force bounding, 2017, Eq. 33 and section 4.2.
+    Source: the enhanced force bounding paper, 2017, Eq. 33 and section 4.2.
     """
     start, end = STEADY_WINDOW
     if time.size and time[-1] < end:
@@ -137,7 +137,7 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
         move inwards in it.
 
     Source: Lawrence et al., Rate-hardness: a new performance metric for haptic interfaces, IEEE
-    Transactions on Robotics and Automation 16(4), 2000; Kim et al. 2017, Eq. 34.
+    Transactions on Robotics and Automation 16(4), 2000; the paper, 2017, Eq. 34.
     """
     contact = depth > 0.0
     if not contact.any():
@@ -176,7 +176,7 @@ def initial_rate_hardness(force: Floats, depth: Floats) -> float | None:
         Rate hardness, in N/m; None without a contact of two samples that begins in the run, or if
         the hand does not move inwards in it.
 
-    Source: Lawrence et al. 2000; Kim et al. 2017, Eq. 34.
+    Source: Lawrence et al. 2000; the paper, 2017, Eq. 34.
     """
     contact = depth > 0.0
     first = int(np.argmax(contact))

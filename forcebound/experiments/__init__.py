@@ -1,6 +1,6 @@
 """The paper's experiments, each as a run that anyone can repeat: ``forcebound reproduce``.
 
-The paper is Kim et al., An enhanced force bounding approach for stable haptic interaction by
+The paper is "An enhanced force bounding approach for stable haptic interaction by
 including friction, International Journal of Precision Engineering and Manufacturing 18(6), 2017.
 
 To add an experiment: write ``my_experiment.py`` with a function ``run(runs) -> Outcome`` and add

@@ -93,7 +93,7 @@ def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
 </head>
 <body>
 <h1>The paper reproduced</h1>
-<p class="quiet">Kim et al., <cite>An enhanced force bounding approach for stable haptic interaction
+<p class="quiet"><cite>An enhanced force bounding approach for stable haptic interaction
 by including friction</cite>, International Journal of Precision Engineering and Manufacturing
 18(6), 2017.</p>
 <p>Every experiment below is a simulated run, in virtual time, of the same nodes and launch files
