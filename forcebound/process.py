@@ -206,7 +206,9 @@ class Runner:
         """
         self._log = log
         try:
-            if self._node.wakes_on_arrival:
+            if self._node.wakes_on_arrival and not self._links:
+                self._run_on_perfect_links(stop)
+            elif self._node.wakes_on_arrival:
                 self._run_on_arrival(stop)
             else:
                 self._run_on_schedule(stop, engages_itself)
@@ -315,6 +317,40 @@ class Runner:
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "log": list(self._log),
         }
+
+    def _run_on_perfect_links(self, stop: Stop) -> None:
+        """Do as :meth:`_run_on_arrival` in fewer lines: each costs the loop a microsecond, cold."""
+        node, publish = self._node, self._publish
+        step, clock = node.step, time.monotonic_ns
+        inlets = {inlet.subscriber.descriptor: inlet for inlet in self._inlets}
+        waiter = sockets.Waiter([*inlets, self._control.descriptor, stop.descriptor])
+        with waiter:
+            while not (stop.requested or self._stop_requested):
+                wake_ns = node.wake_ns
+                ready = waiter.wait(IDLE_NS if wake_ns is None else wake_ns - clock())
+                while ready:
+                    descriptor = ready.pop()
+                    inlet = inlets.get(descriptor)
+                    if inlet is None:
+                        self._control.serve(self.answer)
+                        continue
+                    data = inlet.subscriber.take()
+                    if data is None:
+                        continue
+                    try:
+                        packet = decode(data, inlet.expected)
+                    except PacketError as error:
+                        self._reject(error.reason)
+                    else:
+                        for sent in step(clock(), (packet,)):
+                            publish[type(sent)](encode(sent))
+                        inlet.count += 1
+                        self.steps += 1
+                    if inlet.subscriber.pending():
+                        ready.append(descriptor)
+                if wake_ns is not None and wake_ns <= clock():
+                    for sent in step(clock(), ()):
+                        publish[type(sent)](encode(sent))
 
     def _run_on_arrival(self, stop: Stop) -> None:
         while not (stop.requested or self._stop_requested):

@@ -44,6 +44,7 @@ HEARTBEAT_TIMEOUT_MS = 300
 # Plain integers: arithmetic on Python's enum members costs more than the call that it is for.
 _EVENTS, _DONTWAIT = int(zmq.EVENTS), int(zmq.DONTWAIT)
 _POLLIN, _POLLOUT = int(zmq.POLLIN), int(zmq.POLLOUT)
+_COARSE_NS = 100_000_000  # a wait of at least this may end a millisecond late
 _MAX_ITEMS = 64  # in a list or map of a request or its answer
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
@@ -144,6 +145,13 @@ class Subscriber:
     def receive(self) -> list[bytes]:
         """Return what has arrived, oldest first; at most one packet if only the newest counts."""
         return self.receive_ready() if self.pending() else []
+
+    def take(self) -> bytes | None:
+        """Return one packet, None if there is none; see :meth:`receive_ready` for when."""
+        try:
+            return self._recv(_DONTWAIT)
+        except zmq.Again:
+            return None
 
     def receive_ready(self) -> list[bytes]:
         """Do as :meth:`receive`, cheaper if :attr:`descriptor` is known to be readable.
@@ -261,6 +269,35 @@ class Network:
         socket = make_socket(self._context, kind, endpoint, **options)
         self._sockets.append(socket)
         return socket
+
+
+class Waiter:
+    """Waits for the same descriptors again and again; see :func:`wait`. Closed by ``with``."""
+
+    def __init__(self, descriptors: Sequence[int]) -> None:
+        self._epoll = select.epoll(len(descriptors))
+        for descriptor in descriptors:
+            self._epoll.register(descriptor, select.EPOLLIN)
+        self._alone = (self._epoll.fileno(),)
+
+    def wait(self, timeout_ns: int) -> list[int]:
+        """Do as :func:`wait`."""
+        # epoll counts in milliseconds, select in microseconds; and an epoll is a descriptor.
+        if timeout_ns < _COARSE_NS:
+            select.select(self._alone, (), (), max(timeout_ns, 0) * 1e-9)
+            timeout_ns = 0
+        return [descriptor for descriptor, _ in self._epoll.poll(timeout_ns * 1e-9)]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._epoll.close()
 
 
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
