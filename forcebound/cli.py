@@ -342,8 +342,10 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.option("--restart", is_flag=True, help="Begin anew instead of going on.")
 @click.option("--plot", "as_plot", is_flag=True, help="Draw the sweep's map beside the result.")
 @_json_option
+@click.pass_context
 @_reports_errors
 def sweep(
+    context: click.Context,
     file: str,
     arguments: tuple[str, ...],
     output: Path | None,
@@ -353,7 +355,15 @@ def sweep(
     as_plot: bool,
     as_json: bool,
 ) -> None:
-    """Run a sweep file, such as z_width or stability_map; go on with one that was interrupted."""
+    """Run a sweep file, such as z_width or stability_map; go on with one that was interrupted.
+
+    The name audit stands for `forcebound audit`, whose cases are attacks and no grid.
+    """
+    if file == "audit":
+        if arguments or cluster or restart or as_plot:
+            raise ConfigError("sweep audit takes --output, --workers and --json; see audit --help")
+        context.invoke(audit, workers=workers, out=output, as_json=as_json)
+        return
     from forcebound.sweep.command import run
 
     document = run(file, arguments, output, workers, cluster, restart, as_plot)

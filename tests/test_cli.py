@@ -122,6 +122,10 @@ def test_check_and_show_args_start_nothing() -> None:
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "no folder /nowhere"),
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("bench", "nothing"), "nothing"),
+        (("sweep", "audit", "--plot"), "sweep audit takes"),
+        (("sweep", "nowhere"), "nowhere"),
+        (("reproduce", "fig99"), "fig99"),
+        (("audit", "--law", "certifed"), "certifed"),
     ],
 )
 def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], message: str) -> None:
