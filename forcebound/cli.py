@@ -371,7 +371,8 @@ def sweep(
         _print_json(document)
     else:
         for name, value in document.items():
-            click.echo(f"{name.replace('_', ' ')}: {value}")
+            if value is not None:
+                click.echo(f"{name.replace('_', ' ')}: {value}")
     if document["failed"] == document["cases"]:
         raise RunError(f"every case failed; the first: {document['first_error']}")
 
