@@ -11,6 +11,7 @@ from statistics import NormalDist, fmean
 from typing import Any
 
 import pytest
+from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
@@ -19,6 +20,8 @@ from forcebound.errors import ConfigError
 from forcebound.launch.loader import from_document, load, to_document
 from forcebound.launch.schema import json_schema
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.codec import encode
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 from forcebound.network.impairment import (
     QUANTILES,
     GilbertElliott,
@@ -317,6 +320,11 @@ def test_packets_are_duplicated_with_the_given_probability() -> None:
     assert {packet.seq for _, packet in deliveries} == set(range(count))
 
 
+def test_a_copy_has_a_delay_of_its_own() -> None:
+    _, deliveries = passed(Impairment(0.01, 0.005, duplicate=1.0), 500)
+    assert len(set(deliveries)) == 1000
+
+
 def test_of_a_packet_that_is_lost_and_duplicated_one_goes_on() -> None:
     link, deliveries = passed(Impairment(loss=1.0, duplicate=1.0), 100)
     assert len(deliveries) == 100
@@ -400,6 +408,11 @@ def test_packets_wait_for_the_slot() -> None:
 def test_a_slot_takes_no_more_than_its_packets() -> None:
     _, deliveries = passed(Impairment(slot=Slot(0.0035, packets=2)), 4)
     assert [time_ns for time_ns, _ in deliveries] == [3_500_000] * 2 + [7_000_000] * 2
+
+
+def test_a_packet_at_the_very_time_of_the_slot_goes_with_it() -> None:
+    _, deliveries = passed(Impairment(slot=Slot(0.002)), 4)
+    assert [time_ns for time_ns, _ in deliveries] == [2 * MS] * 3 + [5 * MS]
 
 
 def test_slots_are_uniform_between_their_bounds() -> None:
@@ -516,6 +529,14 @@ def test_the_schema_refers_to_nothing_outside() -> None:
 
 
 # In the graph
+
+
+def test_the_rate_counts_the_bytes_of_the_encoded_packet() -> None:
+    packets = press("certified", 0.02, environment_query=Impairment(rate=1e6))
+    query = next(packet for packet in packets if isinstance(packet, EnvironmentQuery))
+    reply = next(packet for packet in packets if isinstance(packet, EnvironmentReply))
+    assert reply.device_seq == query.device_seq
+    assert reply.time_ns - query.time_ns == len(encode(query)) * 1000  # 1 byte in 1 µs
 
 
 @pytest.mark.parametrize(

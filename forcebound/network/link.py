@@ -295,7 +295,7 @@ class Link(Generic[PacketT]):
         if time_ns > self._slot_ns:
             self._slot_ns = time_ns + self._chances.slot_delay_ns(slot)
             self._slot_room = slot.packets
-        elif slot.packets and not self._slot_room:
+        elif slot.packets and self._slot_room <= 0:
             self._slot_ns += self._chances.slot_delay_ns(slot)
             self._slot_room = slot.packets
         self._slot_room -= 1
