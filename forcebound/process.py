@@ -279,7 +279,7 @@ class Runner:
                 if link is None:
                     received.append(packet)
                 else:
-                    link.accept(time_ns, packet)
+                    link.accept(time_ns, packet, len(data))
             if link is not None:
                 received += link.due(time_ns)
         return received

@@ -87,6 +87,7 @@ POSITIVE = Range(above=0)
 NOT_NEGATIVE = Range(at_least=0)
 SHARE = Range(at_least=0, at_most=1)
 
+DataRate: TypeAlias = Annotated[float, Unit("B/s")]
 Damping: TypeAlias = Annotated[float, Unit("N s/m")]
 Force: TypeAlias = Annotated[float, Unit("N")]
 Frequency: TypeAlias = Annotated[float, Unit("Hz")]
@@ -161,6 +162,7 @@ _UNIT_KEY = "forcebound_unit"
 # Unit -> name of the quantity and an example, for messages.
 _NAMES = {
     "": ("ratio", "0.4 or 40 %"),
+    "B/s": ("data rate", "64 kB/s"),
     "Hz": ("frequency", "1 kHz"),
     "J": ("energy", "2 mJ"),
     "N": ("force", "8.5 N"),
@@ -190,6 +192,8 @@ gram = [mass] = g
 radian = [] = rad
 degree = 0.017453292519943295 * radian = deg
 percent = 0.01 = %
+byte = [data] = B
+bit = 0.125 * byte
 newton = kilogram * meter / second ** 2 = N = Newton
 joule = newton * meter = J
 hertz = 1 / second = Hz = Hertz

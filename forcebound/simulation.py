@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from heapq import heappop, heappush
 
 from forcebound.errors import ConfigError
+from forcebound.messages.codec import encode
 from forcebound.messages.packets import TOPIC_OF, Packet
 from forcebound.network.link import Link
 from forcebound.nodes import Node
@@ -99,7 +100,10 @@ class Simulation:
                 continue
             receiver, model, wakes_on_arrival = route
             if model is not None:
-                model.accept(time_ns, packet)
+                if model.has_rate:
+                    model.accept(time_ns, packet, len(encode(packet)))
+                else:
+                    model.accept(time_ns, packet)
                 if wakes_on_arrival:
                     self._schedule(_ARRIVAL, receiver, model.next_due_ns)
                 continue

@@ -2,7 +2,8 @@
 
 from forcebound.launch.config import GraphConfig
 from forcebound.messages.packets import Packet
-from forcebound.network.link import Impairment, Link, link_seed
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of

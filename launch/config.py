@@ -15,7 +15,7 @@ from forcebound.bounding import LAWS
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.messages.packets import TOPICS
-from forcebound.network.link import Impairment
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
@@ -136,4 +136,6 @@ def _plain(member: Any) -> dict[str, Any]:
 def _json(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_json(entry) for entry in value]
+    if dataclasses.is_dataclass(value):
+        return _plain(value)
     return str(value) if isinstance(value, Path) else value

@@ -168,6 +168,9 @@ class Section:
             at = _inside(value, detail["loc"])
             if detail["type"] == "value_error":
                 refused.setdefault(id(at), (at, []))[1].append(str(detail["ctx"]["error"]))
+            elif detail["type"] in _KEYS:
+                wrong = f"{_KEYS[detail['type']]} {detail['loc'][-1]!r}"
+                refused.setdefault(id(at), (at, []))[1].append(wrong)
             else:
                 expected.setdefault(id(at), (at, []))[1].append(_expected(detail))
         for at, words in refused.values():
@@ -187,8 +190,11 @@ def _inside(value: Value, location: tuple[int | str, ...]) -> Value:
     return value
 
 
+_KEYS = {"missing": "needs", "unexpected_keyword_argument": "has no key"}
+
 _EXPECTED = {
     "bool_type": "true or false",
+    "dataclass_type": "a mapping",
     "dict_type": "a mapping",
     "float_type": "a number",
     "int_from_float": "a whole number",

@@ -33,7 +33,7 @@ from forcebound.launch.fields import Field, Section, fields_of
 from forcebound.launch.problems import Problems
 from forcebound.launch.substitution import Substitution
 from forcebound.launch.tree import BROKEN, Value, from_plain
-from forcebound.network.link import Impairment
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
 
@@ -247,9 +247,7 @@ def _check_delays(
     section: Section,
 ) -> None:
     """Note a loop so long that the device would refuse every answer."""
-    shortest = environment.compute_delay + sum(
-        max(0.0, link.delay - link.jitter) for link in links.values()
-    )
+    shortest = environment.compute_delay + sum(link.shortest for link in links.values())
     if shortest < servo.age_limit:
         return
     message = (

@@ -18,7 +18,7 @@ from forcebound.launch.config import (
 )
 from forcebound.launch.fields import Field, adapter, fields_of
 from forcebound.launch.loader import RUN_KEYS
-from forcebound.network.link import Impairment
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 _SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
@@ -84,8 +84,20 @@ def _properties(fields: Mapping[str, Field]) -> dict[str, Any]:
     return {name: _property(field) for name, field in fields.items()}
 
 
+def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
+    """Return a schema with what it refers to in place of the references."""
+    if isinstance(schema, list):
+        return [_inlined(entry, definitions) for entry in schema]
+    if not isinstance(schema, Mapping):
+        return schema
+    if "$ref" in schema:
+        return _inlined(definitions[schema["$ref"].rpartition("/")[2]], definitions)
+    return {name: _inlined(entry, definitions) for name, entry in schema.items()}
+
+
 def _property(field: Field) -> dict[str, Any]:
     schema = adapter(field.hint).json_schema()
+    schema = _inlined(schema, schema.pop("$defs", {}))
     described: dict[str, Any] = {"anyOf": [schema, _SUBSTITUTION]}
     if not field.required and isinstance(field.default, str | int | float):
         described["default"] = field.default

@@ -8,7 +8,8 @@ from forcebound.devices.plant import Truth
 from forcebound.environments import Environment
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
-from forcebound.network.link import Impairment, Link, link_seed
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of

@@ -15,7 +15,7 @@ from forcebound.environments.adversary import NegativeDamper
 from forcebound.launch.config import LINKS, GraphConfig
 from forcebound.launch.loader import load
 from forcebound.launch.virtual import run_virtual
-from forcebound.network.link import Impairment
+from forcebound.network.impairment import Impairment
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.sweep import kernel as lanes

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import DeviceState, EnvironmentReply, ForceCommand, Telemetry
-from forcebound.network.link import RESTART_NS, Impairment, Link, Stamped, link_seed
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import RESTART_NS, Link, Stamped, link_seed
 
 MS = 1_000_000  # ns
 PERIOD_NS = MS
@@ -313,7 +314,7 @@ def test_links_of_a_graph_have_seeds_of_their_own() -> None:
         ({"loss": math.nan}, "loss must be a probability, 0 to 1 without unit, got nan"),
     ],
 )
-def test_impossible_impairments_are_refused(values: dict[str, float], message: str) -> None:
+def test_impossible_impairments_are_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
         Impairment(**values)
 

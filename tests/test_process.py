@@ -22,7 +22,8 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.network import sockets
-from forcebound.network.link import Impairment, Link
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController

@@ -13,7 +13,7 @@ from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
-from forcebound.network.link import Impairment
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import ServoSettings
 from forcebound.recording import TelemetryColumns

@@ -5,20 +5,21 @@ packet that arrives with the time (:meth:`Link.accept`), and asks which packets 
 (:meth:`Link.due`) and when the next one will be (:attr:`Link.next_due_ns`). The same seed and the
 same arrivals give the same deliveries, whoever asks and however often.
 
-The words and their meaning are those of Linux netem:
+The words and their meaning are those of Linux netem (:mod:`forcebound.network.impairment`). In
+this order, each decided by a generator of its own:
 
-1. A packet is lost with probability ``loss``, independently of all others.
-2. One that is not lost is through at ``arrival + delay + jitter * u``, with ``u`` uniform in
-   [-1, 1), drawn anew for each packet, but never before its arrival. So jitter reorders packets.
-3. Packets come out by that time; equal times, in the order in which they arrived.
+1. A packet may be duplicated, and may be lost: by chance, or because the link is down. Of one that
+   is both, one goes on. A copy goes the same way, with chances of its own, and is not copied again.
+2. When ``limit`` packets are on the way, it is lost.
+3. If it is reordered, it is through at once. If not, at ``arrival + delay + deviation``, but never
+   before its arrival: so jitter reorders packets too. With a ``rate`` then at the later of this and
+   the time at which the packet before is through, plus its own size over the rate.
+4. With slots, it waits for the slot.
+5. Packets come out by that time; equal times, in the order in which they arrived. A corrupt one
+   has taken its time and its place on the way, and is not delivered.
 
-Each random decision (lost or not; how late) has a generator of its own, so that a link with loss
-delays the packets that survive exactly as the link without loss does, packet by packet: two
-settings compared under one seed differ in nothing but the setting.
-
-To add an impairment: a field with its check in :class:`Impairment`, a generator of its own at the
-*end* of ``_DECISIONS``, and one step in ``Link._fate``. What it does must hold the sum of the
-counters (:class:`Link`).
+Where netem decides when it is asked, as for slots and the queue's length, this model decides when
+the packet arrives, so that the answer does not depend on how often one asks.
 
 Newest wins
 -----------
@@ -46,50 +47,15 @@ checked by the device node (age limit).
 """
 
 import hashlib
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from forcebound.errors import ConfigError
-from forcebound.quantities import Ratio, Time
+from forcebound.network.impairment import Chances, Fate, Impairment, generators
 
 RESTART_NS = 1_000_000_000  # 1 s: ten times the usual age limit of a force, far below an uptime
 
-_DECISIONS = ("loss", "jitter")  # one generator each, by place: append only
-
-
-@dataclass(frozen=True)
-class Impairment:
-    """What a link does to packets; the default is a perfect link.
-
-    Attributes:
-        delay: Time on the way, in s, at least 0.
-        jitter: Largest deviation from ``delay``, in s, at least 0; uniform. May exceed ``delay``:
-            a packet that would be through before it arrives is through when it arrives.
-        loss: Probability of a packet being lost, 0 to 1.
-
-    Raises:
-        ConfigError: If a value is not finite or out of its range.
-
-    Source: tc-netem(8).
-    """
-
-    delay: Time = 0.0
-    jitter: Time = 0.0
-    loss: Ratio = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("delay", "jitter"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError(f"{name} must be finite and >= 0 s, got {value} s")
-        if not 0.0 <= self.loss <= 1.0:
-            raise ConfigError(f"loss must be a probability, 0 to 1 without unit, got {self.loss}")
+PACKET_SIZE = 128  # bytes, about what a packet of one axis takes on the wire
 
 
 class Stamped(Protocol):
@@ -128,12 +94,14 @@ def link_seed(seed: int, topic: str) -> int:
 class Link(Generic[PacketT]):
     """One link of the graph, on its receiving side; see the page at the head of this module.
 
-    At any time ``sent == lost + delivered + superseded + queued``.
+    At any time ``sent + duplicated == lost + corrupted + delivered + superseded + queued``.
 
     Attributes:
         newest_only: Whether only the newest packet is delivered.
         sent: Packets that :meth:`accept` got.
-        lost: Packets that the impairment lost.
+        duplicated: Packets that came twice.
+        lost: Packets that the impairment lost, copies too.
+        corrupted: Packets that arrived damaged and were thrown away.
         delivered: Packets that :meth:`due` returned.
         superseded: Packets that were through, but older than one delivered.
     """
@@ -148,24 +116,52 @@ class Link(Generic[PacketT]):
         """
         self.newest_only = newest_only
         self.sent = 0
+        self.duplicated = 0
         self.lost = 0
+        self.corrupted = 0
         self.delivered = 0
         self.superseded = 0
         self._queue: list[tuple[int, int, _Rank, PacketT]] = []  # heap: through at, number, ...
         self._life = 0
         self._newest_ns = -1
         self._delivered_rank = _OLDEST
-        self._random_loss, self._random_jitter = (
-            _generator(seed, place) for place in range(len(_DECISIONS))
-        )
+        self._number = 0  # of packets put on the way, for equal times
+        self._first_ns: int | None = None
+        self._tail_ns = 0  # when the last packet that the rate held is through
+        self._delayed = 0  # packets since one went at once
+        self._slot_ns, self._slot_room = -1, 0
+        self._ahead: list[int] = []  # heap: when what counts for the limit is through
+        self._seed = seed
+        self._draws = generators(seed, ("loss", "jitter"))  # the others when they are needed
+        self._random_loss, self._random_jitter = self._draws["loss"], self._draws["jitter"]
+        self._copy_draws: dict[str, Callable[[], float]] = {}
         self.change(impairment)
 
     def change(self, impairment: Impairment) -> None:
         """Impair packets that arrive from now on by ``impairment``; those on the way stay."""
+        self._impairment = impairment
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9
         self._loss = impairment.loss
         self._is_perfect = impairment == Impairment()
+        self._is_plain = impairment.is_plain
+        if self._is_plain:
+            return
+        if not self._copy_draws:
+            self._draws = {**generators(self._seed), **self._draws}
+            self._copy_draws = generators(self._seed, is_copy=True)
+        self._chances = Chances(impairment, self._draws)
+        self._copy_chances = Chances(impairment, self._copy_draws)
+        self._outages = [
+            (round(outage.start * 1e9), round((outage.start + outage.duration) * 1e9))
+            for outage in impairment.outages
+        ]
+        self._ahead = sorted(entry[0] for entry in self._queue)  # a sorted list is a heap
+
+    @property
+    def has_rate(self) -> bool:
+        """Whether the size of a packet matters."""
+        return self._impairment.rate > 0.0
 
     @property
     def queued(self) -> int:
@@ -177,9 +173,20 @@ class Link(Generic[PacketT]):
         """When the next packet on the way is through, in ns; None if there is none."""
         return self._queue[0][0] if self._queue else None
 
-    def accept(self, time_ns: int, packet: PacketT) -> None:
-        """Take ``packet``, which arrives at ``time_ns`` on the receiver's clock, in ns."""
+    def accept(self, time_ns: int, packet: PacketT, size: int = PACKET_SIZE) -> None:
+        """Take a packet that arrives.
+
+        Args:
+            time_ns: Now, on the receiver's clock, in ns.
+            packet: The packet.
+            size: Its length on the wire, in bytes; matters where :attr:`has_rate`.
+        """
         self.sent += 1
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        if not self._is_plain:
+            self._impair(time_ns, packet, size)
+            return
         if not self._is_perfect:
             fate = self._fate()
             if fate is None:
@@ -187,7 +194,8 @@ class Link(Generic[PacketT]):
                 return
             time_ns += fate
         rank = self._rank(packet) if self.newest_only else _OLDEST
-        heappush(self._queue, (time_ns, self.sent, rank, packet))
+        self._number += 1
+        heappush(self._queue, (time_ns, self._number, rank, packet))
 
     def due(self, time_ns: int) -> list[PacketT]:
         """Return the packets that are through at ``time_ns``, in ns, in the order of delivery."""
@@ -224,6 +232,75 @@ class Link(Generic[PacketT]):
         deviation = self._jitter_ns * (2.0 * self._random_jitter() - 1.0)
         return None if lost else max(0, self._delay_ns + round(deviation))
 
+    def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
+        """Take a packet through everything that netem knows."""
+        fate, copy_fate = self._chances.next(), self._copy_chances.next()
+        if self._is_out(time_ns):
+            self.lost += 1
+            return
+        rank = self._rank(packet) if self.newest_only else _OLDEST
+        if fate.is_duplicated:
+            self.duplicated += 1
+        if fate.is_lost:
+            self.lost += 1
+            if not fate.is_duplicated:
+                return
+        self._send(time_ns, packet, size, rank, fate)
+        if fate.is_duplicated and not fate.is_lost:
+            if copy_fate.is_lost:
+                self.lost += 1
+            else:
+                self._send(time_ns, packet, size, rank, copy_fate)
+
+    def _is_out(self, time_ns: int) -> bool:
+        since_ns = time_ns - (self._first_ns or 0)
+        return any(start <= since_ns < end for start, end in self._outages)
+
+    def _send(self, time_ns: int, packet: PacketT, size: int, rank: _Rank, fate: Fate) -> None:
+        """Put a packet that is not lost on its way."""
+        limit = self._impairment.limit
+        if limit:
+            while self._ahead and self._ahead[0] <= time_ns:
+                heappop(self._ahead)
+            if len(self._ahead) >= limit:
+                self.lost += 1
+                return
+        through_ns = self._slotted(self._through_ns(time_ns, size, fate))
+        if limit:
+            heappush(self._ahead, through_ns)
+        if fate.is_corrupt:
+            self.corrupted += 1
+            return
+        self._number += 1
+        heappush(self._queue, (through_ns, self._number, rank, packet))
+
+    def _through_ns(self, time_ns: int, size: int, fate: Fate) -> int:
+        """Return when a packet is through but for slots, in ns."""
+        if fate.goes_at_once and self._delayed >= self._impairment.gap - 1:
+            self._delayed = 0
+            return time_ns
+        self._delayed += 1
+        through_ns = time_ns + fate.delay_ns
+        rate = self._impairment.rate
+        if rate:
+            through_ns = max(through_ns, self._tail_ns) + round(size * 1e9 / rate)
+            self._tail_ns = through_ns
+        return through_ns
+
+    def _slotted(self, time_ns: int) -> int:
+        """Return when the slot of a packet is that would be through at ``time_ns``, in ns."""
+        slot = self._impairment.slot
+        if slot is None:
+            return time_ns
+        if time_ns > self._slot_ns:
+            self._slot_ns = time_ns + self._chances.slot_delay_ns(slot)
+            self._slot_room = slot.packets
+        elif slot.packets and self._slot_room <= 0:
+            self._slot_ns += self._chances.slot_delay_ns(slot)
+            self._slot_room = slot.packets
+        self._slot_room -= 1
+        return self._slot_ns
+
     def _rank(self, packet: PacketT) -> _Rank:
         stamp: int | None = getattr(packet, "device_time_ns", None)
         if stamp is None:
@@ -237,23 +314,3 @@ class Link(Generic[PacketT]):
             self._newest_ns = stamp
             self._life += 1
         return (self._life, stamp, origin_seq, packet.seq)
-
-
-def uniform_numbers(seed: int, decision: str, count: int) -> NDArray[np.float64]:
-    """Return the first ``count`` numbers that a link of this seed draws for a decision.
-
-    Args:
-        seed: As given to :class:`Link`.
-        decision: ``"loss"`` or ``"jitter"``.
-        count: How many.
-    """
-    return _bits(seed, _DECISIONS.index(decision)).random(count)
-
-
-def _generator(seed: int, place: int) -> Callable[[], float]:
-    """Return the generator of one decision: numbers uniform in [0, 1)."""
-    return _bits(seed, place).random
-
-
-def _bits(seed: int, place: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, place])))

@@ -8,7 +8,8 @@ same random numbers, the same rules as in :mod:`forcebound.network.link`,
 
 Two things that happen in the same nanosecond are ordered by the runner's heap. The rules for the
 ties that round delays make are written out below; a tie beyond them makes the timing
-``is_exact = False``, and the run goes through the graph.
+``is_exact = False``, and the run goes through the graph. So does every run with an impairment other
+than delay, uniform jitter and independent loss.
 """
 
 from collections.abc import Mapping
@@ -20,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.launch.config import GraphConfig
-from forcebound.network.link import RESTART_NS, Impairment, link_seed, uniform_numbers
+from forcebound.network.impairment import Impairment, uniform_numbers
+from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes.safety import REMEMBERED
 
 Times: TypeAlias = NDArray[np.int64]
@@ -63,7 +65,7 @@ def timing_of(config: GraphConfig, ticks: int) -> Timing:
 
 
 class _Inexact(Exception):  # noqa: N818 - no error, a way out
-    """A tie whose order only the graph knows."""
+    """A tie whose order only the graph knows, or an impairment that only it has."""
 
 
 @lru_cache(maxsize=256)
@@ -107,6 +109,8 @@ def _timing(
 def _check_limits(
     period_ns: int, age_limit_ns: int, compute_ns: int, links: tuple[Impairment, ...]
 ) -> None:
+    if not all(link.is_plain for link in links):
+        raise _Inexact  # only the graph knows the other impairments
     longest = compute_ns + sum(round((link.delay + link.jitter) * 1e9) for link in links)
     if longest >= RESTART_NS or age_limit_ns >= period_ns * (REMEMBERED - 1):
         raise _Inexact

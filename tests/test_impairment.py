@@ -1,0 +1,561 @@
+"""Impairments beyond delay, jitter and loss, against their definitions."""
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from statistics import NormalDist, fmean
+from typing import Any
+
+import pytest
+from fakes import press
+from hypothesis import given
+from hypothesis import strategies as st
+from launch_texts import GOOD, problems_of, written
+
+from forcebound.errors import ConfigError
+from forcebound.launch.loader import from_document, load, to_document
+from forcebound.launch.schema import json_schema
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.codec import encode
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
+from forcebound.network.impairment import (
+    QUANTILES,
+    GilbertElliott,
+    Impairment,
+    Outage,
+    Slot,
+    uniform_numbers,
+)
+from forcebound.network.link import PACKET_SIZE, Link
+from forcebound.sweep.engine import run_all
+from forcebound.sweep.timing import timing_of
+
+MS = 1_000_000  # ns
+SURELY_NOT = 1e-4  # a result less likely than this is a fault; the seeds are fixed
+
+
+@dataclass(frozen=True)
+class Packet:
+    seq: int
+    time_ns: int
+
+
+def passed(
+    impairment: Impairment,
+    count: int,
+    seed: int = 1,
+    period_ns: int = MS,
+    size: int = PACKET_SIZE,
+) -> tuple[Link[Packet], list[tuple[int, Packet]]]:
+    """Send one packet a period; return the link and what came out, in order, with its time."""
+    link: Link[Packet] = Link(impairment, seed, newest_only=False)
+    for seq in range(count):
+        link.accept(seq * period_ns, Packet(seq, seq * period_ns), size)
+    deliveries = []
+    while (due_ns := link.next_due_ns) is not None:
+        deliveries += [(due_ns, packet) for packet in link.due(due_ns)]
+    return link, deliveries
+
+
+def delays(impairment: Impairment, count: int, seed: int = 1) -> list[int]:
+    """The delay of each packet, in ns, in the order of sending."""
+    _, deliveries = passed(impairment, count, seed)
+    by_seq = sorted(deliveries, key=lambda delivery: delivery[1].seq)
+    return [time_ns - packet.time_ns for time_ns, packet in by_seq]
+
+
+def losses(impairment: Impairment, count: int, seed: int = 1) -> list[bool]:
+    _, deliveries = passed(impairment, count, seed)
+    arrived = {packet.seq for _, packet in deliveries}
+    return [seq not in arrived for seq in range(count)]
+
+
+def binomial_tail(count: int, probability: float, found: int) -> float:
+    """P(|X - np| >= |found - np|) of X ~ binomial(n, p), exactly."""
+    mean = count * probability
+    log_p, log_q = math.log(probability), math.log1p(-probability)
+    return math.fsum(
+        math.exp(
+            math.lgamma(count + 1)
+            - math.lgamma(k + 1)
+            - math.lgamma(count - k + 1)
+            + k * log_p
+            + (count - k) * log_q
+        )
+        for k in range(count + 1)
+        if abs(k - mean) >= abs(found - mean) - 1e-9
+    )
+
+
+def is_likely(outcomes: Sequence[bool], probability: float) -> bool:
+    return binomial_tail(len(outcomes), probability, sum(outcomes)) > SURELY_NOT
+
+
+# Every setting
+
+share = st.sampled_from([0.0, 0.1, 0.5, 1.0])
+times = st.floats(0, 0.02)
+impairments = st.builds(
+    Impairment,
+    delay=st.floats(1e-6, 0.02),
+    jitter=times,
+    distribution=st.sampled_from(sorted(QUANTILES)),
+    correlation=share,
+    loss_correlation=share,
+    gemodel=st.none() | st.builds(GilbertElliott, p=share, r=share, h=share, k=share),
+    duplicate=share,
+    corrupt=share,
+    reorder=share,
+    gap=st.integers(1, 5),
+    rate=st.sampled_from([0.0, 1e4, 1e6]),
+    limit=st.integers(0, 10),
+    slot=st.none() | st.builds(Slot, min_delay=times, packets=st.integers(0, 3)),
+    outages=st.lists(st.builds(Outage, times, times), max_size=2).map(tuple),
+)
+impairments |= st.builds(replace, impairments, gemodel=st.none(), loss=share)
+
+
+@given(
+    impairments,
+    st.integers(0, 2**64),
+    st.booleans(),
+    st.lists(st.tuples(st.booleans(), st.integers(0, 10 * MS)), max_size=60),
+)
+def test_every_packet_is_counted_once(
+    impairment: Impairment, seed: int, newest_only: bool, actions: list[tuple[bool, int]]
+) -> None:
+    link: Link[Packet] = Link(impairment, seed, newest_only)
+    now = delivered = 0
+    for seq, (is_asked, wait_ns) in enumerate(actions):
+        now += wait_ns
+        link.accept(now, Packet(seq, now), 100)
+        if is_asked:
+            delivered += len(link.due(now))
+        outcomes = link.lost + link.corrupted + link.delivered + link.superseded + link.queued
+        assert link.sent + link.duplicated == outcomes
+        assert link.delivered == delivered
+    link.due(10**15)
+    assert link.queued == 0
+    assert (
+        link.sent + link.duplicated == link.lost + link.corrupted + link.delivered + link.superseded
+    )
+
+
+@given(impairments, st.integers(0, 2**64))
+def test_seed_and_arrivals_decide_and_asking_does_not(impairment: Impairment, seed: int) -> None:
+    _, patient = passed(impairment, 50, seed)
+    assert passed(impairment, 50, seed)[1] == patient
+    eager: Link[Packet] = Link(impairment, seed, newest_only=False)
+    asked = []
+    for seq in range(50):
+        now = seq * MS
+        asked += eager.due(now - 1)
+        eager.accept(now, Packet(seq, now))
+    assert asked + eager.due(10**15) == [packet for _, packet in patient]
+
+
+@given(st.floats(0, 0.02), st.floats(0, 0.02), share, st.integers(0, 2**64))
+def test_an_impairment_that_never_acts_changes_nothing(
+    delay: float, jitter: float, loss: float, seed: int
+) -> None:
+    plain = Impairment(delay, jitter, loss)
+    beside = replace(plain, limit=10**9, outages=(Outage(100.0, 1.0),))
+    assert plain.is_plain
+    assert not beside.is_plain
+    assert passed(beside, 50, seed)[1] == passed(plain, 50, seed)[1]
+
+
+def test_a_duplicate_changes_nothing_for_the_others() -> None:
+    impairment = Impairment(delay=0.01, jitter=0.005, loss=0.2)
+    _, without = passed(impairment, 300)
+    _, doubled = passed(replace(impairment, duplicate=0.3), 300)
+    assert set(without) <= set(doubled)
+
+
+# Delay
+
+
+def test_correlation_is_the_recursion_of_netem() -> None:
+    rho, count = 0.7, 2000
+    found = delays(Impairment(0.01, 0.004, correlation=rho), count, seed=3)
+    u: float | None = None
+    for new, delay_ns in zip(uniform_numbers(3, "jitter", count).tolist(), found, strict=True):
+        u = new if u is None else (1 - rho) * new + rho * u
+        assert abs(delay_ns - (10 * MS + 4 * MS * (2 * u - 1))) <= 1
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.25, 0.9])
+def test_successive_delays_are_correlated(rho: float) -> None:
+    count = 20_000
+    found = delays(Impairment(0.01, 0.004, correlation=rho), count, seed=5)
+    mean = fmean(found)
+    variance = fmean((delay - mean) ** 2 for delay in found)
+    covariance = fmean((a - mean) * (b - mean) for a, b in pairwise(found))
+    # Bartlett: the estimate of an AR(1) has the variance (1 - rho^2) / n; 4 sigma.
+    assert abs(covariance / variance - rho) < 4 * math.sqrt((1 - rho**2) / count) + 1e-3
+    expected = (4 * MS) ** 2 / 3 * (1 - rho) / (1 + rho)
+    assert variance == pytest.approx(expected, rel=0.1)
+
+
+def _pareto_cdf(x: float) -> float:
+    return 1.0 - 1.0 / (0.75 * x + 1.5) ** 3
+
+
+def _inverse(quantile: Callable[[float], float], x: float) -> float:
+    """Return where ``quantile``, which rises, reaches ``x``."""
+    steps = 2**20
+    place = bisect_left(range(steps), x, key=lambda i: quantile(i / steps))
+    return place / steps
+
+
+CDFS: dict[str, Callable[[float], float]] = {
+    "normal": NormalDist().cdf,
+    "pareto": _pareto_cdf,
+    "paretonormal": partial(_inverse, QUANTILES["paretonormal"]),
+}
+
+
+@pytest.mark.parametrize("name", ["normal", "pareto", "paretonormal"])
+def test_deviations_have_the_named_distribution(name: str) -> None:
+    count = 2000
+    cdf = CDFS[name]
+    impairment = Impairment(delay=1.0, jitter=0.01, distribution=name)  # type: ignore[arg-type]  # a name
+    sample = sorted((delay - 1000 * MS) / (10 * MS) for delay in delays(impairment, count))
+    inner = [(i, x) for i, x in enumerate(sample) if abs(x) < 3.99]  # the tables end at 4
+    distance = max(max((i + 1) / count - cdf(x), cdf(x) - i / count) for i, x in inner)
+    # Dvoretzky, Kiefer, Wolfowitz, with Massart's constant.
+    assert 2 * math.exp(-2 * count * distance**2) > SURELY_NOT
+    assert max(sample) <= 4.0 + 1e-7
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "deviation"),
+    # Of the law, cut at 4; pareto: x = 4/3 (X - 3/2) with X = min(Pareto(3), 4.5).
+    [
+        ("uniform", 0.0, 1 / math.sqrt(3)),
+        ("normal", 0.0, 1.0),
+        ("pareto", 4 / 3 * (1.5 - 4.5**-2 / 2 - 1.5), None),
+    ],
+)
+def test_moments_of_the_quantiles(name: str, mean: float, deviation: float | None) -> None:
+    steps = 200_000
+    values = [QUANTILES[name]((i + 0.5) / steps) for i in range(steps)]
+    assert fmean(values) == pytest.approx(mean, abs=1e-3)
+    second = fmean(value * value for value in values)
+    if deviation is None:  # E min(X, c)^2 = 3 - 2/c
+        deviation = 4 / 3 * math.sqrt((3 - 2 / 4.5) - 2 * 1.5 * (1.5 - 4.5**-2 / 2) + 2.25)
+    assert math.sqrt(second) == pytest.approx(deviation, rel=1e-3)
+
+
+def test_quantiles_are_those_of_the_tables_of_tc() -> None:
+    """First, middle and last entries of iproute2's normal, pareto and paretonormal tables."""
+    assert QUANTILES["normal"](0.5) == 0.0
+    assert QUANTILES["normal"](0.0) == -4.0
+    assert round(8192 * QUANTILES["pareto"](0.0)) == -5461
+    assert QUANTILES["pareto"](1 - 16 / 65536) == 4.0
+    middle = 3 * QUANTILES["pareto"](0.5) / 4
+    assert QUANTILES["paretonormal"](0.5) == middle
+    assert QUANTILES["pareto"](0.5) == pytest.approx(4 / 3 * (2 ** (1 / 3) - 1.5))
+
+
+# Loss
+
+
+def test_correlated_loss_is_the_recursion_of_netem() -> None:
+    rho, loss, count = 0.5, 0.3, 2000
+    u: float | None = None
+    expected = []
+    for new in uniform_numbers(2, "loss", count).tolist():
+        u = new if u is None else (1 - rho) * new + rho * u
+        expected.append(u < loss)
+    assert losses(Impairment(loss=loss, loss_correlation=rho), count, seed=2) == expected
+    assert sum(expected) / count < loss  # what tc-netem(8) warns of
+
+
+def test_bursts_of_gilbert_elliott_are_geometric() -> None:
+    p, r, count = 0.02, 0.25, 20_000
+    lost = losses(Impairment(gemodel=GilbertElliott(p, r)), count)
+    assert not lost[0]
+    assert is_likely([not second for first, second in pairwise(lost) if first], r)
+    assert is_likely([second for first, second in pairwise(lost) if not first], p)
+    lengths = [len(run) for run in "".join("x" if is_lost else " " for is_lost in lost).split()]
+    for length in (1, 2, 5):
+        reached = [run >= length for run in lengths]
+        if length > 1:
+            assert is_likely(reached, (1 - r) ** (length - 1))
+
+
+def test_both_states_of_gilbert_elliott_lose_by_their_own_probability() -> None:
+    always_bad = GilbertElliott(p=1.0, r=0.0, h=0.7, k=0.0)
+    lost = losses(Impairment(gemodel=always_bad), 4000)
+    assert lost[0]  # it begins good, and the good state here loses all
+    assert is_likely(lost[1:], 0.3)
+    always_good = GilbertElliott(p=0.0, r=1.0, h=0.0, k=0.9)
+    assert is_likely(losses(Impairment(gemodel=always_good), 4000), 0.1)
+
+
+def test_outages_lose_what_arrives_in_them_and_nothing_else() -> None:
+    outages = (Outage(0.010, 0.005), Outage(0.013, 0.004), Outage(0.030, 0.0))
+    link: Link[Packet] = Link(Impairment(delay=0.002, outages=outages), 1, newest_only=False)
+    start_ns = 7_000 * MS  # counted from the first packet, whatever the clock says
+    for seq in range(40):
+        link.accept(start_ns + seq * MS, Packet(seq, 0))
+    arrived = [packet.seq for packet in link.due(10**15)]
+    assert arrived == [*range(10), *range(17, 40)]
+    assert link.lost == 7
+
+
+# Duplicate, corrupt, reorder
+
+
+def test_packets_are_duplicated_with_the_given_probability() -> None:
+    count = 4000
+    link, deliveries = passed(Impairment(delay=0.001, duplicate=0.2), count)
+    assert binomial_tail(count, 0.2, link.duplicated) > SURELY_NOT
+    assert len(deliveries) == count + link.duplicated
+    assert {packet.seq for _, packet in deliveries} == set(range(count))
+
+
+def test_a_copy_has_a_delay_of_its_own() -> None:
+    _, deliveries = passed(Impairment(0.01, 0.005, duplicate=1.0), 500)
+    assert len(set(deliveries)) == 1000
+
+
+def test_of_a_packet_that_is_lost_and_duplicated_one_goes_on() -> None:
+    link, deliveries = passed(Impairment(loss=1.0, duplicate=1.0), 100)
+    assert len(deliveries) == 100
+    assert (link.lost, link.duplicated) == (100, 100)
+
+
+def test_who_wants_the_newest_gets_no_packet_twice() -> None:
+    link: Link[Packet] = Link(Impairment(duplicate=1.0), 1, newest_only=True)
+    for seq in range(10):
+        link.accept(seq, Packet(seq, seq))
+        assert link.due(seq) == [Packet(seq, seq)]
+    assert link.superseded == 10
+
+
+def test_corrupt_packets_take_their_time_and_are_thrown_away() -> None:
+    count = 4000
+    link, deliveries = passed(Impairment(corrupt=0.1), count)
+    assert binomial_tail(count, 0.1, link.corrupted) > SURELY_NOT
+    assert len(deliveries) == count - link.corrupted
+    slow = Impairment(rate=1000.0)  # 128 ms a packet
+    _, whole = passed(slow, 50)
+    link, rest = passed(replace(slow, corrupt=0.5), 50)
+    assert link.corrupted > 0
+    assert set(rest) < set(whole)
+
+
+def test_reordered_packets_go_at_once() -> None:
+    count = 4000
+    found = delays(Impairment(delay=0.010, reorder=0.25), count)
+    assert set(found) == {0, 10 * MS}
+    assert is_likely([delay == 0 for delay in found], 0.25)
+
+
+def test_the_gap_is_delayed_before_one_goes_at_once() -> None:
+    found = delays(Impairment(delay=0.010, reorder=1.0, gap=5), 20)
+    assert [seq for seq, delay in enumerate(found) if delay == 0] == [4, 9, 14, 19]
+
+
+# Rate, limit, slot
+
+
+def test_packets_leave_one_after_the_other_at_the_rate() -> None:
+    impairment = Impairment(rate=100_000.0)  # 200 bytes: 2 ms
+    _, deliveries = passed(impairment, 5, period_ns=MS, size=200)
+    assert [time_ns for time_ns, _ in deliveries] == [2 * MS, 4 * MS, 6 * MS, 8 * MS, 10 * MS]
+    _, deliveries = passed(impairment, 3, period_ns=3 * MS, size=200)  # idle between
+    assert [time_ns for time_ns, _ in deliveries] == [2 * MS, 5 * MS, 8 * MS]
+
+
+def test_delay_and_rate_add_as_in_netem() -> None:
+    impairment = Impairment(delay=0.010, rate=100_000.0)
+    _, deliveries = passed(impairment, 4, size=200)
+    assert [time_ns for time_ns, _ in deliveries] == [12 * MS, 14 * MS, 16 * MS, 18 * MS]
+
+
+def test_no_more_than_the_limit_is_on_the_way() -> None:
+    link, deliveries = passed(Impairment(delay=0.010, limit=3), 23)
+    # Three get in each 10 ms; the place of one that is through is free at once.
+    assert [packet.seq for _, packet in deliveries] == [0, 1, 2, 10, 11, 12, 20, 21, 22]
+    assert link.lost == 14
+
+
+def test_a_changed_limit_counts_what_is_on_the_way() -> None:
+    link: Link[Packet] = Link(Impairment(delay=0.010), 1, newest_only=False)
+    for seq in range(5):
+        link.accept(0, Packet(seq, 0))
+    link.change(Impairment(limit=5))
+    link.accept(1, Packet(5, 1))
+    assert link.lost == 1
+    link.accept(10 * MS, Packet(6, 1))
+    assert link.lost == 1
+
+
+def test_packets_wait_for_the_slot() -> None:
+    _, deliveries = passed(Impairment(slot=Slot(0.0035)), 9)
+    # 0 opens the slot at 3.5 ms; 4 is the first after it, and opens that at 7.5 ms.
+    slots = [3_500_000] * 4 + [7_500_000] * 4 + [11_500_000]
+    assert deliveries == [(slot, Packet(i, i * MS)) for i, slot in enumerate(slots)]
+
+
+def test_a_slot_takes_no_more_than_its_packets() -> None:
+    _, deliveries = passed(Impairment(slot=Slot(0.0035, packets=2)), 4)
+    assert [time_ns for time_ns, _ in deliveries] == [3_500_000] * 2 + [7_000_000] * 2
+
+
+def test_a_packet_at_the_very_time_of_the_slot_goes_with_it() -> None:
+    _, deliveries = passed(Impairment(slot=Slot(0.002)), 4)
+    assert [time_ns for time_ns, _ in deliveries] == [2 * MS] * 3 + [5 * MS]
+
+
+def test_slots_are_uniform_between_their_bounds() -> None:
+    count = 2000
+    _, deliveries = passed(Impairment(slot=Slot(0.002, 0.006)), count, period_ns=10 * MS)
+    sample = sorted(
+        (time_ns - packet.time_ns - 2 * MS) / (4 * MS) for time_ns, packet in deliveries
+    )
+    assert sample[0] >= 0.0
+    assert sample[-1] <= 1.0
+    distance = max(max((i + 1) / count - x, x - i / count) for i, x in enumerate(sample))
+    assert 2 * math.exp(-2 * count * distance**2) > SURELY_NOT
+
+
+# Refusals and launch files
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"loss_correlation": 2.0}, "loss_correlation must be a probability"),
+        ({"correlation": -1.0}, "correlation must be a probability"),
+        ({"duplicate": math.nan}, "duplicate must be a probability"),
+        ({"rate": -1.0}, "rate must be finite and >= 0 B/s"),
+        ({"gap": 0}, "gap must be at least 1 packet"),
+        ({"limit": -1}, "limit must be >= 0 packets"),
+        ({"distribution": "gamma"}, "distribution must be one of uniform, normal"),
+        ({"reorder": 0.1}, "reorder needs a delay"),
+        ({"loss": 0.1, "gemodel": GilbertElliott(0.1, 0.1)}, "gemodel excludes loss"),
+    ],
+)
+def test_impossible_impairments_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Impairment(**values)
+
+
+def test_impossible_parts_are_refused() -> None:
+    with pytest.raises(ConfigError, match="p must be a probability"):
+        GilbertElliott(1.5, 0.1)
+    with pytest.raises(ConfigError, match="max_delay must be at least min_delay"):
+        Slot(0.002, 0.001)
+    with pytest.raises(ConfigError, match="packets must be >= 0"):
+        Slot(0.002, packets=-1)
+    with pytest.raises(ConfigError, match="duration must be finite and >= 0 s"):
+        Outage(1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("impairment", "shortest"),
+    [
+        (Impairment(0.01, 0.004), 0.006),
+        (Impairment(0.001, 0.004), 0.0),
+        (Impairment(0.01, 0.003, distribution="pareto"), 0.008),
+        (Impairment(0.01, 0.001, distribution="normal"), 0.006),
+        (Impairment(0.01, reorder=0.1), 0.0),
+    ],
+)
+def test_the_shortest_time_on_the_way(impairment: Impairment, shortest: float) -> None:
+    assert impairment.shortest == pytest.approx(shortest)
+
+
+ALL = """{delay: 2 ms, jitter: 500 us, distribution: paretonormal, correlation: 25 %,
+    gemodel: {p: 1 %, r: 20 %, h: 5 %, k: 99 %}, duplicate: 1 %, corrupt: 0.1 %, reorder: 2 %,
+    gap: 5, rate: 64 kB/s, limit: 100, slot: {min_delay: 1 ms, max_delay: 2 ms, packets: 4},
+    outages: [{start: 1 s, duration: 100 ms}, {start: 3 s, duration: 0.5 s}]}"""
+
+
+def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
+    config = load(written(tmp_path, GOOD.replace("{delay: 2 ms}", ALL)))
+    assert config.links["environment_query"] == Impairment(
+        delay=0.002,
+        jitter=0.0005,
+        distribution="paretonormal",
+        correlation=0.25,
+        gemodel=GilbertElliott(0.01, 0.2, 0.05, 0.99),
+        duplicate=0.01,
+        corrupt=0.001,
+        reorder=0.02,
+        gap=5,
+        rate=64_000.0,
+        limit=100,
+        slot=Slot(0.001, 0.002, 4),
+        outages=(Outage(1.0, 0.1), Outage(3.0, 0.5)),
+    )
+    assert from_document(to_document(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("given", "place", "fragment"),
+    [
+        ("rate: 512 kbit/s, loss: 200 %", "16:47", "loss must be a probability"),
+        ("rate: 3 ms", "16:29", "rate: expected a data rate in B/s, for example 64 kB/s"),
+        ("distribution: gamma", "16:37", "distribution: expected 'uniform', 'normal'"),
+        ("gemodel: {p: 1 %, r: 200 %}", "16:32", "r must be a probability"),
+        ("gemodel: {p: 1 %, x: 3}", "16:44", "gemodel: has no key 'x'"),
+        ("gemodel: {p: 1 %}", "16:32", "gemodel: needs 'r'"),
+        ("gemodel: 3 %", "16:32", "gemodel: expected a mapping, got '3 %'"),
+        ("slot: {min_delay: 2 ms, max_delay: 1 ms}", "16:29", "max_delay must be at least"),
+        ("outages: [{start: 1 s, duration: 5 N}]", "16:56", "expected a time in s"),
+        ("limit: 2.5", "16:30", "limit: expected a whole number"),
+        ("reorder: 5 %", "16:32", "reorder needs a delay"),
+    ],
+)
+def test_errors_are_told_at_their_place(
+    given: str, place: str, fragment: str, tmp_path: Path
+) -> None:
+    problems = problems_of(written(tmp_path, GOOD.replace("delay: 2 ms", given)))
+    assert f"graph.yaml:{place}" in problems
+    assert fragment in problems
+
+
+def test_the_schema_refers_to_nothing_outside() -> None:
+    assert "$ref" not in str(json_schema())
+
+
+# In the graph
+
+
+def test_the_rate_counts_the_bytes_of_the_encoded_packet() -> None:
+    packets = press("certified", 0.02, environment_query=Impairment(rate=1e6))
+    query = next(packet for packet in packets if isinstance(packet, EnvironmentQuery))
+    reply = next(packet for packet in packets if isinstance(packet, EnvironmentReply))
+    assert reply.device_seq == query.device_seq
+    assert reply.time_ns - query.time_ns == len(encode(query)) * 1000  # 1 byte in 1 µs
+
+
+@pytest.mark.parametrize(
+    "impairment",
+    [
+        Impairment(0.002, 0.001, distribution="normal"),
+        Impairment(0.002, 0.001, correlation=0.5),
+        Impairment(gemodel=GilbertElliott(0.05, 0.3)),
+        Impairment(0.002, reorder=0.1),
+        Impairment(rate=100_000.0),
+        Impairment(outages=(Outage(0.1, 0.05),)),
+    ],
+    ids=str,
+)
+def test_only_the_graph_runs_them(impairment: Impairment) -> None:
+    config = replace(load("stiff_wall"), duration=0.3, links={"environment_query": impairment})
+    assert not timing_of(config, 300).is_exact
+    (ran,) = run_all([config])
+    assert ran.engine == "graph"
+    again = run_virtual(config)
+    assert ran.result is not None
+    assert ran.result.columns.applied_force.tobytes() == again.columns.applied_force.tobytes()
