@@ -199,7 +199,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 @_json_option
 @_reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME, servo or loop, beside its limit in the same run."""
+    """Measure NAME (servo, loop or sweep) beside its limit in the same run."""
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:
@@ -409,6 +409,8 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
+    if result.interrupted:
+        click.echo("forcebound: interrupted; this is the run until then", err=True)
     if as_json:
         _print_json(result.summary)
         return

@@ -11,6 +11,7 @@ before those that it depends on are gone, and the recorder last, so that it has 
 not stop in time is killed. The first failure is the one that is told; what follows from it is not.
 """
 
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -125,6 +126,7 @@ class Lifecycle:
         self.phase = Phase.STARTING
         self.failure: Failure | None = None
         self.interrupted = False
+        self._interrupted_early = False
         self.deadline_ns: int | None = time_ns + limits.start_ns
         self._limits = limits
         self._duration_ns = duration_ns
@@ -166,6 +168,8 @@ class Lifecycle:
             self._fail(f"{node} did not stop in time and was killed", node)
         elif not stopping:
             self._fail(f"{node} ended by itself, with {describe_status(status)}", node)
+        elif status == -signal.SIGTERM and self._interrupted_early:
+            pass  # it was told to stop before it was far enough to listen
         elif status != 0:
             self._fail(f"{node} stopped with {describe_status(status)}", node)
         return self._stop_next(time_ns) if stopping else self._stop(time_ns)
@@ -173,6 +177,7 @@ class Lifecycle:
     def _on_interrupt(self, time_ns: int) -> list[Action]:
         if self.phase is not Phase.STOPPING:
             self.interrupted = True
+            self._interrupted_early = self.phase is Phase.STARTING
             return self._stop(time_ns)
         # Impatience: nobody gets more time, except the device, which is about to write zero.
         return [self._kill(node) for node in sorted(self._alive - {"device"} - self._killed)]

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from forcebound import realtime
@@ -72,8 +72,8 @@ def run_live(
 
     Raises:
         ConfigError: If the chain cannot be placed or the recording not be written.
-        RunError: If a process did not become ready, ended by itself or did not stop; or if the run
-            was interrupted before its first sample.
+        RunError: If a process did not become ready, ended by itself or did not stop.
+        KeyboardInterrupt: If the run was interrupted before its first sample.
     """
     core = realtime.choose_core(config.realtime.cores)
     if record is not None:
@@ -92,10 +92,10 @@ def run_live(
         finally:
             os.sched_setaffinity(0, cores)
         try:
-            return RunResult.from_recording(recording)
+            return replace(RunResult.from_recording(recording), interrupted=interrupted)
         except ConfigError as error:
             if interrupted:
-                raise RunError("interrupted before the first sample") from error
+                raise KeyboardInterrupt from None  # before the first sample: there is no result
             raise RunError(str(error)) from error
 
 

@@ -36,6 +36,7 @@ class RunResult:
 
     columns: TelemetryColumns
     document: Mapping[str, Any]
+    interrupted: bool = False  # somebody ended it before its time
 
     @classmethod
     def from_recording(cls, path: Path) -> "RunResult":
@@ -57,4 +58,4 @@ class RunResult:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The key figures; see :func:`forcebound.analysis.metrics.summarize`."""
-        return summarize(self.columns, self.document)
+        return {**summarize(self.columns, self.document), "interrupted": self.interrupted}

@@ -197,7 +197,7 @@ def test_the_page_shows_worst_cases_and_how_to_see_them_again() -> None:
 def test_the_command_ends_with_status_1_only_for_a_broken_promise(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    report = tmp_path / "new" / "audit.md"
+    report = tmp_path / "audit.md"
     options = ["audit", "--runs", "40", "--search", "0", "--workers", "0"]
     done = CliRunner().invoke(
         main, [*options, "--law", "certified", "--out", str(report), "--json"]

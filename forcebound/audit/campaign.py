@@ -4,10 +4,8 @@ The campaign is cut into tasks that do not depend on each other, so its numbers 
 many cores there are.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from typing import Any, NamedTuple
 
 from forcebound.audit.cases import difficulties, draw_case
@@ -15,6 +13,7 @@ from forcebound.audit.run import ENERGY_TOLERANCE, Result, attack
 from forcebound.audit.search import NICHES, search
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
+from forcebound.workers import local_executor
 
 PIECE = 500  # random runs of a task: about a second
 
@@ -160,9 +159,7 @@ def _all_done(tasks: Sequence[Task], workers: int | None) -> Iterator[tuple[Task
     if workers == 0:
         yield from ((task, tally(task)) for task in tasks)
         return
-    count = workers or len(os.sched_getaffinity(0))
-    # Spawned, not forked: the parent may have threads (progress bar, numba).
-    with ProcessPoolExecutor(count, get_context("spawn")) as executor:
+    with local_executor(workers) as executor:
         futures = {executor.submit(tally, task): index for index, task in enumerate(tasks)}
         waiting: dict[int, Tally] = {}
         following = 0

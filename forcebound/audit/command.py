@@ -9,6 +9,7 @@ from forcebound.audit.cases import ADVERSARIES, SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.bounding import LAWS
+from forcebound.errors import ConfigError
 
 
 def run(
@@ -24,6 +25,10 @@ def run(
     Raises:
         ConfigError: If there is nothing to run, or a law is not known.
     """
+    if out is not None and not out.absolute().parent.is_dir():
+        raise ConfigError(f"cannot write the page {out}: there is no folder {out.parent}")
+    if out is not None and out.suffix != ".md":
+        raise ConfigError(f"the page must end in .md, got {out.name!r}")
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -53,7 +58,6 @@ def run(
     if out is not None:
         chosen = "".join(f" --law {law}" for law in laws)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
-        out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
     return document
 

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from forcebound.analysis.plots import save
 from forcebound.audit.run import ENERGY_TOLERANCE, TRACE_COLUMNS, Floats, Result
 
 INTRODUCTION = """\
@@ -173,4 +174,4 @@ def draw_run(result: Result, trace: Floats, picture: Path) -> None:
         f"{show_energy(result.loss_and_work_min)}",
         fontsize="small",
     )
-    figure.savefig(picture)
+    save(figure, picture)

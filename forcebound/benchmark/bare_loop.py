@@ -143,6 +143,7 @@ def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
 def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:
     """Be one of the four processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
     if core >= 0:
         enter(Settings(policy=policy, core=core), role)
     context = zmq.Context()

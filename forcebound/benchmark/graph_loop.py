@@ -123,6 +123,7 @@ def settings_of(config: GraphConfig) -> Settings:
 def main(role: str, folder: Path, launch_file: str, period_ns: int, count: int) -> None:
     """Be one of the three processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
     config = load(launch_file)
     settings = settings_of(config)
     stop = Stop()

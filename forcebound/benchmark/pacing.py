@@ -16,6 +16,7 @@ from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage
 def main(core: int, policy: str, period_ns: int, count: int) -> None:
     """Wake up ``count`` times and write each lateness to standard output."""
     die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
     settings = Settings(policy=policy, core=core)
     enter(settings, "device")
     freeze_garbage()

@@ -91,6 +91,7 @@ def drive(runner: Runner, node: DeviceNode, spin_ns: int, count: int) -> None:
 def main(role: str, folder: Path, core: int, policy: str, period_ns: int, count: int) -> None:
     """Be one of the two processes; only the device ends by itself."""
     die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
     settings = Settings(policy=policy, core=core)
     if role == "controller":
         run(AnswerNode(), role, folder, {}, settings, Stop())

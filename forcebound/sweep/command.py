@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from forcebound.launch.loader import build
 from forcebound.sweep.plan import load_sweep
-from forcebound.sweep.runner import cluster_executor, local_executor, run_sweep
+from forcebound.sweep.runner import cluster_executor, run_sweep
+from forcebound.workers import local_executor
 
 
 def run(
@@ -34,6 +36,8 @@ def run(
     )
 
     sweep = load_sweep(file, arguments)
+    if arguments:  # what they say is the same in all cases: wrong once is wrong always
+        build(sweep.template, sweep.overrides(0))
     result = output or Path(f"{sweep.name}.parquet")
     began = time.monotonic()
     columns = (

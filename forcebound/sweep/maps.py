@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from forcebound.analysis.plots import save
 from forcebound.errors import ConfigError
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.table import Table, read_table
@@ -46,7 +47,7 @@ def draw(result: Path, picture: Path) -> None:
 
     Args:
         result: Parquet file of the sweep.
-        picture: Where to draw it: ``.png``, ``.svg`` or ``.pdf``.
+        picture: Where to draw it: ``.png`` or ``.svg``.
 
     Raises:
         ConfigError: If the result has no map or lacks a column of it.
@@ -57,7 +58,8 @@ def draw(result: Path, picture: Path) -> None:
         raise ConfigError(f"{result}: its sweep file has no map section that says what to draw")
     figure = _surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     figure.suptitle(drawing.get("title") or table.about.get("description", ""))
-    figure.savefig(picture, dpi=130)
+    figure.set_dpi(130)
+    save(figure, picture)
 
 
 def _label(name: str) -> str:

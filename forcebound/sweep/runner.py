@@ -16,13 +16,11 @@ import json
 import math
 import os
 import shutil
-import signal
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -30,7 +28,6 @@ from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.loader import build
 from forcebound.quantities import to_si
-from forcebound.realtime import die_with_parent
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.plan import Sweep
 
@@ -201,24 +198,6 @@ def _write(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     unfinished.replace(path)
-
-
-def _begin_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    die_with_parent(signal.SIGKILL)
-
-
-@contextmanager
-def local_executor(workers: int | None = None) -> Iterator[Executor]:
-    """Give processes on this machine's cores; they end with this one, whatever ends it."""
-    count = workers or len(os.sched_getaffinity(0))
-    context = get_context("spawn")
-    with ProcessPoolExecutor(count, context, _begin_worker) as executor:
-        try:
-            yield executor
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 @contextmanager
