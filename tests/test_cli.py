@@ -126,6 +126,11 @@ def test_check_and_show_args_start_nothing() -> None:
         (("sweep", "nowhere"), "nowhere"),
         (("reproduce", "fig99"), "fig99"),
         (("audit", "--law", "certifed"), "certifed"),
+        (("audit", "--out", "/nowhere/audit.md"), "no folder /nowhere"),
+        (("audit", "--out", "README"), "must end in .md"),
+        (("audit", "replay", "none", "9" * 30), "a seed must be at most"),
+        (("audit", "replay", "none", "1", "--out", "run.txt"), "must end in .png or .svg"),
+        (("sweep", "stability_map", "delay:=3 N"), "which is a force"),
     ],
 )
 def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], message: str) -> None:

@@ -124,9 +124,9 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     .. math:: H_R = \frac{\text{initial rate of change of force}}{\text{initial velocity of
               penetration}}
 
-    Both are least-squares slopes against time over the first 10 ms of the first contact in which
-    there is a force, or the first three such samples where the rate is low: behind a delay the wall
-    answers later than it is touched. The paper does not state its window.
+    Both are least-squares slopes against time over the first 10 ms of the first contact, or its
+    first three samples where the rate is low. The paper does not state its window. A wall whose
+    answer comes later than that has a rate hardness of 0: at first there is nothing to feel.
 
     Args:
         time: Time, in s, shape ``(n,)``.
@@ -146,9 +146,6 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     first = int(np.argmax(contact))
     leaves = np.flatnonzero(~contact[first:])
     length = int(leaves[0]) if leaves.size else contact.size - first
-    answered = np.flatnonzero(force[first : first + length])
-    if answered.size:
-        first, length = first + int(answered[0]), length - int(answered[0])
     if length < RATE_SAMPLES:
         return None
     # Half a nanosecond: stamps are whole nanoseconds, and the sample at 10 ms exactly belongs in.

@@ -179,6 +179,9 @@ def decode(code: str, seconds: float) -> Case:
     )
 
 
+LARGEST_SEED = 2**63 - 1  # a compiled run carries it as a 64-bit integer
+
+
 def case_of(name: str | int, seconds: float) -> Case:
     """Return the case of a name: a seed, or a code of :func:`encode`.
 
@@ -186,7 +189,11 @@ def case_of(name: str | int, seconds: float) -> Case:
         ConfigError: If it is neither.
     """
     text = str(name)
-    return draw_case(int(text), seconds) if text.isdecimal() else decode(text, seconds)
+    if not text.isdecimal():
+        return decode(text, seconds)
+    if int(text) > LARGEST_SEED:
+        raise ConfigError(f"a seed must be at most {LARGEST_SEED}, got {text}")
+    return draw_case(int(text), seconds)
 
 
 def dissipation_of(case: Case) -> Dissipation:
