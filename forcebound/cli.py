@@ -131,7 +131,9 @@ def simulate(
     config = load(file, arguments)
     if seed is not None:
         config = replace(config, seed=seed)
-    _report(run_virtual(config, duration, record), record, as_json)
+    result = run_virtual(config, duration, record)
+    click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    _report(result, record, as_json)
 
 
 @main.command()

@@ -37,6 +37,7 @@ class RunResult:
     columns: TelemetryColumns
     document: Mapping[str, Any]
     interrupted: bool = False  # somebody ended it before its time
+    times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
     def from_recording(cls, path: Path) -> "RunResult":

@@ -1,5 +1,6 @@
 """A launch file in virtual time: the very nodes of a live run, in this process."""
 
+import time
 from pathlib import Path
 
 from forcebound.errors import RunError
@@ -7,6 +8,7 @@ from forcebound.launch.build import NODE_KINDS, build_device, build_links, build
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
+from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder, TelemetryColumns
 from forcebound.simulation import Simulation
 
@@ -40,11 +42,16 @@ def run_virtual(
     others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
     simulation = Simulation([*others, device], build_links(config), observe, observed)
     device.engage()
+    seconds = duration or config.duration
+    began = time.perf_counter()
     try:
-        simulation.run(round((duration or config.duration) * 1e9))
+        with without_garbage_collection():
+            simulation.run(round(seconds * 1e9))
     finally:
+        took = time.perf_counter() - began
         if recorder is not None:
             recorder.close()
     if not samples:
         raise RunError("the run ended before its first sample; ask for a longer --duration")
-    return RunResult(TelemetryColumns.from_packets(samples), to_document(config))
+    columns = TelemetryColumns.from_packets(samples)
+    return RunResult(columns, to_document(config), times_real_time=seconds / took)
