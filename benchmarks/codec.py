@@ -34,9 +34,9 @@ TARGET = 4.0
 NOW = 1_234_567_890_123_456  # ns, two weeks after a start
 SAMPLES: tuple[Packet, ...] = (
     DeviceState(4321, NOW, 4.3, (0.01203,), (0.0523,), (1.25,)),
-    EnvironmentQuery(4321, NOW, 4321, NOW, 4.3, (0.01203,), (0.0523,)),
-    EnvironmentReply(4321, NOW, 4321, NOW, 4321, NOW, (1.25,)),
-    ForceCommand(4321, NOW, 4321, NOW, (1.25,)),
+    EnvironmentQuery(4321, NOW, 4321, NOW, 4.3, (0.01203,), (0.0523,), "wall"),
+    EnvironmentReply(4321, NOW, 4321, NOW, 4321, NOW, (1.25,), "wall"),
+    ForceCommand(4321, NOW, 4321, NOW, (1.25,), "wall"),
     Telemetry(
         seq=4321,
         time_ns=NOW,

@@ -19,22 +19,23 @@ Strategy:
    a signal, the death of the launcher, a programming mistake.
 
 Each process answers on a control socket between two steps: ``{"request": "status"}``,
-``{"request": "engage"}``, ``{"request": "stop"}``.
+``{"request": "engage"}``, ``{"request": "configure", ...}``, ``{"request": "stop"}``; and publishes
+what happens to it as events.
 """
 
 import logging
 import os
 import signal
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
 
 from forcebound import realtime
-from forcebound.errors import PacketError
+from forcebound.errors import ConfigError, PacketError
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Packet
 from forcebound.network import sockets
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
@@ -83,6 +84,11 @@ class Sink(Protocol):
 def topic_endpoint(run_dir: Path, topic: str) -> str:
     """Return where the packets of a topic are published in a run on one machine."""
     return f"ipc://{run_dir}/{topic}"
+
+
+def event_endpoint(run_dir: Path, name: str) -> str:
+    """Return where the process ``name`` of a run publishes what happens to it."""
+    return f"ipc://{run_dir}/{TOPIC_OF[Event]}-{name}"
 
 
 def control_endpoint(run_dir: Path, name: str) -> str:
@@ -145,9 +151,16 @@ class _Inlet:
     ) -> None:
         self.topic = TOPIC_OF[expected]
         self.expected = expected
+        self.endpoint = endpoint
         self.link = link
         self.subscriber = network.subscriber(endpoint, newest_only=link is None)
         self.count = 0
+
+    def impair(self, network: Network, link: Link[Packet]) -> None:
+        """Put a model behind a socket that needs all packets from now on, not the newest."""
+        network.forget(self.subscriber)
+        self.subscriber = network.subscriber(self.endpoint, newest_only=False)
+        self.link = link
 
 
 class Runner:
@@ -160,6 +173,8 @@ class Runner:
         links: Impaired links by topic; a topic that is not here has a perfect link.
         network: Where the sockets are opened.
         spin_ns: See :class:`forcebound.realtime.Settings`.
+        configure: Brings node and links up to date with the run's launch document on request, and
+            returns the parameters that it has changed.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -173,24 +188,29 @@ class Runner:
         links: Mapping[str, Link[Packet]],
         network: Network,
         spin_ns: int = 0,
+        configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
     ) -> None:
         self._node = node
+        self._network = network
+        self._configure = configure
         self._servo = node if isinstance(node, Servo) else None
         self._spin_ns = spin_ns
         self._publish = {
             packet: network.publisher(topic_endpoint(run_dir, TOPIC_OF[packet])).send
             for packet in node.publishes
+            if packet is not Event
         }
+        self._publish[Event] = network.publisher(event_endpoint(run_dir, name)).send
         self._inlets = [
             _Inlet(network, topic_endpoint(run_dir, topic), packet, links.get(topic))
             for packet, topic in ((packet, TOPIC_OF[packet]) for packet in node.subscribes)
         ]
-        self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
         self._control = network.control_server(control_endpoint(run_dir, name))
-        self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
-        self._descriptors.append(self._control.descriptor)
-        self._readable: Collection[int] | None = None  # None: look at everything
+        self._links: list[Link[Packet]]
+        self._descriptors: list[int]
+        self._readable: Collection[int] | None  # None: look at everything
         self._unsettled: list[sockets.Subscriber] = []  # to be asked before their descriptors are
+        self._listen()
         self._stop_requested = False
         self._log: Sequence[str] = ()
         self.steps = 0
@@ -206,18 +226,31 @@ class Runner:
         """
         self._log = log
         try:
-            if self._node.wakes_on_arrival and not self._links:
-                self._run_on_perfect_links(stop)
-            elif self._node.wakes_on_arrival:
+            if self._node.wakes_on_arrival:
+                self._run_on_perfect_links(stop)  # until they are not, which may be at once
                 self._run_on_arrival(stop)
             else:
                 self._run_on_schedule(stop, engages_itself)
         finally:
             if self._servo is not None:
                 self._servo.stop(time.monotonic_ns())
+        self._tell_counts()
         if self._servo is not None:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
+
+    def tell(
+        self,
+        event: str,
+        message: str,
+        data: Mapping[str, str] | None = None,
+        *,
+        is_fault: bool = False,
+    ) -> None:
+        """Publish an event, and log it; see :meth:`forcebound.nodes.events.EventLog.tell`."""
+        time_ns = time.monotonic_ns()
+        told = self._node.events.tell(time_ns, event, message, data, is_fault=is_fault)
+        self._publish[Event](encode(told))
 
     def wait(self, stop_descriptor: int) -> int:
         """Sleep until a node that wakes on arrival may have something to do; return the time.
@@ -292,11 +325,48 @@ class Runner:
         if wanted == "engage" and self._servo is not None:
             self._servo.engage()
             return {"engaged": True}
+        if wanted == "configure" and self._configure is not None:
+            return self._change()
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
         known = "status, stop" if self._servo is None else "status, engage, stop"
         return {"error": f"unknown request {wanted!r}; known: {known}"}
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The node that it drives; as of a simulation, which drives several."""
+        return (self._node,)
+
+    def link(self, topic: str) -> Link[Packet] | None:
+        """Return the model of the link on which ``topic`` arrives; None if it is perfect."""
+        return next((inlet.link for inlet in self._inlets if inlet.topic == topic), None)
+
+    def set_link(self, topic: str, link: Link[Packet]) -> None:
+        """Impair a link that was perfect; what is on its way at this moment is lost."""
+        for inlet in self._inlets:
+            if inlet.topic == topic:
+                inlet.impair(self._network, link)
+        self._listen()
+
+    def _listen(self) -> None:
+        self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
+        self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
+        self._descriptors.append(self._control.descriptor)
+        self._readable = None
+        self._unsettled.clear()
+
+    def _change(self) -> dict[str, Any]:
+        assert self._configure is not None
+        try:
+            changed = self._configure(self)
+        except ConfigError as error:
+            return {"error": str(error)}
+        if changed:
+            values = {name: str(value) for name, value in changed.items()}
+            told = ", ".join(f"{name} = {value}" for name, value in values.items())
+            self.tell("parameter_set", f"changed: {told}", values)
+        return {"configured": True}
 
     def status(self) -> dict[str, Any]:
         """Return how the process is doing, as a map of plain values.
@@ -308,18 +378,28 @@ class Runner:
         received = {inlet.topic: inlet.count for inlet in self._inlets}
         return {
             **_readiness(received),
-            "rejected": dict(self.rejected),
+            "rejected": {**self.rejected, **getattr(self._node, "rejected", {})},
             "steps": self.steps,
-            "lost": {
-                inlet.topic: inlet.link.lost for inlet in self._inlets if inlet.link is not None
-            },
+            "links": self._counts(),
             "engaged": bool(getattr(self._node, "is_engaged", False)),
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "log": list(self._log),
         }
 
+    def _counts(self) -> dict[str, dict[str, int]]:
+        """How many packets had which fate on each impaired link, by topic."""
+        return {inlet.topic: inlet.link.counts for inlet in self._inlets if inlet.link is not None}
+
+    def _tell_counts(self) -> None:
+        """Leave the links' counts in the recording."""
+        for topic, counts in self._counts().items():
+            event = self._node.events.tell_link(time.monotonic_ns(), topic, counts)
+            self._publish[Event](encode(event))
+
     def _run_on_perfect_links(self, stop: Stop) -> None:
         """Do as :meth:`_run_on_arrival` in fewer lines: each costs the loop a microsecond, cold."""
+        if self._links:
+            return
         node, publish = self._node, self._publish
         step, clock = node.step, time.monotonic_ns
         inlets = {inlet.subscriber.descriptor: inlet for inlet in self._inlets}
@@ -333,6 +413,8 @@ class Runner:
                     inlet = inlets.get(descriptor)
                     if inlet is None:
                         self._control.serve(self.answer)
+                        if self._links:
+                            return
                         continue
                     data = inlet.subscriber.take()
                     if data is None:
@@ -388,6 +470,7 @@ def run(
     settings: realtime.Settings,
     stop: Stop,
     engages_itself: bool = False,
+    configure: Callable[[Runner], Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Run a node until it is asked to stop; return its last status.
 
@@ -399,6 +482,7 @@ def run(
         settings: How punctual to be.
         stop: Ends the loop.
         engages_itself: Whether a servo engages when it is ready, rather than on request.
+        configure: See :class:`Runner`.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -406,34 +490,41 @@ def run(
     said = realtime.enter(settings, name)
     _logger.info("; ".join(said))
     with Network() as network:
-        runner = Runner(node, name, run_dir, links, network, settings.spin_ns)
+        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure)
         realtime.freeze_garbage()
         runner.run(stop, said, engages_itself)
         return runner.status()
 
 
 def record(
-    sink: Sink, name: str, run_dir: Path, topics: Sequence[str], core: int | None, stop: Stop
+    sink: Sink,
+    name: str,
+    run_dir: Path,
+    streams: Sequence[tuple[str, str]],
+    core: int | None,
+    stop: Stop,
 ) -> dict[str, Any]:
-    """Record every packet of some topics until asked to stop; return the last status.
+    """Record every packet of some streams until asked to stop; return the last status.
 
-    Told to stop it takes what is still on its way, so stop the publishers before.
+    Told to stop it takes what is still on its way, so stop the publishers before. When nothing can
+    be written any more (a full disk) it says so, and goes on taking packets, so that a run does not
+    end for want of a recording.
 
     Args:
         sink: Where the packets go; the caller closes it.
         name: Of the process; its control socket is named after it.
         run_dir: Directory of the run's ``ipc`` sockets.
-        topics: Keys of ``TOPICS``.
+        streams: Topic and endpoint of each.
         core: The chain's core, where the recorder does not run if there is another one.
         stop: Ends the loop.
     """
     realtime.enter(realtime.Settings(core=core), name)
-    counts = dict.fromkeys(topics, 0)
+    sink = _Patient(sink)
+    counts = {topic: 0 for topic, _ in streams}
     rejected: dict[str, int] = {}
     with Network() as network:
-        streams = [
-            (topic, network.subscriber(topic_endpoint(run_dir, topic), newest_only=False))
-            for topic in topics
+        subscribers = [
+            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
         ]
         control = network.control_server(control_endpoint(run_dir, name))
 
@@ -444,7 +535,7 @@ def record(
 
         def take() -> bool:
             any_came = False
-            for topic, subscriber in streams:
+            for topic, subscriber in subscribers:
                 for data in subscriber.receive():
                     any_came = True
                     try:
@@ -473,10 +564,35 @@ def record(
     return _recorder_status(counts, rejected)
 
 
+class _Patient:
+    """A sink that says once that it cannot write, and then throws away what it gets."""
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self._failed = False
+
+    def write(self, packet: Packet) -> None:
+        self._try(self._sink.write, packet)
+
+    def flush(self) -> None:
+        self._try(self._sink.flush)
+
+    def _try(self, act: Callable[..., None], *packet: Packet) -> None:
+        if self._failed:
+            return
+        try:
+            act(*packet)
+        except OSError as error:
+            self._failed = True
+            _logger.error("recording stopped: %s; the run goes on", error.strerror or error)
+
+
 def _recorder_status(counts: Mapping[str, int], rejected: Mapping[str, int]) -> dict[str, Any]:
     return {**_readiness(counts), "rejected": dict(rejected), "log": []}
 
 
 def _readiness(received: Mapping[str, int]) -> dict[str, Any]:
-    waiting_for = [topic for topic, count in received.items() if count == 0]
+    waiting_for = [
+        topic for topic, count in received.items() if count == 0 and topic != TOPIC_OF[Event]
+    ]
     return {"ready": not waiting_for, "waiting_for": waiting_for, "received": dict(received)}

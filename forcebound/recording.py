@@ -72,6 +72,12 @@ DESCRIPTIONS: dict[str, str] = {
     "loop_delay": "time from the answered device state to this write, s",
     "deadline_misses": "ticks skipped so far",
     "rejected": "packets refused so far, by reason",
+    "environment": "name of an environment; in a query, of the one that serves",
+    "node": "process that tells it",
+    "event": "what kind of thing happened, one word",
+    "is_fault": "something is wrong",
+    "message": "what happened, for people",
+    "data": "what happened, for programs",
 }  # of the packets' fields, with units, for the schemas
 
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
@@ -109,11 +115,16 @@ def _field_schema(hint: Any) -> dict[str, Any]:
         return {"type": "integer"}
     if plain is float:
         return {"type": "number"}
+    if plain is bool:
+        return {"type": "boolean"}
+    if plain is str:
+        return {"type": "string"}
     if plain == Vector:
         numbers = {"type": "number"}
         return {"type": "array", "items": numbers, "minItems": 1, "maxItems": MAX_AXES}
     # Foxglove reads ``properties`` of every object, also of an empty one.
-    return {"type": "object", "properties": {}, "additionalProperties": {"type": "integer"}}
+    _, entry = get_args(plain)
+    return {"type": "object", "properties": {}, "additionalProperties": _field_schema(entry)}
 
 
 class Recorder:
@@ -387,7 +398,7 @@ def _reader(hint: Any) -> Callable[[Any], Any]:
     plain = _plain_type(hint)
     if plain == Vector:
         return lambda value: tuple(map(_number, value))
-    readers: dict[Any, Callable[[Any], Any]] = {float: _number, int: int}
+    readers: dict[Any, Callable[[Any], Any]] = {float: _number, int: int, str: str, bool: bool}
     return readers.get(plain, dict)
 
 

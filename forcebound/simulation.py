@@ -17,7 +17,7 @@ from heapq import heappop, heappush
 
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import TOPIC_OF, Packet
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
 from forcebound.network.link import Link
 from forcebound.nodes import Node
 
@@ -45,7 +45,7 @@ class Simulation:
         observe: Callable[[Packet], None],
         observed: Collection[type[Packet]] = tuple(TOPIC_OF),
     ) -> None:
-        self._nodes = nodes
+        self.nodes = nodes
         self._observe = observe
         self._observed = frozenset(observed)
         self._mail: list[dict[type[Packet], Packet]] = [{} for _ in nodes]  # delivered, not taken
@@ -68,6 +68,17 @@ class Simulation:
                     self._links[index].append(link)
             self._schedule(_WAKE, index, node.wake_ns)
 
+    def link(self, topic: str) -> Link[Packet] | None:
+        """Return the model of the link of a topic; None if it is perfect."""
+        return self._routes[TOPICS[topic]][1]
+
+    def set_link(self, topic: str, link: Link[Packet]) -> None:
+        """Impair a link that was perfect."""
+        packet = TOPICS[topic]
+        index, _, wakes_on_arrival = self._routes[packet]
+        self._routes[packet] = (index, link, wakes_on_arrival)
+        self._links[index].append(link)
+
     def run(self, until_ns: int) -> None:
         """Let everything happen that is due before ``until_ns``."""
         heap = self._heap
@@ -84,7 +95,7 @@ class Simulation:
         self.time_ns = until_ns
 
     def _step(self, index: int, time_ns: int) -> None:
-        node = self._nodes[index]
+        node = self.nodes[index]
         mail = self._mail[index]
         received = list(mail.values())
         mail.clear()

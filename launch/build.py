@@ -5,23 +5,35 @@ from forcebound.messages.packets import Packet
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
-from forcebound.nodes.controller import ControllerNode
+from forcebound.nodes.controller import LEASE_NS, ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
 
 NODE_KINDS = ("environment", "controller", "device")  # in the order in which they start
 
 
-def build_node(kind: str, config: GraphConfig) -> Node:
-    """Return the node of ``kind``, one of ``NODE_KINDS``."""
+def build_node(kind: str, config: GraphConfig, environment_name: str = "environment") -> Node:
+    """Return the node of ``kind``, one of ``NODE_KINDS``.
+
+    Args:
+        kind: Of the node.
+        config: Of the graph.
+        environment_name: By which the graph knows this environment process from others.
+    """
     if kind == "device":
         return build_device(config)
     if kind == "controller":
-        return ControllerNode(config.controller.model)
+        return ControllerNode(config.controller.model, lease_ns(config))
     if kind == "environment":
         environment = config.environment
-        return EnvironmentNode(environment.model, round(environment.compute_delay * 1e9))
+        delay_ns = round(environment.compute_delay * 1e9)
+        return EnvironmentNode(environment.model, delay_ns, environment_name)
     raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
+
+
+def lease_ns(config: GraphConfig) -> int:
+    """Return the silence after which another environment may serve, in ns."""
+    return max(LEASE_NS, round(2e9 * config.device.servo.age_limit))
 
 
 def build_device(config: GraphConfig) -> DeviceNode:
@@ -37,7 +49,17 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
     Consumers want the newest value of every topic.
     """
     return {
-        topic: Link(impairment, link_seed(config.seed, topic), newest_only=True)
+        topic: build_link(topic, impairment, config.seed)
         for topic, impairment in config.links.items()
         if impairment != Impairment()
     }
+
+
+def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
+    """Return the link of a topic in a graph with this seed."""
+    return Link(impairment, link_seed(seed, topic), newest_only=True)
+
+
+def change_link(link: Link[Packet], impairment: Impairment) -> None:
+    """Impair what arrives from now on as ``impairment`` says."""
+    link.change(impairment)

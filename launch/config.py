@@ -31,8 +31,8 @@ KINDS: dict[str, Mapping[str, type]] = {
     "environment": ENVIRONMENTS,
 }
 
-# Topics whose link can be impaired. Telemetry is for looking on: nothing in the loop waits for it.
-LINKS = tuple(topic for topic in TOPICS if topic != "telemetry")
+# Topics whose link can be impaired. The others are for looking on: nothing waits for them.
+LINKS = tuple(topic for topic in TOPICS if topic not in ("telemetry", "event"))
 
 __all__ = [
     "FORMAT",
@@ -44,6 +44,7 @@ __all__ = [
     "EnvironmentConfig",
     "GraphConfig",
     "RealtimeConfig",
+    "plain",
     "to_document",
 ]
 
@@ -107,25 +108,25 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "description": config.description,
         "seed": config.seed,
         "duration": config.duration,
-        "device": {**_kind("device", device.model), **_plain(device.servo)},
+        "device": {**_kind("device", device.model), **plain(device.servo)},
         "operator": _kind("operator", config.operator),
         "controller": _kind("controller", config.controller.model),
         "environment": {
             **_kind("environment", environment.model),
             "compute_delay": environment.compute_delay,
         },
-        "links": {topic: _plain(impairment) for topic, impairment in config.links.items()},
-        "realtime": _plain(config.realtime),
+        "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
+        "realtime": plain(config.realtime),
     }
 
 
 def _kind(section: str, member: object) -> dict[str, Any]:
     (name,) = (name for name, kind in KINDS[section].items() if kind is type(member))
-    return {"kind": name, **_plain(member)}
+    return {"kind": name, **plain(member)}
 
 
-def _plain(member: Any) -> dict[str, Any]:
-    """The fields of a dataclass that a launch file can set."""
+def plain(member: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
     return {
         field.name: _json(getattr(member, field.name))
         for field in dataclasses.fields(member)
@@ -137,5 +138,5 @@ def _json(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_json(entry) for entry in value]
     if dataclasses.is_dataclass(value):
-        return _plain(value)
+        return plain(value)
     return str(value) if isinstance(value, Path) else value

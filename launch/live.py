@@ -10,7 +10,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -22,13 +22,14 @@ from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.supervisor import Supervisor
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Telemetry
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
-from forcebound.process import control_endpoint, topic_endpoint
+from forcebound.process import control_endpoint, event_endpoint, topic_endpoint
 
 PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 
-TELEMETRY = TOPIC_OF[Telemetry]
+LAUNCHER = "launcher"  # name of who starts them, where it answers and tells
+TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
@@ -40,7 +41,7 @@ class RunDocument:
     launcher: int  # process id of who starts them and whose end is theirs
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
-    topics: list[str]  # that are recorded: each one costs the loop the waking of one more process
+    streams: list[list[str]]  # topic, endpoint: each costs the loop the waking of the recorder
     metadata: dict[str, str] = field(default_factory=dict)  # of the recording
 
     def write(self, run_dir: Path) -> None:
@@ -81,9 +82,10 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         (run_dir / LAUNCH_FILE).write_text(json.dumps(to_document(config)), encoding="utf-8")
-        topics = [TELEMETRY] if record is None else list(TOPICS)  # the summary needs no more
+        topics = [TELEMETRY, EVENT] if record is None else list(TOPICS)  # a summary needs no more
         metadata = run_metadata(config)
-        RunDocument(os.getpid(), core, str(recording), topics, metadata).write(run_dir)
+        streams = recorded_streams(run_dir, topics)
+        RunDocument(os.getpid(), core, str(recording), streams, metadata).write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         commands = {name: node_command(name, run_dir) for name in PROCESSES}
         cores = realtime.stand_aside(core)
@@ -99,6 +101,12 @@ def run_live(
             raise RunError(str(error)) from error
 
 
+def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
+    """Return topic and endpoint of each stream that a recorder of these topics listens to."""
+    streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
+    return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
+
+
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
     program = [sys.executable, "-m", "forcebound", "node", name]
@@ -110,7 +118,10 @@ def run_directory() -> Iterator[Path]:
     """Make a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
     longest = max(
         len(endpoint(Path(), name))
-        for endpoint, names in ((topic_endpoint, tuple(TOPICS)), (control_endpoint, PROCESSES))
+        for endpoint, names in (
+            (topic_endpoint, tuple(TOPICS)),
+            (control_endpoint, (*PROCESSES, LAUNCHER)),
+        )
         for name in names
     )
     folder = tempfile.mkdtemp(prefix="forcebound-")

@@ -3,15 +3,16 @@
 import json
 import logging
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from forcebound.analysis.metrics import summarize
+from forcebound.analysis.metrics import summarize, summarize_events
 from forcebound.launch.config import GraphConfig, to_document
+from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import TelemetryColumns, read
 
 _logger = logging.getLogger(__name__)
@@ -36,6 +37,7 @@ class RunResult:
 
     columns: TelemetryColumns
     document: Mapping[str, Any]
+    events: Sequence[Event] = ()
     interrupted: bool = False  # somebody ended it before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
@@ -49,7 +51,9 @@ class RunResult:
         recording = read(path)
         if not recording.complete:
             _logger.warning("%s was cut off; what can be read of it is used", path)
-        return cls(recording.telemetry, json.loads(recording.metadata.get("launch", "{}")))
+        document = json.loads(recording.metadata.get("launch", "{}"))
+        events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
+        return cls(recording.telemetry, document, events)
 
     @property
     def label(self) -> str:
@@ -59,4 +63,8 @@ class RunResult:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The key figures; see :func:`forcebound.analysis.metrics.summarize`."""
-        return {**summarize(self.columns, self.document), "interrupted": self.interrupted}
+        return {
+            **summarize(self.columns, self.document),
+            **summarize_events(self.events),
+            "interrupted": self.interrupted,
+        }

@@ -7,7 +7,7 @@ from forcebound.errors import RunError
 from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
+from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder, TelemetryColumns
 from forcebound.simulation import Simulation
@@ -28,25 +28,36 @@ def run_virtual(
     """
     metadata = run_metadata(config)
     samples: list[Telemetry] = []
+    events: list[Event] = []
     recorder = None if record is None else Recorder(record, metadata)
 
     def observe(packet: Packet) -> None:
         if isinstance(packet, Telemetry):
             samples.append(packet)
+        elif isinstance(packet, Event):
+            events.append(packet)
         if recorder is not None:
             recorder.write(packet)
 
-    observed = (Telemetry,) if recorder is None else tuple(TOPIC_OF)
+    observed = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
 
     device = build_device(config)
     others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
-    simulation = Simulation([*others, device], build_links(config), observe, observed)
+    links = build_links(config)
+    simulation = Simulation([*others, device], links, observe, observed)
+    for node in simulation.nodes:
+        node.events.is_logged = False  # a run of a sweep, or of a second, needs no log
     device.engage()
     seconds = duration or config.duration
     began = time.perf_counter()
     try:
         with without_garbage_collection():
             simulation.run(round(seconds * 1e9))
+        for node in simulation.nodes:
+            for topic in (TOPIC_OF[packet] for packet in node.subscribes):
+                link = simulation.link(topic)
+                if link is not None:
+                    observe(node.events.tell_link(simulation.time_ns, topic, link.counts))
     finally:
         took = time.perf_counter() - began
         if recorder is not None:
@@ -54,4 +65,4 @@ def run_virtual(
     if not samples:
         raise RunError("the run ended before its first sample; ask for a longer --duration")
     columns = TelemetryColumns.from_packets(samples)
-    return RunResult(columns, to_document(config), times_real_time=seconds / took)
+    return RunResult(columns, to_document(config), events, times_real_time=seconds / took)

@@ -11,16 +11,19 @@ import logging
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from forcebound import process, realtime
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import RECORDING, RunDocument
+from forcebound.launch.live import LAUNCH_FILE, RECORDING, RunDocument, recorded_streams
 from forcebound.launch.loader import from_document, load
+from forcebound.launch.parameters import Reloader
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
 from forcebound.recording import Recorder
@@ -51,7 +54,8 @@ def run_node(
             config = load(file, arguments)
             core = realtime.choose_core(config.realtime.cores)
             record = str(run_dir / RECORDING)
-            run = RunDocument(os.getppid(), core, record, list(TOPICS), run_metadata(config))
+            streams = recorded_streams(run_dir, list(TOPICS))
+            run = RunDocument(os.getppid(), core, record, streams, run_metadata(config))
             _run(kind, config, run, run_dir, stop, engages_itself=kind == "device")
             return 0
         run = RunDocument.read(run_dir)
@@ -88,9 +92,10 @@ def _run(
         lock_memory=config.realtime.lock_memory,
         spin_ns=round(config.realtime.spin * 1e9),
     )
-    node = build_node(kind, config)
+    node = build_node(kind, config, environment_name())
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    status = process.run(node, kind, run_dir, links, settings, stop, engages_itself)
+    reloader = Reloader(config, run_dir / LAUNCH_FILE)
+    status = process.run(node, kind, run_dir, links, settings, stop, engages_itself, reloader)
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
 
@@ -98,10 +103,20 @@ def _run(
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
     offset_ns = time.time_ns() - time.monotonic_ns()
     _logger.info("recording to %s", run.record)
-    with Recorder(run.record, run.metadata, offset_ns) as recorder:
-        status = process.record(recorder, "recorder", run_dir, run.topics, run.core, stop)
+    recorder = Recorder(run.record, run.metadata, offset_ns)
+    try:
+        streams = [(topic, endpoint) for topic, endpoint in run.streams]
+        status = process.record(recorder, "recorder", run_dir, streams, run.core, stop)
+    finally:
+        with suppress(OSError):  # a full disk: it has been said, and what is there can be read
+            recorder.close()
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
+
+
+def environment_name() -> str:
+    """Return a name that no other environment process has."""
+    return f"{socket.gethostname()[:32]}/{os.getpid()}/{os.urandom(4).hex()}"
 
 
 def _has_launcher(run: RunDocument) -> bool:

@@ -16,17 +16,22 @@ from typing import Annotated, Any, Final, Literal, TypeAlias, get_type_hints
 
 from msgspec import Meta, Struct
 
-VERSION: Final = 1  # of the wire format; every packet carries it
+VERSION: Final = 2  # of the wire format; every packet carries it
 
 MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
 MAX_LENGTH = 64  # of any array or map on the wire
+MAX_NAME = 64  # characters of a name
+MAX_TEXT = 500  # characters of what is told to people
 
 Vector: TypeAlias = tuple[float, ...]
 
 # The same types with what the decoder demands of them.
 _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 _Vector: TypeAlias = Annotated[Vector, Meta(min_length=1, max_length=MAX_AXES)]
+_Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
+_Text: TypeAlias = Annotated[str, Meta(max_length=MAX_TEXT)]
+_Texts: TypeAlias = Annotated[Mapping[str, _Text], Meta(max_length=MAX_LENGTH)]
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
 
 
@@ -35,7 +40,7 @@ class _Wire(
 ):
     """What all packets share on the wire: the key ``packet``, and the version as the last key."""
 
-    version: Literal[1] = VERSION
+    version: Literal[2] = VERSION
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
@@ -59,6 +64,7 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     elapsed: float  # s, of the device state
     position: _Vector  # m
     velocity: _Vector  # m/s
+    environment: _Name | None  # whose answers the graph takes; None: of the first that answers
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
@@ -71,6 +77,7 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     query_seq: _Count
     query_time_ns: _Count
     force: _Vector  # N
+    environment: _Name  # who answers; no other process has this name
 
 
 class ForceCommand(_Wire, frozen=True, tag="force_command"):
@@ -104,7 +111,21 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     rejected: _Counts  # packets refused so far, by reason
 
 
-Packet: TypeAlias = DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry
+class Event(_Wire, frozen=True, tag="event"):
+    """What happened to a graph, now and then: a fault, a change, the beginning of a phase."""
+
+    seq: _Count
+    time_ns: _Count
+    node: _Name  # process that tells it
+    event: _Name  # what kind of thing, in one word: "environment_refused", "parameter_set"
+    is_fault: bool  # something is wrong
+    message: _Text  # for people
+    data: _Texts  # for programs, by name
+
+
+Packet: TypeAlias = (
+    DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry | Event
+)
 
 TOPICS: dict[str, type[Packet]] = {
     "device_state": DeviceState,
@@ -112,6 +133,7 @@ TOPICS: dict[str, type[Packet]] = {
     "environment_reply": EnvironmentReply,
     "force_command": ForceCommand,
     "telemetry": Telemetry,
+    "event": Event,
 }
 
 TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.items()}

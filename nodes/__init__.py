@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import ClassVar, Protocol
 
 from forcebound.messages.packets import Packet
+from forcebound.nodes.events import EventLog
 
 if __name__ != "forcebound.nodes":
     raise ImportError(f"import forcebound.nodes, not {__name__}")
@@ -21,6 +22,7 @@ class Node(Protocol):
     subscribes: ClassVar[tuple[type[Packet], ...]]
     publishes: ClassVar[tuple[type[Packet], ...]]
     wakes_on_arrival: ClassVar[bool]  # False: what arrives waits for the node's own time
+    events: EventLog  # of its process: the runner tells by it, too
 
     @property
     def wake_ns(self) -> int | None:

@@ -1,4 +1,10 @@
-"""The controller node: connects the device with the environment, at its own pace."""
+"""The controller node: connects the device with the environment, at its own pace.
+
+One environment serves a graph at a time. The first one that answers gets the *lease*: every query
+names it, and answers of others are refused. The lease ends when its holder has been silent for
+longer than ``lease_ns``, which is longer than the age limit of a force: so the force is zero
+between two environments, and returns over the engage ramp.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,10 +14,12 @@ from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
+    Event,
     ForceCommand,
     Packet,
     Vector,
 )
+from forcebound.nodes.events import EventLog
 
 
 class Controller(Protocol):
@@ -34,26 +42,55 @@ class DirectController:
 CONTROLLERS: dict[str, type[Controller]] = {"direct": DirectController}
 
 
+LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
+TELL_INTERVAL_NS = 1_000_000_000  # between two events about refused environments
+
+
 class ControllerNode:
-    """Asks the environment about each device state and commands what it answers."""
+    """Asks the environment about each device state and commands what it answers.
+
+    Args:
+        controller: What it commands.
+        lease_ns: Silence after which another environment may serve, in ns.
+
+    Attributes:
+        events: What it tells.
+        environment: Name of the environment that serves; None: the first that answers will.
+        rejected: Answers refused so far, by reason.
+    """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, EnvironmentReply)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand, Event)
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: ClassVar[None] = None
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, lease_ns: int = LEASE_NS) -> None:
         self._controller = controller
+        self._lease_ns = lease_ns
         self._queries = 0
         self._commands = 0
+        self._heard_ns = 0
+        self._told_ns: int | None = None
+        self.events = EventLog("controller")
+        self.environment: str | None = None
+        self.rejected: dict[str, int] = {}
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet with one; see :class:`forcebound.nodes.Node`."""
         packets: list[Packet] = []
+        if self.environment is not None and time_ns - self._heard_ns > self._lease_ns:
+            packets.append(self._lost(time_ns))
         for packet in received:
             if type(packet) is DeviceState:
                 packets.append(self._query(packet, time_ns))
             elif type(packet) is EnvironmentReply:
+                if packet.environment == self.environment:
+                    self._heard_ns = time_ns
+                elif self.environment is None:
+                    packets.append(self._take(packet.environment, time_ns))
+                else:
+                    packets += self._refuse(packet.environment, time_ns)
+                    continue
                 packets.append(self._command(packet, time_ns))
         return packets
 
@@ -61,7 +98,14 @@ class ControllerNode:
         seq = self._queries
         self._queries += 1
         return EnvironmentQuery(
-            seq, time_ns, state.seq, state.time_ns, state.elapsed, state.position, state.velocity
+            seq,
+            time_ns,
+            state.seq,
+            state.time_ns,
+            state.elapsed,
+            state.position,
+            state.velocity,
+            self.environment,
         )
 
     def _command(self, reply: EnvironmentReply, time_ns: int) -> ForceCommand:
@@ -69,3 +113,35 @@ class ControllerNode:
         self._commands += 1
         force = self._controller.command(reply)
         return ForceCommand(seq, time_ns, reply.device_seq, reply.device_time_ns, force)
+
+    def _take(self, environment: str, time_ns: int) -> Event:
+        self.environment = environment
+        self._heard_ns = time_ns
+        message = f"environment {environment} serves now"
+        return self.events.tell(
+            time_ns, "environment_serves", message, {"environment": environment}
+        )
+
+    def _lost(self, time_ns: int) -> Event:
+        environment, self.environment = self.environment or "", None
+        silence = (time_ns - self._heard_ns) * 1e-9
+        message = (
+            f"environment {environment} has been silent for {silence:.1f} s; "
+            "the next that answers will serve"
+        )
+        return self.events.tell(
+            time_ns, "environment_lost", message, {"environment": environment}, is_fault=True
+        )
+
+    def _refuse(self, environment: str, time_ns: int) -> list[Packet]:
+        """Count an answer of an environment that does not serve; tell it now and then."""
+        self.rejected["second_environment"] = self.rejected.get("second_environment", 0) + 1
+        if self._told_ns is not None and time_ns - self._told_ns < TELL_INTERVAL_NS:
+            return []
+        self._told_ns = time_ns
+        message = f"refused environment {environment}: {self.environment} serves this graph"
+        return [
+            self.events.tell(
+                time_ns, "environment_refused", message, {"environment": environment}, is_fault=True
+            )
+        ]

@@ -17,7 +17,15 @@ from typing import ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
-from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry, Vector
+from forcebound.messages.packets import (
+    DeviceState,
+    Event,
+    ForceCommand,
+    Packet,
+    Telemetry,
+    Vector,
+)
+from forcebound.nodes.events import EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
 
@@ -104,7 +112,7 @@ class DeviceNode:
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
 
     def __init__(self, device: Device, dissipation: Dissipation, servo: ServoSettings) -> None:
@@ -132,7 +140,9 @@ class DeviceNode:
         self._position = self._zero
         self._velocity = self._zero
         self._read_ns = 0
+        self._is_answered = False
         self.deadline_misses = 0
+        self.events = EventLog("device")
 
     @property
     def wake_ns(self) -> int:
@@ -170,7 +180,10 @@ class DeviceNode:
         if time_ns < self._wake_ns:
             return []
         if self._writes_next:
-            return [self._write(time_ns)]
+            packets: list[Packet] = [self._write(time_ns)]
+            if self.is_engaged and self._is_answered != (self._chain.answered_tick is not None):
+                packets.append(self._tell(time_ns))
+            return packets
         return [self._sample(time_ns)]
 
     def _sample(self, time_ns: int) -> DeviceState:
@@ -232,6 +245,15 @@ class DeviceNode:
         self._tick += 1
         self._wake_ns = self._start_ns + self._tick * self._period_ns
         return telemetry
+
+    def _tell(self, time_ns: int) -> Event:
+        """Say that the force is gone, or comes."""
+        self._is_answered = not self._is_answered
+        if self._is_answered:
+            return self.events.tell(time_ns, "force_engages", "answers come: force over the ramp")
+        limit = self._servo.age_limit * 1e3
+        message = f"no answer younger than the age limit of {limit:g} ms: zero force"
+        return self.events.tell(time_ns, "force_released", message, is_fault=True)
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

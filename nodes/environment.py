@@ -3,6 +3,10 @@
 While an answer is computed nothing else is answered, as in a real computation: throughput falls. A
 query that comes meanwhile waits, and only the newest waits. The injected ``compute_delay`` comes
 on top of what the environment's own code needs.
+
+A query names the environment whose answers the graph takes. If that is another one, this one is
+refused: it says so, and keeps quiet until the graph wants it, but for an answer now and then, by
+which the graph sees whom it refuses.
 """
 
 import logging
@@ -10,25 +14,46 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from forcebound.environments import Environment
-from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Packet, Vector
+from forcebound.messages.packets import (
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    Packet,
+    Vector,
+)
+from forcebound.nodes.events import EventLog
+
+KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
 
 _logger = logging.getLogger(__name__)
 
 
 class EnvironmentNode:
-    """Answers the newest query, one at a time, each after ``compute_delay``."""
+    """Answers the newest query, one at a time, each after ``compute_delay``.
+
+    Args:
+        environment: What computes the force.
+        compute_delay_ns: Injected time of a computation, in ns.
+        name: Of this environment in the graph; no other one has it.
+    """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply,)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Event)
     wakes_on_arrival: ClassVar[bool] = True
 
-    def __init__(self, environment: Environment, compute_delay_ns: int = 0) -> None:
+    def __init__(
+        self, environment: Environment, compute_delay_ns: int = 0, name: str = "environment"
+    ) -> None:
         self._environment = environment
         self._compute_delay_ns = compute_delay_ns
         self._answering: tuple[EnvironmentQuery, Vector] | None = None
         self._waiting: EnvironmentQuery | None = None
         self._done_ns = 0
         self._seq = 0
+        self._refused_for: str | None = None  # who serves instead
+        self._knocked_ns = 0
+        self.events = EventLog("environment")
+        self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
 
     @property
@@ -36,12 +61,21 @@ class EnvironmentNode:
         """When the answer in work is ready, in ns; None while there is none."""
         return None if self._answering is None else self._done_ns
 
+    def change(self, environment: Environment, compute_delay_ns: int) -> None:
+        """Answer from the next query on as another environment, or in another time (ns)."""
+        self._environment = environment
+        self._compute_delay_ns = compute_delay_ns
+
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
+        replies: list[Packet] = []
         for packet in received:
             if type(packet) is EnvironmentQuery:
+                if packet.environment is None or packet.environment == self.name:
+                    self._refused_for = None
+                elif not self._knocks(packet.environment, time_ns, replies):
+                    continue
                 self._waiting = packet
-        replies: list[Packet] = []
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -49,6 +83,10 @@ class EnvironmentNode:
             query, self._waiting = self._waiting, None
             force = self._force(query)
             if force is None:
+                if self.faults == 1:
+                    message = "the environment failed to answer: its log says why"
+                    event = "environment_failed"
+                    replies.append(self.events.tell(time_ns, event, message, is_fault=True))
                 return replies
             if self._compute_delay_ns == 0:
                 replies.append(self._reply(query, force, time_ns))
@@ -56,6 +94,27 @@ class EnvironmentNode:
                 self._answering = (query, force)
                 self._done_ns = time_ns + self._compute_delay_ns
         return replies
+
+    def _knocks(self, serving: str, time_ns: int, packets: list[Packet]) -> bool:
+        """Whether to answer a query that is meant for another environment; say it at first."""
+        if serving != self._refused_for:
+            if self._refused_for is None:
+                self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
+            self._refused_for = serving
+            message = f"not serving: {serving} serves this graph; waiting until it leaves"
+            packets.append(
+                self.events.tell(
+                    time_ns,
+                    "environment_refused",
+                    message,
+                    {"environment": self.name},
+                    is_fault=True,
+                )
+            )
+        if time_ns - self._knocked_ns < KNOCK_INTERVAL_NS:
+            return False
+        self._knocked_ns = time_ns
+        return True
 
     def _force(self, query: EnvironmentQuery) -> Vector | None:
         # Whatever a user's environment does wrong must end in silence, which the device answers
@@ -73,5 +132,12 @@ class EnvironmentNode:
         seq = self._seq
         self._seq += 1
         return EnvironmentReply(
-            seq, time_ns, query.device_seq, query.device_time_ns, query.seq, query.time_ns, force
+            seq,
+            time_ns,
+            query.device_seq,
+            query.device_time_ns,
+            query.seq,
+            query.time_ns,
+            force,
+            self.name,
         )

@@ -19,12 +19,14 @@ from forcebound.messages.codec import MAX_BYTES, decode, encode
 from forcebound.messages.packets import (
     MAX_AXES,
     MAX_COUNT,
+    MAX_NAME,
     TOPIC_OF,
     TOPICS,
     VERSION,
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
+    Event,
     ForceCommand,
     Packet,
     Telemetry,
@@ -52,6 +54,7 @@ QUERY = EnvironmentQuery(
     elapsed=0.5,
     position=(0.0125, -0.002),
     velocity=(0.25, 0.0),
+    environment=None,
 )
 REPLY = EnvironmentReply(
     seq=41,
@@ -61,6 +64,7 @@ REPLY = EnvironmentReply(
     query_seq=300,
     query_time_ns=123456789112345,
     force=(25.0, 0.0),
+    environment="wall-7f3a",
 )
 COMMAND = ForceCommand(
     seq=70000, time_ns=123456789312345, device_seq=7, device_time_ns=TICK_NS, force=(25.0,)
@@ -83,6 +87,15 @@ TELEMETRY = Telemetry(
     deadline_misses=0,
     rejected={"not_finite": 1},
 )
+EVENT = Event(
+    seq=2,
+    time_ns=123456789512345,
+    node="controller",
+    event="environment_serves",
+    is_fault=False,
+    message="environment wall-7f3a serves now",
+    data={"environment": "wall-7f3a"},
+)
 SIMULATED_TELEMETRY = replace(TELEMETRY, true_energy=0.1, true_position=(0.1,), hand_force=(0.1,))
 GOLDEN: dict[str, Packet] = {
     "device_state": STATE,
@@ -90,11 +103,13 @@ GOLDEN: dict[str, Packet] = {
     "environment_reply": REPLY,
     "force_command": COMMAND,
     "telemetry": TELEMETRY,
+    "event": EVENT,
 }
 REASONS = ("malformed", "version", "keys", "value")
 
 numbers = st.floats()
 counts = st.integers(0, MAX_COUNT)
+names = st.text(min_size=1, max_size=MAX_NAME)
 
 
 @st.composite
@@ -110,6 +125,10 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         int | None: st.none() | counts,
         float | None: st.none() | numbers,
         Vector | None: st.none() | vectors,
+        str: names,
+        bool: st.booleans(),
+        str | None: st.none() | names,
+        Mapping[str, str]: st.dictionaries(st.text(max_size=20), st.text(max_size=40), max_size=16),
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
     }
     return kind(**{name: draw(strategies[hint]) for name, hint in field_types(kind).items()})
@@ -371,7 +390,7 @@ def test_another_version_is_refused_as_such(packet: Packet, version: object) -> 
 
 
 def test_another_version_may_have_other_keys() -> None:
-    assert refused_map({"version": 2, "name": "state"}).reason == "version"
+    assert refused_map({"version": VERSION + 1, "name": "state"}).reason == "version"
 
 
 def test_every_key_is_needed(packet: Packet) -> None:
@@ -444,6 +463,9 @@ UNFIT: dict[Any, list[object]] = {
         {},
         {"x": 0.0},
     ],
+    bool: [0, 1, 1.0, "true", b"", [], {}],
+    str: ["x" * 501, 0, b"name", ["name"], {}],
+    Mapping[str, str]: [[], 0, "age", {"age": 1}, {"age": b"1"}, {"age": "x" * 501}],
     Mapping[str, int]: [[], 0, "age", {"age": -1}, {"age": True}, {"age": 0.5}, {"age": None}],
 }
 

@@ -461,7 +461,7 @@ def test_one_absurd_packet_does_not_silence_the_stream() -> None:
 def test_it_takes_every_packet_of_the_graph() -> None:
     zero = (0.0,)
     state = DeviceState(1, 2, 0.0, zero, zero, zero)
-    reply = EnvironmentReply(1, 2, 3, 4, 5, 6, zero)
+    reply = EnvironmentReply(1, 2, 3, 4, 5, 6, zero, "e")
     command = ForceCommand(1, 2, 3, 4, zero)
     telemetry = Telemetry(
         1, 2, 0.0, zero, zero, zero, 0.0, 0.0, None, None, None, 0.0, None, None, 0, {}

@@ -1,5 +1,6 @@
 """What each node decides, fed by hand."""
 
+import dataclasses
 import logging
 import math
 
@@ -8,10 +9,13 @@ from fakes import MS, answer, device_node
 from msgspec.structs import replace
 
 from forcebound.environments.wall import Wall
+from forcebound.launch.build import lease_ns
+from forcebound.launch.loader import load
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
     EnvironmentReply,
+    Event,
     ForceCommand,
     Packet,
     Telemetry,
@@ -29,7 +33,8 @@ def sample(node: DeviceNode, time_ns: int) -> DeviceState:
 
 
 def write(node: DeviceNode, time_ns: int, *received: Packet) -> Telemetry:
-    (packet,) = node.step(time_ns, received)
+    packet, *events = node.step(time_ns, received)
+    assert {type(event) for event in events} <= {Event}
     assert isinstance(packet, Telemetry)
     return packet
 
@@ -239,7 +244,7 @@ def test_settings_without_meaning_are_refused(setting: str, value: float) -> Non
 
 
 def test_every_controller_answers_a_reply_with_one_finite_force_per_axis() -> None:
-    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0, -2.0))
+    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0, -2.0), "e")
     for controller in CONTROLLERS.values():
         assert len(controller().command(reply)) == 2
 
@@ -248,18 +253,96 @@ def test_the_controller_asks_about_each_state_and_commands_each_answer_with_its_
     node = ControllerNode(DirectController())
     state = DeviceState(41, 1000, 0.5, (0.01,), (0.2,), (0.0,))
     (query,) = node.step(1500, [state])
-    assert query == EnvironmentQuery(0, 1500, 41, 1000, 0.5, (0.01,), (0.2,))
-    reply = EnvironmentReply(7, 1700, 41, 1000, 0, 1500, (3.0,))
-    (command,) = node.step(1800, [reply])
+    assert query == EnvironmentQuery(0, 1500, 41, 1000, 0.5, (0.01,), (0.2,), None)
+    reply = EnvironmentReply(7, 1700, 41, 1000, 0, 1500, (3.0,), "e")
+    event, command = node.step(1800, [reply])
+    assert isinstance(event, Event)
+    assert (event.event, event.data) == ("environment_serves", {"environment": "e"})
     assert command == ForceCommand(0, 1800, 41, 1000, (3.0,))
     assert node.step(1900, [command]) == []
+
+
+def reply_of(name: str, query: EnvironmentQuery) -> EnvironmentReply:
+    """What an environment with this name answers."""
+    echo = (query.device_seq, query.device_time_ns, query.seq, query.time_ns)
+    return EnvironmentReply(query.seq, query.time_ns, *echo, (1.0,), name)
+
+
+def ask(node: ControllerNode, time_ns: int) -> EnvironmentQuery:
+    """The query that a controller makes at a time."""
+    tick = time_ns // MS
+    state = DeviceState(tick, time_ns, 0.5, (0.01,), (0.2,), (0.0,))
+    queries = [p for p in node.step(time_ns, [state]) if isinstance(p, EnvironmentQuery)]
+    (query,) = queries
+    return query
+
+
+def test_the_first_environment_that_answers_serves_and_another_one_is_refused() -> None:
+    node = ControllerNode(DirectController(), lease_ns=1000 * MS)
+    first = ask(node, 0)
+    assert first.environment is None
+    node.step(1 * MS, [reply_of("one", first)])
+    query = ask(node, 2 * MS)
+    assert query.environment == "one"
+    (event,) = node.step(3 * MS, [reply_of("two", query)])
+    assert isinstance(event, Event)
+    assert (event.event, event.is_fault) == ("environment_refused", True)
+    assert "two" in event.message
+    assert "one" in event.message
+    assert node.step(4 * MS, [reply_of("two", query)]) == []  # told once a second, counted always
+    assert node.rejected == {"second_environment": 2}
+
+
+def test_another_environment_serves_once_the_one_that_did_has_been_silent() -> None:
+    node = ControllerNode(DirectController(), lease_ns=1000 * MS)
+    node.step(1 * MS, [reply_of("one", ask(node, 0))])
+    assert ask(node, 1001 * MS).environment == "one"
+    lost, query = node.step(1002 * MS, [DeviceState(2, 1002 * MS, 0.0, (0.0,), (0.0,), (0.0,))])
+    assert isinstance(lost, Event)
+    assert isinstance(query, EnvironmentQuery)
+    assert lost.event == "environment_lost"
+    assert query.environment is None
+    _, command = node.step(1003 * MS, [reply_of("two", query)])
+    assert isinstance(command, ForceCommand)
+    assert node.environment == "two"
+
+
+def test_the_lease_outlasts_the_age_limit_so_that_the_force_is_zero_between_environments() -> None:
+    config = load("stiff_wall.yaml")
+    servo = dataclasses.replace(config.device.servo, age_limit=3.0)
+    device = dataclasses.replace(config.device, servo=servo)
+    assert lease_ns(dataclasses.replace(config, device=device)) >= 6_000 * MS
+    assert lease_ns(config) > 1e9 * config.device.servo.age_limit
 
 
 # The environment node
 
 
+def test_an_environment_that_does_not_serve_says_so_and_answers_once_a_second() -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    answers = 0
+    events = []
+    for tick in range(2500):
+        asked = replace(query(tick), environment="one")
+        packets = node.step(tick * MS, [asked])
+        answers += sum(isinstance(p, EnvironmentReply) for p in packets)
+        events += [p for p in packets if isinstance(p, Event)]
+    assert answers == 3
+    assert [event.event for event in events] == ["environment_refused"]
+    assert "one" in events[0].message
+
+
+@pytest.mark.parametrize("serving", [None, "two"])
+def test_an_environment_answers_when_nobody_serves_or_it_does(serving: str | None) -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    node.step(0, [replace(query(0), environment="one")])
+    (reply,) = node.step(1, [replace(query(1), environment=serving)])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.environment == "two"
+
+
 def query(seq: int, position: float = 0.011) -> EnvironmentQuery:
-    return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,))
+    return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,), None)
 
 
 def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
@@ -267,7 +350,7 @@ def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
     (reply,) = node.step(5 * MS, [query(3)])
     assert isinstance(reply, EnvironmentReply)
     assert reply.force == pytest.approx((1.0,))
-    assert reply == EnvironmentReply(0, 5 * MS, 3, 3 * MS, 3, 3 * MS, reply.force)
+    assert reply == EnvironmentReply(0, 5 * MS, 3, 3 * MS, 3, 3 * MS, reply.force, "environment")
     assert node.wake_ns is None
 
 
@@ -299,7 +382,9 @@ def test_an_environment_that_raises_is_silent_and_counted(
 ) -> None:
     node = EnvironmentNode(Broken())
     with caplog.at_level(logging.ERROR):
-        assert node.step(0, [query(0)]) == []
+        (event,) = node.step(0, [query(0)])
+        assert isinstance(event, Event)
+        assert (event.event, event.is_fault) == ("environment_failed", True)
         assert node.step(1, [query(1)]) == []
     assert node.faults == 2
     assert len(caplog.records) == 1

@@ -28,6 +28,7 @@ from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
 
 PATIENCE = 10.0  # s; a test that waits longer fails
@@ -41,6 +42,7 @@ class ListeningNode:
     wakes_on_arrival: ClassVar[bool] = True
 
     def __init__(self) -> None:
+        self.events = EventLog("environment")
         self.heard: list[Packet] = []
         self.wake_ns: int | None = None
         self.steps: list[int] = []
@@ -60,6 +62,7 @@ class BrokenServo:
     wake_ns: ClassVar[int] = 0
 
     def __init__(self) -> None:
+        self.events = EventLog("device")
         self.stopped_ns: int | None = None
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
@@ -113,7 +116,7 @@ def until(happened: Callable[[], bool], what: str) -> None:
 
 
 def query(seq: int, time_ns: int = 0) -> EnvironmentQuery:
-    return EnvironmentQuery(seq, time_ns or seq * MS, seq, seq * MS, 0.0, (0.0,), (0.0,))
+    return EnvironmentQuery(seq, time_ns or seq * MS, seq, seq * MS, 0.0, (0.0,), (0.0,), None)
 
 
 def runner(
@@ -172,7 +175,7 @@ def test_refused_bytes_are_counted_by_reason_and_the_servo_is_told(
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x01", b"\xa7version\x63")
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x02", b"\xa7version\x63")
     for junk, reason in ((b"junk", "malformed"), (old, "version"), (encode(query(1)), "keys")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
@@ -213,7 +216,7 @@ def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None
     def lost() -> bool:
         sender.send(query(1))
         listening.turn(MS)
-        return bool(listening.status()["lost"]["environment_query"])
+        return bool(listening.status()["links"]["environment_query"]["lost"])
 
     until(lost, "a loss")
     assert node.heard == []
@@ -366,7 +369,7 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
 
     def both() -> bool:
         states.send(DeviceState(3, 3, 0.0, (0.1,), (0.0,), (0.0,)))
-        replies.send(EnvironmentReply(0, 4, 3, 3, 0, 4, (1.0,)))
+        replies.send(EnvironmentReply(0, 4, 3, 3, 0, 4, (1.0,), "e"))
         controller.turn(5)
         heard["query"] += queries.receive()
         heard["command"] += commands.receive()
@@ -408,7 +411,8 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
         real_wait = sockets.wait
         monkeypatch.setattr(sockets, "wait", send_now)
         topics = ["environment_query", "telemetry"]
-        status = process.record(sink, "recorder", run_dir, topics, None, stop)
+        streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics]
+        status = process.record(sink, "recorder", run_dir, streams, None, stop)
     assert set(map(type, sink.packets)) == {EnvironmentQuery}
     assert status["received"] == {"environment_query": len(sink.packets), "telemetry": 0}
     assert status["waiting_for"] == ["telemetry"]

@@ -30,6 +30,7 @@ from forcebound.messages.packets import (
     Telemetry,
     field_types,
 )
+from forcebound.nodes.events import EventLog
 from forcebound.recording import DESCRIPTIONS, Recorder, Recording, TelemetryColumns, read, schema
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
@@ -65,11 +66,12 @@ def packets(ticks: int = 5) -> list[Packet]:
         echo = (tick, time_ns)
         result += [
             DeviceState(tick, time_ns, 1e-3 * tick, (0.1,), (-0.2,), (0.0,)),
-            EnvironmentQuery(tick, time_ns + 1, *echo, 1e-3 * tick, (0.1,), (-0.2,)),
-            EnvironmentReply(tick, time_ns + 2, *echo, tick, time_ns + 1, (1.5,)),
+            EnvironmentQuery(tick, time_ns + 1, *echo, 1e-3 * tick, (0.1,), (-0.2,), None),
+            EnvironmentReply(tick, time_ns + 2, *echo, tick, time_ns + 1, (1.5,), "e"),
             ForceCommand(tick, time_ns + 3, *echo, (1.5,)),
             telemetry(tick),
         ]
+    result.append(EventLog("device").tell(7, "force_engages", "answers come", {"name": "value"}))
     return result
 
 
@@ -177,7 +179,7 @@ def test_a_schema_describes_every_field_with_one_plain_type(kind: type[Packet]) 
     assert list(properties) == list(field_types(kind))
     for name, field in properties.items():
         # Foxglove refuses lists of types, and objects without "properties".
-        assert field["type"] in ("integer", "number", "array", "object")
+        assert field["type"] in ("integer", "number", "string", "boolean", "array", "object")
         assert field["description"] == DESCRIPTIONS[name]
         assert field["type"] != "object" or field["properties"] == {}
 

@@ -6,7 +6,8 @@ environment's surface. A result that the run or the launch file does not define 
 NaN, so that a summary is always valid JSON.
 """
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import LINK_COUNTED
 from forcebound.recording import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -333,6 +336,24 @@ def _delays(delays: Floats) -> dict[str, float | None]:
     }
 
 
+def summarize_events(events: Sequence[Event]) -> dict[str, Any]:
+    """Return what a run's events add to its results, ready for JSON.
+
+    Returns:
+        * ``faults``: how often each kind of fault was told
+        * ``links``: by topic of an impaired link, how many packets had which fate
+    """
+    faults = Counter(event.event for event in events if event.is_fault)
+    links: dict[str, dict[str, int]] = {}
+    for event in events:
+        if event.event == LINK_COUNTED:  # a process that was started anew counted anew
+            counts = links.setdefault(event.data["link"], {})
+            for fate, count in event.data.items():
+                if fate != "link":
+                    counts[fate] = counts.get(fate, 0) + int(count)
+    return {"faults": dict(sorted(faults.items())), "links": links}
+
+
 def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return a summary as rows of label and value in everyday units (N/mm, mm, mJ, ms).
 
@@ -346,6 +367,12 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     delays = summary["loop_delay_ms"]
     delay = "/".join(_quantity(delays[key], "", 1.0, 2) for key in ("p50", "p99", "max"))
     rejected = [f"{count} {why}" for why, count in summary["rejected_packets"].items() if count]
+    faults = [f"{count} {kind}" for kind, count in summary.get("faults", {}).items()]
+    lost = [
+        f"{counts['lost'] + counts['corrupted']} of {counts['sent']} {topic}"
+        for topic, counts in summary.get("links", {}).items()
+        if counts["lost"] + counts["corrupted"]
+    ]
     return [
         ("law", summary["law"] or UNDEFINED),
         ("duration", show("duration_s", "s")),
@@ -364,6 +391,8 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("loop delay p50/p99/max", UNDEFINED if delays["p50"] is None else f"{delay} ms"),
         ("deadline misses", show("deadline_misses", "", digits=0)),
         ("rejected packets", ", ".join(rejected) or "0"),
+        ("lost or damaged", ", ".join(lost) or "0"),
+        ("faults", ", ".join(faults) or "0"),
     ]
 
 

@@ -43,8 +43,8 @@ _SPIN_NS = Settings().spin_ns
 _NOW, _BIG = 2**60 + 1, 10**6  # as long on the wire as a real stamp and sequence number
 PACKETS: tuple[Packet, ...] = (
     DeviceState(_BIG, _NOW, 1.5, (0.012,), (0.1,), (1.5,)),
-    EnvironmentQuery(_BIG, _NOW, _BIG, _NOW, 1.5, (0.012,), (0.1,)),
-    EnvironmentReply(_BIG, _NOW, _BIG, _NOW, _BIG, _NOW, (1.5,)),
+    EnvironmentQuery(_BIG, _NOW, _BIG, _NOW, 1.5, (0.012,), (0.1,), "e"),
+    EnvironmentReply(_BIG, _NOW, _BIG, _NOW, _BIG, _NOW, (1.5,), "e"),
     ForceCommand(_BIG, _NOW, _BIG, _NOW, (1.5,)),
 )
 

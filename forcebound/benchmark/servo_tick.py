@@ -24,6 +24,7 @@ from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
+from forcebound.nodes.events import EventLog
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
@@ -38,6 +39,7 @@ class AnswerNode:
     wake_ns: ClassVar[None] = None
 
     def __init__(self) -> None:
+        self.events = EventLog("controller")
         self._wall = Wall()
         self._seq = 0
 

@@ -159,6 +159,19 @@ class Link(Generic[PacketT]):
         self._ahead = sorted(entry[0] for entry in self._queue)  # a sorted list is a heap
 
     @property
+    def counts(self) -> dict[str, int]:
+        """How many packets had which fate."""
+        return {
+            "sent": self.sent,
+            "duplicated": self.duplicated,
+            "lost": self.lost,
+            "corrupted": self.corrupted,
+            "delivered": self.delivered,
+            "superseded": self.superseded,
+            "queued": self.queued,
+        }
+
+    @property
     def has_rate(self) -> bool:
         """Whether the size of a packet matters."""
         return self._impairment.rate > 0.0

@@ -142,6 +142,10 @@ class Subscriber:
         """Whether a packet is there."""
         return bool(_events(self._socket) & _POLLIN)
 
+    def close(self) -> None:
+        """Receive no more."""
+        self._socket.close()
+
     def receive(self) -> list[bytes]:
         """Return what has arrived, oldest first; at most one packet if only the newest counts."""
         return self.receive_ready() if self.pending() else []
@@ -238,6 +242,11 @@ class Network:
         """Open one stream in; see :func:`make_socket` for errors."""
         socket = self._open(zmq.SUB, endpoint, bind=bind, newest_only=newest_only)
         return Subscriber(socket, newest_only)
+
+    def forget(self, subscriber: Subscriber) -> None:
+        """Close one stream in, before the others."""
+        subscriber.close()
+        self._sockets = [socket for socket in self._sockets if not socket.closed]
 
     def control_server(self, endpoint: str) -> ControlServer:
         """Open the place where this process answers requests."""

@@ -1,0 +1,63 @@
+"""What a process tells of itself: to its own log, and as packets that are recorded."""
+
+import logging
+from collections.abc import Mapping
+
+from forcebound.messages.packets import MAX_TEXT, Event
+
+LINK_COUNTED = "link_counted"  # kind of event: how many packets of a link had which fate
+
+
+class EventLog:
+    """Makes the events of one process and counts them; it writes each to the log, too.
+
+    Args:
+        node: Name of the process.
+
+    Attributes:
+        is_logged: Whether events are also written to the log.
+    """
+
+    def __init__(self, node: str) -> None:
+        self.node = node
+        self.is_logged = True
+        self._logger = logging.getLogger(f"forcebound.nodes.{node}")
+        self._seq = 0
+
+    def tell(
+        self,
+        time_ns: int,
+        event: str,
+        message: str,
+        data: Mapping[str, str] | None = None,
+        *,
+        is_fault: bool = False,
+    ) -> Event:
+        """Return the next event.
+
+        Args:
+            time_ns: Now, on the process's monotonic clock, in ns.
+            event: What kind, in one word.
+            message: For people.
+            data: For programs.
+            is_fault: Whether something is wrong: then it is a warning.
+        """
+        if self.is_logged:
+            self._logger.log(logging.WARNING if is_fault else logging.INFO, "%s", message)
+        seq = self._seq
+        self._seq += 1
+        return Event(
+            seq=seq,
+            time_ns=time_ns,
+            node=self.node,
+            event=event,
+            is_fault=is_fault,
+            message=message[:MAX_TEXT],
+            data={name: text[:MAX_TEXT] for name, text in (data or {}).items()},
+        )
+
+    def tell_link(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
+        """Return an event that says how many packets had which fate on the link of a topic."""
+        told = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
+        data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
+        return self.tell(time_ns, LINK_COUNTED, f"{topic}: {told or 'nothing'}", data)
