@@ -31,6 +31,11 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
     raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
 
 
+def change_environment(node: EnvironmentNode, config: GraphConfig) -> None:
+    """Answer from the next query on with another environment, or in another time."""
+    node.change(config.environment.model, round(config.environment.compute_delay * 1e9))
+
+
 def lease_ns(config: GraphConfig) -> int:
     """Return the silence after which another environment may serve, in ns."""
     return max(LEASE_NS, round(2e9 * config.device.servo.age_limit))

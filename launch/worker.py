@@ -20,10 +20,10 @@ from pathlib import Path
 from forcebound import process, realtime
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_links, build_node
+from forcebound.launch.changes import Reloader
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import LAUNCH_FILE, RECORDING, RunDocument, recorded_streams
 from forcebound.launch.loader import from_document, load
-from forcebound.launch.parameters import Reloader
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
 from forcebound.recording import Recorder
