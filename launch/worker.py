@@ -12,6 +12,7 @@ import os
 import shutil
 import signal
 import socket
+import stat
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -47,11 +48,13 @@ def run_node(
         arguments: Of a launch file that is run by hand.
 
     Raises:
-        ConfigError: If the launch file is wrong or an endpoint is in use.
+        ConfigError: If the launch file is wrong, others may enter the run directory, or an endpoint
+            is in use.
     """
     with process.Stop() as stop:
         if not supervised:
             config = load(file, arguments)
+            check_run_directory(run_dir)
             core = realtime.choose_core(config.realtime.cores)
             record = str(run_dir / RECORDING)
             streams = recorded_streams(run_dir, list(TOPICS))
@@ -73,6 +76,23 @@ def run_node(
             if not _has_launcher(run):
                 shutil.rmtree(run_dir, ignore_errors=True)
         return 0
+
+
+def check_run_directory(run_dir: Path) -> None:
+    """Refuse a run directory that others may enter: its sockets have no other lock.
+
+    Raises:
+        ConfigError: If it is another user's, or open to others.
+    """
+    status = run_dir.stat()
+    if status.st_uid != os.geteuid():
+        raise ConfigError(f"the run directory {run_dir} belongs to another user: mkdir -m 700 one")
+    if status.st_mode & 0o077:
+        mode = stat.S_IMODE(status.st_mode)
+        raise ConfigError(
+            f"others may enter the run directory {run_dir} (mode {mode:04o}) and command forces: "
+            f"chmod 700 {run_dir}"
+        )
 
 
 def _run(

@@ -1,6 +1,7 @@
 """The command line as a person uses it: results, messages, exit status."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -146,3 +147,37 @@ def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     result = invoke("plot", str(file))
     assert result.exit_code == 2
     assert "run.mcap" in result.stderr
+
+
+def test_keys_are_made_listed_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCEBOUND_KEYS", str(tmp_path / "keys"))
+    assert "no keys in" in invoke("keys", "list").stderr
+    made = json.loads(invoke("keys", "new", "lab", "--json").stdout)
+    assert invoke("keys", "show", "lab").stdout.strip() == made["public"]
+    assert json.loads(invoke("keys", "show", "lab", "--json").stdout)["public"] == made["public"]
+    assert made["public"] in invoke("keys", "new", "other").stdout + invoke("keys", "list").stdout
+    (first, second) = json.loads(invoke("keys", "list", "--json").stdout)
+    assert (first["name"], second["name"]) == ("lab", "other")
+    secret = (tmp_path / "keys" / "lab.key_secret").read_text().split('"')[-2]
+    for words in (("list",), ("list", "--json"), ("show", "lab")):
+        assert secret not in invoke("keys", *words).output
+    again = invoke("keys", "new", "lab")
+    assert again.exit_code == 2
+    assert "not overwritten" in again.stderr
+    assert invoke("keys", "show", "nobody").exit_code == 2
+
+
+@pytest.mark.parametrize("mode", [0o750, 0o701, 0o777])
+def test_a_node_refuses_a_run_directory_that_others_may_enter(tmp_path: Path, mode: int) -> None:
+    tmp_path.chmod(mode)
+    result = invoke("node", "environment", "stiff_wall.yaml", "--run-dir", str(tmp_path))
+    assert result.exit_code == 2
+    assert f"chmod 700 {tmp_path}" in result.stderr
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give folders away")
+def test_a_node_refuses_a_run_directory_of_another_user(tmp_path: Path) -> None:
+    os.chown(tmp_path, 12345, -1)
+    result = invoke("node", "environment", "stiff_wall.yaml", "--run-dir", str(tmp_path))
+    assert result.exit_code == 2
+    assert "belongs to another user" in result.stderr

@@ -13,7 +13,8 @@ import zmq
 
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
-from forcebound.network.sockets import ControlClient, Network, Publisher, Subscriber
+from forcebound.network.control import ControlClient
+from forcebound.network.sockets import Network, Publisher, Subscriber
 
 PATIENCE = 10.0  # s; a test that waits longer fails
 

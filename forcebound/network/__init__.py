@@ -1,6 +1,8 @@
 """How packets get from node to node: what a bad network does to them, and the sockets.
 
 :mod:`forcebound.network.link` is a pure model of a bad network, used by both runners on the
-receiving side. :mod:`forcebound.network.sockets` is the only module that imports ``zmq``. Neither
-knows what a packet means: a link needs its stamps, a socket its bytes.
+receiving side. :mod:`forcebound.network.sockets` opens every socket, and only this room imports
+``zmq``. :mod:`forcebound.network.remote` is the link to another machine, secured with the keys of
+:mod:`forcebound.network.keys`. None of them knows what a packet means: a link needs its stamps, a
+socket its bytes.
 """

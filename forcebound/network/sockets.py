@@ -1,6 +1,7 @@
 """How bytes travel: ZeroMQ sockets with every known trap handled in one place.
 
-The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) and what is done:
+Only this room imports zmq, and only ``make_socket`` opens sockets. What was measured (pyzmq 27.3,
+libzmq 4.3.5) and what is done:
 
 1. CONFLATE works only if set before connect or bind: every option is set before.
 2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
@@ -8,8 +9,8 @@ The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) a
    IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
 3. IPv6 is off by default and then ``[::1]`` fails silently: on.
 4. A peer may send a frame of any size: MAXMSGSIZE. libzmq then ends the connection, and an end that
-   *connected* does not try again: the stream is silent until this process starts anew, which the
-   device answers with zero force.
+   *connected* does not try again: on ipc the stream is silent until this process starts anew, which
+   the device answers with zero force; on tcp :mod:`forcebound.network.remote` connects again.
 5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
 6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
@@ -17,35 +18,56 @@ The only module that imports zmq. What was measured (pyzmq 27.3, libzmq 4.3.5) a
    microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS says
    so, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
    cold loop, so only sockets whose descriptor is readable are asked.
+9. A message of several frames aborts a process whose CONFLATE socket reads it between two of them
+   (``Assertion failed: !_more``, fq.cpp). So a socket that strangers reach has no CONFLATE: it is
+   read until it is empty, and the newest kept. Such a message counts as one malformed packet.
+10. A monitor whose queue is full stops the input and output thread, so all sockets: no limit.
 """
 
 import errno
 import select
 import socket as unix
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import msgpack
 import zmq
 from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.errors import ConfigError
+from forcebound.network.control import ControlClient, ControlServer
+from forcebound.network.keys import KeyPair
 
 MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
 QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
 HANDSHAKE_MS = 2_000
 RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
+TCP_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream
+TCP_RECONNECT_MAX_MS = 200
+TCP_CONNECT_MS = 1_000  # a lost SYN is sent again by the kernel only after 1, 3, 7 ... s
+DRAIN_LIMIT = 1_000  # messages taken at once from a peer that floods; about 3 ms
 HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
 HEARTBEAT_TIMEOUT_MS = 300
 # Plain integers: arithmetic on Python's enum members costs more than the call that it is for.
 _EVENTS, _DONTWAIT = int(zmq.EVENTS), int(zmq.DONTWAIT)
-_POLLIN, _POLLOUT = int(zmq.POLLIN), int(zmq.POLLOUT)
+_RCVMORE = int(zmq.RCVMORE)
+MONITORED = (
+    zmq.EVENT_CONNECTED
+    | zmq.EVENT_CONNECT_DELAYED
+    | zmq.EVENT_CONNECT_RETRIED
+    | zmq.EVENT_ACCEPTED  # not ACCEPT_FAILED: out of descriptors, it comes 100 000 times a second
+    | zmq.EVENT_DISCONNECTED
+    | zmq.EVENT_HANDSHAKE_SUCCEEDED
+    | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+    | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+    | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+)
+_POLLIN = int(zmq.POLLIN)
 _COARSE_NS = 100_000_000  # a wait of at least this may end a millisecond late
-_MAX_ITEMS = 64  # in a list or map of a request or its answer
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
 ADVICE = {
@@ -60,6 +82,22 @@ ADVICE = {
 }
 
 
+@dataclass(frozen=True)
+class Guard:
+    """How a socket makes sure of its peer.
+
+    Attributes:
+        domain: What the authenticator of a listener is asked about
+            (:mod:`forcebound.network.zap`); empty at the end that connects.
+        key: Our key pair; None: no CURVE.
+        listener_key: Public key of the listener, at the end that connects with CURVE.
+    """
+
+    domain: str = ""
+    key: KeyPair | None = None
+    listener_key: str = ""
+
+
 def make_socket(
     context: "zmq.Context[zmq.Socket[bytes]]",
     kind: int,
@@ -67,15 +105,20 @@ def make_socket(
     *,
     bind: bool,
     newest_only: bool = False,
+    guard: Guard | None = None,
+    monitor: str = "",
 ) -> "zmq.Socket[bytes]":
     """Return a socket that is bound or connected to ``endpoint``, with its options set before.
 
     Args:
         context: Where its input and output thread lives.
-        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ`` or ``zmq.REP``.
-        endpoint: ``ipc://PATH`` or ``tcp://HOST:PORT``.
+        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP`` or ``zmq.PAIR``.
+        endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
-        newest_only: Whether a newer message replaces one that was not received yet.
+        newest_only: Whether a newer message replaces one that was not received yet (CONFLATE).
+        guard: Who may be at the other end; None: who can reach the endpoint.
+        monitor: ``inproc`` endpoint at which the socket tells what happens to it; empty: none. Its
+            reader must have no limit on its queue, and stop the monitor before it leaves.
 
     Raises:
         ConfigError: If the endpoint is malformed, in use or not permitted.
@@ -92,6 +135,13 @@ def make_socket(
     if endpoint.startswith("tcp:"):
         socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
         socket.set(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
+        socket.set(zmq.RECONNECT_IVL_MAX, TCP_RECONNECT_MAX_MS)
+        socket.set(zmq.CONNECT_TIMEOUT, TCP_CONNECT_MS)
+        socket.set(zmq.SNDHWM, TCP_QUEUE)
+    if endpoint.startswith("inproc:"):
+        socket.set(zmq.RCVHWM, 0)  # its writer is the input and output thread: see 10
+    if guard is not None:
+        _set_guard(socket, guard)
     if newest_only:
         socket.set(zmq.CONFLATE, 1)
     if kind == zmq.SUB:
@@ -99,6 +149,8 @@ def make_socket(
     if kind == zmq.REQ:  # a request without an answer may be followed by another one
         socket.set(zmq.REQ_RELAXED, 1)
         socket.set(zmq.REQ_CORRELATE, 1)
+    if monitor:
+        socket.monitor(monitor, MONITORED)
     try:
         if bind:
             _refuse_to_steal(endpoint)
@@ -160,66 +212,18 @@ class Subscriber:
     def receive_ready(self) -> list[bytes]:
         """Do as :meth:`receive`, cheaper if :attr:`descriptor` is known to be readable.
 
-        If only the newest counts, :meth:`pending` must be asked before the descriptor is waited for
+        A message of several frames is returned as ``b""``, which no packet is. If only the newest
+        counts, :meth:`pending` must be asked before the descriptor is waited for
         again. It is not asked here, because a packet that is here should not wait for the answer.
         """
-        socket, recv = self._socket, self._recv
         messages: list[bytes] = []
         with suppress(zmq.Again):  # the descriptor also reports peers that come and go
-            messages.append(recv(_DONTWAIT))
-            while not self._newest_only and _events(socket) & _POLLIN:
-                messages.append(recv(_DONTWAIT))
+            if self._newest_only:
+                return [self._recv(_DONTWAIT)]
+            messages.append(receive_whole(self._socket))
+            while _events(self._socket) & _POLLIN:
+                messages.append(receive_whole(self._socket))
         return messages
-
-
-class ControlServer:
-    """Answers requests, msgpack maps, from whoever looks after this process."""
-
-    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
-        self._socket = socket
-        self.descriptor = int(socket.FD)
-
-    def pending(self) -> bool:
-        """Whether a request is there."""
-        return bool(_events(self._socket) & _POLLIN)
-
-    def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
-        """Answer all requests that are there; one that is not a map gets an ``error``."""
-        while self.pending():
-            data = _receive(self._socket)
-            if data is None:
-                return
-            request = _unpack_map(data)
-            reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
-            with suppress(zmq.Again):
-                self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
-
-
-class ControlClient:
-    """Asks a :class:`ControlServer`, without ever waiting."""
-
-    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
-        self._socket = socket
-        self.descriptor = int(socket.FD)
-
-    def pending(self) -> bool:
-        """Whether an answer is there."""
-        return bool(_events(self._socket) & _POLLIN)
-
-    def ask(self, request: Mapping[str, Any]) -> bool:
-        """Send a request, forgetting the one before; return False while nobody is there."""
-        if not _events(self._socket) & _POLLOUT:
-            return False
-        try:
-            self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
-        except zmq.Again:
-            return False
-        return True
-
-    def answer(self) -> dict[str, Any] | None:
-        """Return the answer to the last request, or None while it has not come."""
-        data = _receive(self._socket) if self.pending() else None
-        return None if data is None else _unpack_map(data)
 
 
 class Network:
@@ -233,6 +237,8 @@ class Network:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._farewell_ms = farewell_ms
         self._sockets: list[zmq.Socket[bytes]] = []
+        self._monitored: list[zmq.Socket[bytes]] = []
+        self._names = 0
 
     def publisher(self, endpoint: str, *, bind: bool = True) -> Publisher:
         """Open one stream out; see :func:`make_socket` for errors."""
@@ -256,8 +262,41 @@ class Network:
         """Open a line to another process's :meth:`control_server`."""
         return ControlClient(self._open(zmq.REQ, endpoint, bind=False))
 
+    def guarded(
+        self, kind: int, endpoint: str, *, bind: bool, guard: Guard
+    ) -> "tuple[zmq.Socket[bytes], zmq.Socket[bytes]]":
+        """Open a socket and its monitor; for the network room, see :func:`make_socket`."""
+        self._names += 1
+        where = f"inproc://monitor-{self._names}"
+        monitor = self._open(zmq.PAIR, where, bind=False)
+        try:
+            socket = self._open(kind, endpoint, bind=bind, guard=guard, monitor=where)
+        except ConfigError:
+            self.release([monitor])
+            raise
+        self._monitored.append(socket)
+        return socket, monitor
+
+    def reply_socket(self, endpoint: str) -> "zmq.Socket[bytes]":
+        """Open a bound REP socket; for the network room."""
+        return self._open(zmq.REP, endpoint, bind=True)
+
+    def release(self, released: "Sequence[zmq.Socket[bytes]]") -> None:
+        """Close some sockets before the others, in this order."""
+        for socket in released:
+            if socket in self._monitored:
+                # Without its reader, a monitor would stop the input and output thread.
+                socket.disable_monitor()
+                self._monitored.remove(socket)
+            if socket in self._sockets:
+                self._sockets.remove(socket)
+            socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
+
     def close(self) -> None:
         """Close all sockets; returns within ``farewell_ms``."""
+        for socket in self._monitored:
+            socket.disable_monitor()
+        self._monitored.clear()
         for socket in self._sockets:
             socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
         self._sockets.clear()
@@ -274,7 +313,7 @@ class Network:
     ) -> None:
         self.close()
 
-    def _open(self, kind: int, endpoint: str, **options: bool) -> "zmq.Socket[bytes]":
+    def _open(self, kind: int, endpoint: str, **options: Any) -> "zmq.Socket[bytes]":
         socket = make_socket(self._context, kind, endpoint, **options)
         self._sockets.append(socket)
         return socket
@@ -323,6 +362,35 @@ def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
     return select.select(descriptors, (), (), timeout_ns * 1e-9 if timeout_ns > 0 else 0)[0]
 
 
+def receive_whole(socket: "zmq.Socket[bytes]") -> bytes:
+    """Return a message; ``b""`` in place of one that has several frames.
+
+    Raises:
+        zmq.Again: If there is none.
+    """
+    data = socket.recv(_DONTWAIT)
+    # The compiled method: pyzmq's Python one makes an enum member of the name first.
+    if not _CompiledSocket.get(socket, _RCVMORE):
+        return data
+    while _CompiledSocket.get(socket, _RCVMORE):
+        socket.recv(_DONTWAIT)  # the frames of a message arrive together
+    return b""
+
+
+def _set_guard(socket: "zmq.Socket[bytes]", guard: Guard) -> None:
+    if guard.domain:
+        socket.set(zmq.ZAP_DOMAIN, guard.domain.encode("ascii"))
+        socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
+    if guard.key is None:
+        return
+    socket.set(zmq.CURVE_PUBLICKEY, guard.key.public.encode("ascii"))
+    socket.set(zmq.CURVE_SECRETKEY, guard.key.secret.encode("ascii"))
+    if guard.domain:
+        socket.set(zmq.CURVE_SERVER, 1)
+    else:
+        socket.set(zmq.CURVE_SERVERKEY, guard.listener_key.encode("ascii"))
+
+
 def _refuse_to_steal(endpoint: str) -> None:
     """Raise if somebody listens at this ipc path, or if it is too long."""
     if not endpoint.startswith("ipc://"):
@@ -342,22 +410,3 @@ def _events(socket: "zmq.Socket[bytes]") -> int:
     events = socket.get(_EVENTS)
     assert isinstance(events, int)
     return events
-
-
-def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
-    """Return the message that EVENTS promised; None if it was not for us.
-
-    EVENTS also counts an answer to a request that was given up, and a peer that left meanwhile.
-    """
-    try:
-        return b"".join(socket.recv_multipart(zmq.DONTWAIT))
-    except zmq.Again:
-        return None
-
-
-def _unpack_map(data: bytes) -> dict[str, Any] | None:
-    try:
-        value = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
-    except (ValueError, OverflowError, RecursionError):
-        return None
-    return value if isinstance(value, dict) else None

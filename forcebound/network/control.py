@@ -1,0 +1,86 @@
+"""How a process is asked and told from outside: a msgpack map for a msgpack map."""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+import msgpack
+import zmq
+
+_EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
+_MAX_ITEMS = 64  # in a list or map of a request or its answer
+
+
+class ControlServer:
+    """Answers requests, msgpack maps, from whoever looks after this process."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+        self._socket = socket
+        self.descriptor = int(socket.FD)
+
+    def pending(self) -> bool:
+        """Whether a request is there."""
+        return bool(_events(self._socket) & _POLLIN)
+
+    def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
+        """Answer all requests that are there; one that is not a map gets an ``error``."""
+        while self.pending():
+            data = _receive(self._socket)
+            if data is None:
+                return
+            request = _unpack_map(data)
+            reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
+            with suppress(zmq.Again):
+                self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
+
+
+class ControlClient:
+    """Asks a :class:`ControlServer`, without ever waiting."""
+
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+        self._socket = socket
+        self.descriptor = int(socket.FD)
+
+    def pending(self) -> bool:
+        """Whether an answer is there."""
+        return bool(_events(self._socket) & _POLLIN)
+
+    def ask(self, request: Mapping[str, Any]) -> bool:
+        """Send a request, forgetting the one before; return False while nobody is there."""
+        if not _events(self._socket) & _POLLOUT:
+            return False
+        try:
+            self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
+        except zmq.Again:
+            return False
+        return True
+
+    def answer(self) -> dict[str, Any] | None:
+        """Return the answer to the last request, or None while it has not come."""
+        data = _receive(self._socket) if self.pending() else None
+        return None if data is None else _unpack_map(data)
+
+
+def _events(socket: "zmq.Socket[bytes]") -> int:
+    events = socket.get(_EVENTS)
+    assert isinstance(events, int)
+    return events
+
+
+def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
+    """Return the message that EVENTS promised; None if it was not for us.
+
+    EVENTS also counts an answer to a request that was given up, and a peer that left meanwhile.
+    """
+    try:
+        return b"".join(socket.recv_multipart(zmq.DONTWAIT))
+    except zmq.Again:
+        return None
+
+
+def _unpack_map(data: bytes) -> dict[str, Any] | None:
+    try:
+        value = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
+    except (ValueError, OverflowError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None

@@ -1,0 +1,265 @@
+"""Who is who: CURVE key pairs in files, of which the secret ones are for their owner alone.
+
+A pair ``NAME`` is two files in the key folder, in the format of ``zmq.auth`` (ZPL)::
+
+    NAME.key         the public key, 40 characters of Z85: give it to the other machine
+    NAME.key_secret  both keys: stays on this machine
+
+The key folder is ``$FORCEBOUND_KEYS``, else ``$XDG_CONFIG_HOME/forcebound/keys``, else
+``~/.config/forcebound/keys``.
+
+``zmq.auth.create_certificates`` writes secrets that everybody may read, and over those that are
+there. Here a secret file is born readable by its owner only (``O_EXCL``, mode 0600) in a folder
+that only the owner may enter, and never overwritten. As ssh does, a secret that others may read is
+refused, and so is a public key that others may exchange.
+"""
+
+import os
+import re
+import stat
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import zmq
+from zmq.utils import z85
+
+from forcebound.errors import ConfigError
+
+PUBLIC = ".key"
+SECRET = ".key_secret"
+KEY_LENGTH = 40  # characters of Z85 for 32 bytes
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,38}")  # shorter than a key: never taken for one
+_Z85 = re.compile(r"[0-9a-zA-Z.:+=^!/*?&<>()\[\]{}@%$#-]{40}")
+_ENTRY = re.compile(r'^\s*(public|secret)-key\s*=\s*"?([^"\s]*)"?\s*$')
+_MAX_FILE = 10_000  # bytes
+
+
+@dataclass(frozen=True)
+class KeyPair:
+    """A name's two keys, each 40 characters of Z85. The secret one is never shown."""
+
+    name: str
+    public: str
+    secret: str = field(repr=False)
+
+
+@dataclass(frozen=True)
+class KeyEntry:
+    """One name of the key folder.
+
+    Attributes:
+        name: Of the key.
+        public: The public key; empty if it cannot be used.
+        has_secret: Whether this machine holds the secret.
+        problem: Why the key cannot be used, and what to do; empty if it can.
+    """
+
+    name: str
+    public: str
+    has_secret: bool
+    problem: str = ""
+
+
+def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
+    """Return where keys are kept; it need not exist."""
+    if variables.get("FORCEBOUND_KEYS"):
+        return Path(variables["FORCEBOUND_KEYS"]).expanduser()
+    config = Path(variables.get("XDG_CONFIG_HOME", ""))
+    base = config if config.is_absolute() else Path.home() / ".config"  # as the XDG standard says
+    return base / "forcebound" / "keys"
+
+
+def new_key(name: str, folder: Path | None = None) -> KeyPair:
+    """Make a key pair and write its two files.
+
+    Args:
+        name: Of the pair: letters, digits, ``.``, ``_``, ``-``.
+        folder: Where to; the key folder by default, which is made if it is missing.
+
+    Raises:
+        ConfigError: If the name will not do, a file is there already or cannot be written.
+    """
+    folder = key_folder() if folder is None else folder
+    _check_name(name)
+    secret_file, public_file = folder / f"{name}{SECRET}", folder / f"{name}{PUBLIC}"
+    for file in (secret_file, public_file):
+        if os.path.lexists(file):
+            raise ConfigError(f"{file} exists and is not overwritten: choose another name")
+    public, secret = (key.decode("ascii") for key in zmq.curve_keypair())
+    written: list[Path] = []
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _check_folder(folder)
+        _create(secret_file, 0o600, _secret_text(public, secret), written)
+        _create(public_file, 0o644, _public_text(public), written)
+    except OSError as error:
+        for file in written:  # no half of a pair stays
+            with suppress(OSError):
+                file.unlink()
+        raise ConfigError(f"cannot write the key {name} to {folder}: {error.strerror}") from None
+    return KeyPair(name, public, secret)
+
+
+def public_key(key: str, folder: Path | None = None) -> str:
+    """Return a public key, 40 characters of Z85, for a name or for such a key itself.
+
+    Args:
+        key: Name of a key in the folder, whose secret need not be here; or the public key.
+        folder: Where to look; the key folder by default.
+
+    Raises:
+        ConfigError: If there is no such key, or others may change it.
+    """
+    if _is_key(key):
+        return key
+    _check_name(key)
+    folder = key_folder() if folder is None else folder
+    file = folder / f"{key}{PUBLIC}"
+    if not file.exists():
+        if (folder / f"{key}{SECRET}").exists():
+            return key_pair(key, folder).public
+        raise ConfigError(
+            f"no public key {key!r}: looked for {file}. Copy {key}{PUBLIC} from the machine that "
+            f"made it (forcebound keys new {key}), or write its 40 characters in place of the name "
+            f"(forcebound keys show {key})"
+        )
+    return _read(file)["public"]
+
+
+def key_pair(key: str, folder: Path | None = None) -> KeyPair:
+    """Return the key pair of which this machine holds the secret.
+
+    Args:
+        key: Its name, or its public key.
+        folder: Where to look; the key folder by default.
+
+    Raises:
+        ConfigError: If the secret is not here, is damaged, or others may read it.
+    """
+    folder = key_folder() if folder is None else folder
+    name = _name_of(key, folder) if _is_key(key) else key
+    _check_name(name)
+    file = folder / f"{name}{SECRET}"
+    if not file.exists():
+        raise ConfigError(
+            f"no secret key {name!r}: looked for {file}. Make a pair with: forcebound keys new "
+            f"{name}; if it is another machine's, this end needs a pair of its own"
+        )
+    keys = _read(file)
+    if "secret" not in keys:
+        raise ConfigError(f"{file}: no secret-key in it; make a pair with forcebound keys new")
+    if zmq.curve_public(keys["secret"].encode("ascii")).decode("ascii") != keys["public"]:
+        raise ConfigError(f"{file}: public-key and secret-key are not of one pair")
+    return KeyPair(name, keys["public"], keys["secret"])
+
+
+def has_secret(key: str, folder: Path | None = None) -> bool:
+    """Whether this machine holds the secret of a key, named or given as a public key."""
+    folder = key_folder() if folder is None else folder
+    if not _is_key(key):
+        return (folder / f"{key}{SECRET}").exists()
+    return any(entry.public == key and entry.has_secret for entry in list_keys(folder))
+
+
+def list_keys(folder: Path | None = None) -> list[KeyEntry]:
+    """Return the keys of a folder by name; those that cannot be used say why."""
+    folder = key_folder() if folder is None else folder
+    files = [*folder.glob(f"*{PUBLIC}"), *folder.glob(f"*{SECRET}")] if folder.is_dir() else []
+    entries = []
+    for name in sorted({file.name.removesuffix(file.suffix) for file in files}):
+        secret_here = (folder / f"{name}{SECRET}").exists()
+        try:
+            public = key_pair(name, folder).public if secret_here else public_key(name, folder)
+        except ConfigError as error:
+            entries.append(KeyEntry(name, "", secret_here, str(error)))
+        else:
+            entries.append(KeyEntry(name, public, secret_here))
+    return entries
+
+
+def _is_key(text: str) -> bool:
+    return _Z85.fullmatch(text) is not None
+
+
+def _name_of(key: str, folder: Path) -> str:
+    for entry in list_keys(folder):
+        if entry.public == key and entry.has_secret:
+            return entry.name
+    raise ConfigError(f"the secret of the public key {key} is in no file of {folder}")
+
+
+def _check_name(name: str) -> None:
+    if _NAME.fullmatch(name) is None:
+        raise ConfigError(
+            f"{name!r} names no key: use 1 to 39 letters, digits, '.', '_' or '-', beginning with "
+            f"a letter, digit or '_'; or a public key, {KEY_LENGTH} characters of Z85"
+        )
+
+
+def _check_folder(folder: Path) -> None:
+    status = folder.stat()
+    if status.st_uid not in (os.geteuid(), 0):
+        raise ConfigError(f"{folder} belongs to another user: choose a folder of your own")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise ConfigError(f"others may exchange the keys in {folder}: chmod 700 {folder}")
+
+
+def _create(file: Path, mode: int, text: str, written: list[Path]) -> None:
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with open(os.open(file, flags, mode), "w", encoding="ascii") as stream:
+        written.append(file)
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _read(file: Path) -> dict[str, str]:
+    """Return the keys in a file by kind; ``public`` is always there."""
+    _check_folder(file.parent)
+    try:
+        # The file that is checked is the file that is read, whatever happens to its name.
+        with open(os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as stream:
+            status = os.fstat(stream.fileno())
+            _check_file(file, status)
+            text = stream.read(_MAX_FILE).decode("utf-8", "replace")
+    except OSError as error:
+        raise ConfigError(f"cannot read the key file {file}: {error.strerror}") from None
+    keys = {m[1]: m[2] for m in map(_ENTRY.match, text.splitlines()) if m is not None}
+    if "public" not in keys:
+        raise ConfigError(f'{file}: no line public-key = "..." in it')
+    for kind, key in keys.items():
+        if not _is_key(key) or len(z85.decode(key)) != 32:
+            raise ConfigError(f"{file}: its {kind}-key is not {KEY_LENGTH} characters of Z85")
+    return keys
+
+
+def _check_file(file: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise ConfigError(f"{file} is no file")
+    if status.st_uid not in (os.geteuid(), 0):
+        raise ConfigError(f"{file} belongs to another user: use a key of your own")
+    if file.suffix == SECRET and status.st_mode & 0o077:
+        raise ConfigError(
+            f"others may read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o}): "
+            f"chmod 600 {file}; if they may have done so, make a new one with forcebound keys new"
+        )
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise ConfigError(f"others may exchange the public key {file}: chmod 644 {file}")
+
+
+def _public_text(public: str) -> str:
+    return (
+        "#   ZeroMQ CURVE public certificate, made by forcebound\n"
+        "#   For the other machine. Send it so that nobody can exchange it on the way.\n\n"
+        f'metadata\ncurve\n    public-key = "{public}"\n'
+    )
+
+
+def _secret_text(public: str, secret: str) -> str:
+    return (
+        "#   ZeroMQ CURVE **secret** certificate, made by forcebound\n"
+        "#   Stays on this machine, readable by its owner only.\n\n"
+        f'metadata\ncurve\n    public-key = "{public}"\n    secret-key = "{secret}"\n'
+    )

@@ -1,0 +1,331 @@
+"""The link between a graph and an environment on another machine: two ports, and who may use them.
+
+::
+
+    graph (controller)                         environment
+      queries  PUB ──── PORT ─────────────────▶ SUB
+      replies  SUB ◀─── PORT + 1 ────────────── PUB
+
+Either end listens, at both ports; the other connects to both. With keys, both sockets speak CURVE:
+the listener proves that it holds the secret of the key that the other end expects, the other end
+that it holds one of those that the listener allows. Without keys, only addresses that no other
+machine can reach are accepted, unless ``insecure`` says otherwise.
+
+Everything runs in the loop of the process; no thread. The loop waits for
+:attr:`RemoteStreams.descriptors` too, and calls :meth:`RemoteStreams.watch` when one is readable or
+:attr:`RemoteStreams.due_ns` has come.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import zmq
+
+from forcebound.errors import ConfigError
+from forcebound.network import keys
+from forcebound.network.addresses import Host, resolve
+from forcebound.network.connector import Connector
+from forcebound.network.keys import KeyPair
+from forcebound.network.listener import Listener
+from forcebound.network.monitor import Monitor
+from forcebound.network.newest import NewestSubscriber
+from forcebound.network.notices import Notice, NoticeLimit
+from forcebound.network.sockets import Guard, Network, Publisher
+from forcebound.network.zap import ALLOWED, ENDPOINT, REFUSED, Verdict, ZapHandler
+
+DEFAULT_PORT = 7410  # queries; replies use the next one
+EVENT_LIMIT = 200  # events handled in one call of watch, per socket; about 2 ms
+LOOK_NS = 1_000_000_000  # watch is due this often, in case a descriptor kept something to itself
+
+KINDS = {
+    "connected": "a peer may exchange packets on this stream from now on",
+    "disconnected": "such a peer has gone",
+    "refused_here": "we refused a peer: its key is not in our list",
+    "refused_there": "we were refused: our key is not in the list there, or it is full",
+    "wrong_key_of_ours": "a peer expects another public key of ours",
+    "wrong_key_there": "the listener ended the handshake, most likely for another key of its own",
+    "other_security": "one end uses keys and the other does not",
+    "handshake_timeout": "a peer was silent, or too slow, in its handshake",
+    "handshake_failed": "what came is not the protocol of ZeroMQ, or ended in its midst",
+    "too_many_connections": "a port has as many connections as it takes",
+    "protocol_error": "a peer sent a message that is too large, or broke the protocol",
+    "no_answer": "no connection for some seconds",
+}
+Role = Literal["graph", "environment"]
+
+
+@dataclass(frozen=True)
+class RemoteEnd:
+    """One end of the link.
+
+    Attributes:
+        role: ``"graph"`` sends queries, ``"environment"`` replies.
+        listens: Whether this end listens.
+        address: Of the end that listens: IPv4, IPv6 in brackets, or a name.
+        port: Of the queries; replies use the next one.
+        key: Our own pair; None: no keys.
+        peers: Who may be at the other end: name by public key. One, if we connect.
+        insecure: Whether a link without keys may leave this machine.
+
+    Raises:
+        ConfigError: If that does not fit together.
+    """
+
+    role: Role
+    listens: bool
+    address: str
+    port: int = DEFAULT_PORT
+    key: KeyPair | None = None
+    peers: Mapping[str, str] = field(default_factory=dict)
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.port <= 65534:
+            raise ConfigError(
+                f"port must be 1 to 65534 (replies use the next one), got {self.port}"
+            )
+        if self.insecure and (self.key is not None or self.peers):
+            raise ConfigError("insecure: true means no keys: name keys, or be insecure, not both")
+        if (self.key is None) != (not self.peers):
+            missing = "our own key pair" if self.key is None else "the key of the other end"
+            raise ConfigError(f"keys are used by both ends or by none: {missing} is missing")
+        if not self.listens and len(self.peers) > 1:
+            raise ConfigError(
+                f"the end that connects can expect only one key there, got {len(self.peers)}: "
+                f"{', '.join(self.peers.values())}; let the graph listen if several may serve it"
+            )
+
+
+def end_of(
+    role: Role,
+    listens: Role,
+    address: str,
+    port: int = DEFAULT_PORT,
+    graph_key: str | None = None,
+    environment_keys: Sequence[str] = (),
+    insecure: bool = False,
+    folder: Path | None = None,
+) -> RemoteEnd:
+    """Return this machine's end for the section ``remote`` of a launch file, with its keys read.
+
+    Args:
+        role: Which end this process is.
+        listens: Which end listens.
+        address: Of the end that listens.
+        port: Of the queries.
+        graph_key: The graph's key, by name or as a public key.
+        environment_keys: The keys of the environments that may serve it, likewise. The one whose
+            secret is on this machine is that of this environment.
+        insecure: Whether a link without keys may leave this machine.
+        folder: Where keys are; the key folder by default.
+
+    Raises:
+        ConfigError: If a key is missing or unsafe, or the parts do not fit together.
+    """
+    pair: KeyPair | None = None
+    peers: dict[str, str] = {}
+    if graph_key is None and not environment_keys:
+        pass
+    elif graph_key is None or not environment_keys:
+        missing = "graph_key" if graph_key is None else "environment_keys"
+        raise ConfigError(
+            f"keys are used by both ends or by none: {missing} is missing; "
+            "make a pair on each machine with forcebound keys new NAME"
+        )
+    elif role == "graph":
+        pair = keys.key_pair(graph_key, folder)
+        peers = {keys.public_key(key, folder): key for key in environment_keys}
+    else:
+        pair = keys.key_pair(_own_environment(environment_keys, folder), folder)
+        peers = {keys.public_key(graph_key, folder): graph_key}
+    if len(peers) < len(environment_keys) and role == "graph":
+        raise ConfigError(f"environment_keys names a key twice: {', '.join(environment_keys)}")
+    return RemoteEnd(role, role == listens, address, port, pair, peers, insecure)
+
+
+class RemoteStreams:
+    """The sockets of one end, and who is at the other.
+
+    Args:
+        network: Where they are opened and, at the latest, closed.
+        end: Which end this is.
+        newest_only: Whether only the newest packet counts; else all are given, as for a link with
+            an impairment.
+
+    Attributes:
+        publisher: What we send goes here: queries of a graph, replies of an environment.
+        subscriber: What comes; see :class:`forcebound.network.newest.NewestSubscriber`.
+        descriptors: To wait for, besides that of ``subscriber``; edge-triggered.
+        due_ns: When :meth:`watch` wants to be called at the latest, on the clock it is told.
+
+    Raises:
+        ConfigError: If an address cannot be found, used or, without keys, left to others.
+    """
+
+    def __init__(self, network: Network, end: RemoteEnd, newest_only: bool = True) -> None:
+        host = resolve(end.address)
+        _check_exposure(end, host)
+        self.end = end
+        self.due_ns = 0
+        self._limit = NoticeLimit()
+        self._network = network
+        self._sockets: list[zmq.Socket[bytes]] = []
+        self._handler: ZapHandler | None = None
+        self._streams: dict[str, Listener | Connector] = {}
+        self.descriptors: list[int] = []
+        try:
+            if end.listens:
+                self._open_handler()
+            sends = "queries" if end.role == "graph" else "replies"
+            opened = {
+                stream: self._open(stream, zmq.PUB if stream == sends else zmq.SUB, host, port)
+                for stream, port in (("queries", end.port), ("replies", end.port + 1))
+            }
+        except ConfigError:
+            self.close()
+            raise
+        self.publisher = Publisher(opened.pop(sends))
+        self.subscriber = NewestSubscriber(next(iter(opened.values())), newest_only)
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody is there on both streams."""
+        return all(stream.established > 0 for stream in self._streams.values())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often each kind of notice has come, also of those that were not said."""
+        return dict(self._limit.counts)
+
+    def status(self) -> dict[str, Any]:
+        """Return how the link is doing, as a map of plain values."""
+        return {
+            "listens": self.end.listens,
+            "address": self.end.address,
+            "port": self.end.port,
+            "secure": self.end.key is not None,
+            "connected": self.connected,
+            "peers": {name: stream.peers for name, stream in self._streams.items()},
+            "connections": {name: stream.connections for name, stream in self._streams.items()},
+            "superseded": self.subscriber.superseded,
+            "counts": self.counts,
+        }
+
+    def watch(self, time_ns: int) -> list[Notice]:
+        """Answer who asks to come in, connect again where it is needed, say what happened.
+
+        Never waits and never raises. Of each kind, the first few notices in ten seconds are
+        returned, then how many more there were.
+
+        Args:
+            time_ns: Now, on the monotonic clock.
+        """
+        notices: list[Notice] = []
+        due = [time_ns + LOOK_NS]
+        try:
+            if self._handler is not None and self._serve(time_ns, self._handler, notices):
+                due.append(time_ns)
+            for stream in self._streams.values():
+                notices += stream.take(time_ns, EVENT_LIMIT)
+                if stream.due_ns is not None:
+                    due.append(stream.due_ns)
+        except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
+            notices.append(Notice("handshake_failed", f"a socket of the remote link: {error}"))
+        self.due_ns = min(due)
+        return self._limit.admit(time_ns, notices)
+
+    def close(self) -> None:
+        """Close the sockets; the network closes them, too."""
+        if self._handler is not None:
+            self._handler.close()
+        self._network.release(self._sockets)
+        self._sockets.clear()
+
+    def _open_handler(self) -> None:
+        """Let nobody listen before the one who decides who comes in."""
+        socket = self._network.reply_socket(ENDPOINT)
+        self._sockets.append(socket)
+        without_keys = self.end.key is None
+        self._handler = ZapHandler(socket, self.end.peers, without_keys, self._has_room)
+        self.descriptors.append(self._handler.descriptor)
+
+    def _open(self, stream: str, kind: int, host: Host, port: int) -> "zmq.Socket[bytes]":
+        end = self.end
+        peer_key, peer_name = next(iter(end.peers.items()), ("", ""))
+        guard = (
+            Guard(domain=stream, key=end.key)
+            if end.listens
+            else Guard(key=end.key, listener_key=peer_key)
+        )
+        endpoint = f"tcp://{host.numeric}:{port}"
+        socket, monitored = self._network.guarded(kind, endpoint, bind=end.listens, guard=guard)
+        self._sockets += [socket, monitored]  # in the order in which they may be closed
+        monitor = Monitor(monitored)
+        self.descriptors.append(monitor.descriptor)
+        if end.listens:
+            self._streams[stream] = Listener(stream, monitor, end.key is not None)
+        else:
+            own = ("", "") if end.key is None else (end.key.name, end.key.public)
+            listener = (peer_name, peer_key)
+            self._streams[stream] = Connector(stream, socket, endpoint, monitor, own, listener)
+        return socket
+
+    def _has_room(self, stream: str) -> bool:
+        listener = self._streams.get(stream)
+        return isinstance(listener, Listener) and listener.has_room()
+
+    def _serve(self, time_ns: int, handler: ZapHandler, notices: list[Notice]) -> bool:
+        """Decide about those who wait; return whether more may wait."""
+        for _ in range(EVENT_LIMIT):
+            verdict = handler.serve_one()
+            if verdict is None:
+                return False
+            listener = self._streams.get(verdict.stream)
+            if verdict.status == ALLOWED and isinstance(listener, Listener):
+                listener.admit(time_ns, verdict)
+            else:
+                notices.append(self._refusal(verdict))
+        return True
+
+    def _refusal(self, verdict: Verdict) -> Notice:
+        kind, who = "refused_here", f"{verdict.address} ({verdict.stream})"
+        data = {"stream": verdict.stream, "address": verdict.address, "key": verdict.key}
+        if verdict.status != REFUSED:
+            kind = "too_many_connections"
+            why = f"{verdict.name or 'it'} may connect, but this port has as many peers as it takes"
+        elif verdict.key:
+            where = "environment_keys" if self.end.role == "graph" else "graph_key"
+            why = (
+                f"its key {verdict.key} is not in the list of who may connect; if it should be, "
+                f"name it under {where} in the launch file"
+            )
+        else:
+            why = "it uses another security than this end"
+        return Notice(kind, f"refused {who}: {why}", data)
+
+
+def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:
+    """Return which of the environments this machine is."""
+    ours = [key for key in environment_keys if keys.has_secret(key, folder)]
+    if len(ours) > 1:
+        raise ConfigError(
+            f"this machine holds the secrets of several environment_keys ({', '.join(ours)}): "
+            "leave only its own one in its launch file"
+        )
+    # Without a secret, key_pair says for which file it looked.
+    return ours[0] if ours else environment_keys[0]
+
+
+def _check_exposure(end: RemoteEnd, host: Host) -> None:
+    if host.is_wildcard and not end.listens:
+        raise ConfigError(f"cannot connect to {end.address}: write an address of the other machine")
+    if end.key is None and not end.insecure and not host.is_loopback:
+        verb = "listen on" if end.listens else "connect to"
+        raise ConfigError(
+            f"without keys a link stays on this machine: will not {verb} {end.address}. Make a key "
+            "pair on each machine (forcebound keys new NAME) and name them under graph_key and "
+            "environment_keys; or write insecure: true, if everybody on that network may feed "
+            "forces to the hand"
+        )

@@ -1,0 +1,89 @@
+"""Who may connect: the authenticator of ZeroMQ (ZAP, RFC 27), served from the process's own loop.
+
+libzmq asks it about each peer of a socket that has a ZAP domain, after the peer has proved that it
+holds the secret of its key, and before any message passes. Nobody answers for it: with
+``ZAP_ENFORCE_DOMAIN=1``, no handler means that nobody comes in. Everything that is not explicitly
+allowed is refused. Status 400 and 500 reach the refused peer, whose monitor shows them; 300 would
+leave it waiting for its handshake to time out.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import zmq
+from zmq.utils import z85
+
+ENDPOINT = "inproc://zeromq.zap.01"
+ALLOWED, REFUSED, FULL = "200", "400", "500"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was decided about one peer.
+
+    Attributes:
+        stream: Domain of the socket that it came to.
+        address: Of the peer, without its port.
+        key: Its public key in Z85; empty without CURVE.
+        name: Of the key, if it is known.
+        status: ``ALLOWED``, ``REFUSED`` or ``FULL``.
+    """
+
+    stream: str
+    address: str
+    key: str
+    name: str
+    status: str
+
+
+class ZapHandler:
+    """Decides by a list of public keys.
+
+    Args:
+        socket: REP, bound to :data:`ENDPOINT`.
+        allowed: Names by public key (Z85). Peers without CURVE are refused.
+        without_keys: Whether, instead, everybody may come who uses no CURVE.
+        has_room: Whether a stream takes one more peer.
+    """
+
+    def __init__(
+        self,
+        socket: "zmq.Socket[bytes]",
+        allowed: Mapping[str, str],
+        without_keys: bool,
+        has_room: Callable[[str], bool],
+    ) -> None:
+        self._socket = socket
+        self._allowed = dict(allowed)
+        self._without_keys = without_keys
+        self._has_room = has_room
+        self.descriptor = int(socket.FD)
+
+    def close(self) -> None:
+        """Give the endpoint back at once; closing the socket does so at some time."""
+        with suppress(zmq.ZMQError):  # it may be closed already
+            self._socket.unbind(ENDPOINT)
+
+    def serve_one(self) -> Verdict | None:
+        """Decide about one peer; None if nobody waits."""
+        try:
+            frames = self._socket.recv_multipart(zmq.DONTWAIT)
+        except zmq.Again:
+            return None
+        version, request, domain, address, _, mechanism, *credentials = (*frames, *[b""] * 6)[
+            : max(len(frames), 6)
+        ]
+        key = ""
+        if mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32:
+            key = z85.encode(credentials[0]).decode("ascii")
+        stream = domain.decode("ascii", "replace")
+        if self._without_keys:
+            may = version == b"1.0" and mechanism == b"NULL"
+        else:
+            may = version == b"1.0" and key in self._allowed
+        status = REFUSED if not may else ALLOWED if self._has_room(stream) else FULL
+        reply = [b"1.0", request, status.encode(), b"", key.encode() if may else b"", b""]
+        self._socket.send_multipart(reply, zmq.DONTWAIT)
+        peer = address.decode("ascii", "replace").removeprefix("::ffff:")
+        return Verdict(stream, peer, key, self._allowed.get(key, ""), status)
