@@ -143,8 +143,8 @@ def simulate(
 @click.option(
     "--run-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    required=True,
-    help="Folder of the run's sockets; every node of a run names the same.",
+    help="Folder of the run's sockets; every node of a run names the same. Without it, an "
+    "environment serves a graph on another machine, as remote: in FILE says.",
 )
 @click.option(
     "--supervised",
@@ -153,8 +153,10 @@ def simulate(
     help="End with the process that started it; engage at its word.",
 )
 @_reports_errors
-def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path, supervised: bool) -> None:
-    """Run one node of a launch file by hand."""
+def node(
+    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
+) -> None:
+    """Run one node of a launch file by hand, on this machine or for a graph on another one."""
     from forcebound.launch.worker import run_node
 
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))

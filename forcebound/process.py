@@ -35,9 +35,18 @@ from typing import Any, Protocol, Self, runtime_checkable
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Packet
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    Packet,
+)
 from forcebound.network import sockets
 from forcebound.network.link import Link
+from forcebound.network.newest import NewestSubscriber
+from forcebound.network.remote import RemoteEnd, RemoteStreams
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 
@@ -84,6 +93,11 @@ class Sink(Protocol):
 def topic_endpoint(run_dir: Path, topic: str) -> str:
     """Return where the packets of a topic are published in a run on one machine."""
     return f"ipc://{run_dir}/{topic}"
+
+
+def remote_endpoint(run_dir: Path, topic: str) -> str:
+    """Return where packets of a topic that come from another machine are passed on."""
+    return f"ipc://{run_dir}/{topic}-remote"
 
 
 def event_endpoint(run_dir: Path, name: str) -> str:
@@ -147,20 +161,18 @@ class _Inlet:
     """One stream in: socket, codec, and the model of a bad network if there is one."""
 
     def __init__(
-        self, network: Network, endpoint: str, expected: type[Packet], link: Link[Packet] | None
+        self,
+        expected: type[Packet],
+        link: Link[Packet] | None,
+        subscriber: sockets.Subscriber | NewestSubscriber,
+        forward: Callable[[bytes], Any] | None = None,
     ) -> None:
         self.topic = TOPIC_OF[expected]
         self.expected = expected
-        self.endpoint = endpoint
         self.link = link
-        self.subscriber = network.subscriber(endpoint, newest_only=link is None)
+        self.subscriber = subscriber
+        self.forward = forward  # gets what comes from another machine, for those on this one
         self.count = 0
-
-    def impair(self, network: Network, link: Link[Packet]) -> None:
-        """Put a model behind a socket that needs all packets from now on, not the newest."""
-        network.forget(self.subscriber)
-        self.subscriber = network.subscriber(self.endpoint, newest_only=False)
-        self.link = link
 
 
 class Runner:
@@ -175,6 +187,8 @@ class Runner:
         spin_ns: See :class:`forcebound.realtime.Settings`.
         configure: Brings node and links up to date with the run's launch document on request, and
             returns the parameters that it has changed.
+        remote: The link to another machine. A controller uses it beside its own sockets, an
+            environment instead of them.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -189,12 +203,16 @@ class Runner:
         network: Network,
         spin_ns: int = 0,
         configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
+        remote: RemoteStreams | None = None,
     ) -> None:
         self._node = node
         self._network = network
         self._configure = configure
         self._servo = node if isinstance(node, Servo) else None
         self._spin_ns = spin_ns
+        self._remote = remote
+        self._run_dir = run_dir
+        is_away = remote is not None and remote.end.role == "environment"
         self._publish = {
             packet: network.publisher(topic_endpoint(run_dir, TOPIC_OF[packet])).send
             for packet in node.publishes
@@ -202,14 +220,19 @@ class Runner:
         }
         self._publish[Event] = network.publisher(event_endpoint(run_dir, name)).send
         self._inlets = [
-            _Inlet(network, topic_endpoint(run_dir, topic), packet, links.get(topic))
+            _Inlet(packet, links.get(topic), self._subscribe(topic, links.get(topic) is None))
             for packet, topic in ((packet, TOPIC_OF[packet]) for packet in node.subscribes)
+            if not is_away
         ]
+        if remote is not None:
+            self._reach_out(remote, links)
         self._control = network.control_server(control_endpoint(run_dir, name))
         self._links: list[Link[Packet]]
         self._descriptors: list[int]
         self._readable: Collection[int] | None  # None: look at everything
-        self._unsettled: list[sockets.Subscriber] = []  # to be asked before their descriptors are
+        self._unsettled: list[
+            sockets.Subscriber | NewestSubscriber
+        ] = []  # to be asked before their descriptors are
         self._listen()
         self._stop_requested = False
         self._log: Sequence[str] = ()
@@ -271,7 +294,16 @@ class Runner:
         self._readable = None if not readable and next_ns is None else readable
         if self._readable is None or self._control.descriptor in self._readable:
             self._control.serve(self.answer)
+        if self._remote is not None:
+            self._watch(self._remote, readable)
         return time.monotonic_ns()
+
+    def _watch(self, remote: RemoteStreams, readable: Collection[int]) -> None:
+        time_ns = time.monotonic_ns()
+        if time_ns >= remote.due_ns or not set(remote.descriptors).isdisjoint(readable):
+            for notice in remote.watch(time_ns):
+                event = f"remote_{notice.kind}"
+                self.tell(event, notice.message, notice.data, is_fault=notice.is_problem)
 
     def turn(self, time_ns: int) -> None:
         """Receive, step the node if it has something to do, publish.
@@ -309,6 +341,8 @@ class Runner:
                     self._reject(error.reason)
                     continue
                 inlet.count += 1
+                if inlet.forward is not None:
+                    inlet.forward(data)
                 if link is None:
                     received.append(packet)
                 else:
@@ -346,13 +380,47 @@ class Runner:
         """Impair a link that was perfect; what is on its way at this moment is lost."""
         for inlet in self._inlets:
             if inlet.topic == topic:
-                inlet.impair(self._network, link)
+                inlet.link = link
+                if isinstance(inlet.subscriber, NewestSubscriber):
+                    inlet.subscriber.newest_only = False
+                else:  # a socket cannot change its mind
+                    self._network.forget(inlet.subscriber)
+                    inlet.subscriber = self._subscribe(topic, newest_only=False)
         self._listen()
+
+    def _subscribe(self, topic: str, newest_only: bool) -> sockets.Subscriber:
+        endpoint = topic_endpoint(self._run_dir, topic)
+        return self._network.subscriber(endpoint, newest_only=newest_only)
+
+    def _reach_out(self, remote: RemoteStreams, links: Mapping[str, Link[Packet]]) -> None:
+        """Let packets of the environment's two topics go to, and come from, another machine.
+
+        What goes out goes to this machine's sockets, too; what comes in is passed on to them, on
+        an address of its own: so a recorder here sees both.
+        """
+        sent: type[Packet] = EnvironmentQuery
+        came: type[Packet] = EnvironmentReply
+        if remote.end.role == "environment":
+            sent, came = came, sent
+        here, there = self._publish[sent], remote.publisher.send
+
+        def both(data: bytes) -> None:
+            there(data)
+            here(data)
+
+        self._publish[sent] = both
+        link = links.get(TOPIC_OF[came])
+        remote.subscriber.newest_only = link is None
+        endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
+        forward = self._network.publisher(endpoint).send
+        self._inlets.append(_Inlet(came, link, remote.subscriber, forward))
 
     def _listen(self) -> None:
         self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
         self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
         self._descriptors.append(self._control.descriptor)
+        if self._remote is not None:
+            self._descriptors += self._remote.descriptors
         self._readable = None
         self._unsettled.clear()
 
@@ -375,12 +443,16 @@ class Runner:
         ``received``, ``rejected``: counts by topic, by reason. ``engaged`` and
         ``deadline_misses``: of a servo.
         """
-        received = {inlet.topic: inlet.count for inlet in self._inlets}
+        received = dict.fromkeys((inlet.topic for inlet in self._inlets), 0)
+        for inlet in self._inlets:
+            received[inlet.topic] += inlet.count
         return {
             **_readiness(received),
             "rejected": {**self.rejected, **getattr(self._node, "rejected", {})},
             "steps": self.steps,
             "links": self._counts(),
+            "environment": getattr(self._node, "environment", None),
+            "remote": None if self._remote is None else self._remote.status(),
             "engaged": bool(getattr(self._node, "is_engaged", False)),
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "log": list(self._log),
@@ -398,7 +470,7 @@ class Runner:
 
     def _run_on_perfect_links(self, stop: Stop) -> None:
         """Do as :meth:`_run_on_arrival` in fewer lines: each costs the loop a microsecond, cold."""
-        if self._links:
+        if self._links or self._remote is not None:
             return
         node, publish = self._node, self._publish
         step, clock = node.step, time.monotonic_ns
@@ -454,6 +526,8 @@ class Runner:
             due_ns = link.next_due_ns
             if due_ns is not None and (next_ns is None or due_ns < next_ns):
                 next_ns = due_ns
+        if self._remote is not None:
+            next_ns = self._remote.due_ns if next_ns is None else min(next_ns, self._remote.due_ns)
         return next_ns
 
     def _reject(self, reason: str) -> None:
@@ -471,6 +545,7 @@ def run(
     stop: Stop,
     engages_itself: bool = False,
     configure: Callable[[Runner], Mapping[str, Any]] | None = None,
+    remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
     """Run a node until it is asked to stop; return its last status.
 
@@ -483,6 +558,7 @@ def run(
         stop: Ends the loop.
         engages_itself: Whether a servo engages when it is ready, rather than on request.
         configure: See :class:`Runner`.
+        remote_end: This end of the link to another machine.
 
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
@@ -490,7 +566,8 @@ def run(
     said = realtime.enter(settings, name)
     _logger.info("; ".join(said))
     with Network() as network:
-        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure)
+        remote = None if remote_end is None else RemoteStreams(network, remote_end)
+        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
         realtime.freeze_garbage()
         runner.run(stop, said, engages_itself)
         return runner.status()

@@ -16,6 +16,7 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.messages.packets import TOPICS
 from forcebound.network.impairment import Impairment
+from forcebound.network.remote import DEFAULT_PORT, RemoteEnd, end_of
 from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
@@ -83,6 +84,44 @@ class RealtimeConfig:
 
 
 @dataclass(frozen=True)
+class RemoteConfig:
+    """An environment on another machine: where the two meet, and who may; see docs/remote.md."""
+
+    address: str  # of the end that listens, as the other one reaches it
+    port: int = DEFAULT_PORT  # queries; replies use the next one
+    listens: Literal["graph", "environment"] = "graph"
+    graph_key: str | None = None  # name of a key pair, or a public key
+    environment_keys: tuple[str, ...] = ()  # who may serve
+    insecure: bool = False  # without keys beyond this machine
+    local: bool = False  # whether the launcher starts the environment here, too
+
+    def end(self, role: Literal["graph", "environment"]) -> RemoteEnd:
+        """Return this machine's end, with its keys read.
+
+        Raises:
+            ConfigError: If a key is missing or unsafe, or what is said does not fit together.
+        """
+        return end_of(
+            role,
+            self.listens,
+            self.address,
+            self.port,
+            self.graph_key,
+            self.environment_keys,
+            self.insecure,
+        )
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of a scripted run; see :mod:`forcebound.launch.phases`."""
+
+    name: str
+    duration: float  # s
+    settings: Mapping[str, Any]  # by name of a parameter, plain JSON values in SI units
+
+
+@dataclass(frozen=True)
 class GraphConfig:
     """Everything that a run is made of."""
 
@@ -95,6 +134,8 @@ class GraphConfig:
     description: str = ""
     links: Mapping[str, Impairment] = field(default_factory=dict)  # by topic; not named: perfect
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
+    remote: RemoteConfig | None = None
+    phases: tuple[Phase, ...] = ()  # one after the other, from the moment when the force engages
 
 
 def to_document(config: GraphConfig) -> dict[str, Any]:
@@ -103,7 +144,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
     :func:`forcebound.launch.loader.from_document` reads it back to an equal configuration.
     """
     device, environment = config.device, config.environment
-    return {
+    document: dict[str, Any] = {
         "forcebound": FORMAT,
         "description": config.description,
         "seed": config.seed,
@@ -118,6 +159,14 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
+    if config.remote is not None:
+        document["remote"] = plain(config.remote)
+    if config.phases:
+        document["phases"] = [
+            {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
+            for phase in config.phases
+        ]
+    return document
 
 
 def _kind(section: str, member: object) -> dict[str, Any]:

@@ -22,9 +22,14 @@ from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.supervisor import Supervisor
-from forcebound.messages.packets import TOPIC_OF, TOPICS, Event, Telemetry
+from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
-from forcebound.process import control_endpoint, event_endpoint, topic_endpoint
+from forcebound.process import (
+    control_endpoint,
+    event_endpoint,
+    remote_endpoint,
+    topic_endpoint,
+)
 
 PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 
@@ -79,15 +84,18 @@ def run_live(
     core = realtime.choose_core(config.realtime.cores)
     if record is not None:
         _check_writable(record)
+    if config.remote is not None:
+        config.remote.end("graph")  # what is wrong with keys is said here, and not by a dead node
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
-        (run_dir / LAUNCH_FILE).write_text(json.dumps(to_document(config)), encoding="utf-8")
+        write_launch_document(run_dir, config)
         topics = [TELEMETRY, EVENT] if record is None else list(TOPICS)  # a summary needs no more
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         RunDocument(os.getpid(), core, str(recording), streams, metadata).write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
-        commands = {name: node_command(name, run_dir) for name in PROCESSES}
+        names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
+        commands = {name: node_command(name, run_dir) for name in names}
         cores = realtime.stand_aside(core)
         try:
             interrupted = Supervisor(commands, run_dir, duration_ns, limits).run()
@@ -104,7 +112,21 @@ def run_live(
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
     """Return topic and endpoint of each stream that a recorder of these topics listens to."""
     streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
+    reply = TOPIC_OF[EnvironmentReply]
+    if reply in topics:
+        streams.append([reply, remote_endpoint(run_dir, reply)])
     return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
+
+
+def write_launch_document(run_dir: Path, config: GraphConfig) -> None:
+    """Leave what runs, for the processes and for those who look into the run or change it."""
+    partial = run_dir / f"{LAUNCH_FILE}.new"
+    partial.write_text(json.dumps(to_document(config)), encoding="utf-8")
+    partial.replace(run_dir / LAUNCH_FILE)
+
+
+def _starts_here(config: GraphConfig) -> bool:
+    return config.remote is None or config.remote.local
 
 
 def node_command(name: str, run_dir: Path) -> list[str]:

@@ -9,6 +9,7 @@
 Each step notes its problems and passes on what is sound, so that a person sees all of them.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,10 +27,12 @@ from forcebound.launch.config import (
     EnvironmentConfig,
     GraphConfig,
     RealtimeConfig,
+    RemoteConfig,
     to_document,
 )
 from forcebound.launch.document import find, missing, read
 from forcebound.launch.fields import Field, Section, fields_of
+from forcebound.launch.phases import KEY, phase_duration, read_phases
 from forcebound.launch.problems import Problems
 from forcebound.launch.substitution import Substitution
 from forcebound.launch.tree import BROKEN, Value, from_plain
@@ -48,7 +51,7 @@ __all__ = [
 ]
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
-SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime")
+SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
@@ -135,8 +138,10 @@ def _read(path: str | Path, problems: Problems) -> Value:
 def _build(root: Value, problems: Problems) -> GraphConfig:
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
-    top.check_keys(("forcebound", "arguments", "include", *RUN_KEYS, *SECTIONS))
-    values = top.read(fields_of(GraphConfig, RUN_KEYS))
+    top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
+    has_duration = "duration" in root.entries or KEY not in root.entries
+    run_keys = tuple(key for key in RUN_KEYS if key != "duration" or has_duration)
+    values = {"duration": math.inf, **top.read(fields_of(GraphConfig, run_keys))}
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     device = _device(sections["device"])
     operator = _member(sections["operator"])
@@ -144,6 +149,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
     environment = _environment(sections["environment"])
     links = _links(sections["links"])
     realtime = _realtime(sections["realtime"])
+    remote = _remote(sections["remote"]) if "remote" in root.entries else None
     if device and operator:
         _check_axes(device, operator, sections["operator"])
     if device and environment:
@@ -153,7 +159,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
     assert controller is not None
     assert environment is not None
     assert realtime is not None
-    return GraphConfig(
+    config = GraphConfig(
         **values,
         device=device,
         operator=operator,
@@ -161,7 +167,14 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
         environment=environment,
         links=links,
         realtime=realtime,
+        remote=remote,
     )
+    if KEY not in root.entries:
+        return config
+    phases = read_phases(root, config, _build, problems)
+    problems.raise_if_any()
+    duration = config.duration if has_duration else phase_duration(phases)
+    return replace(config, phases=phases, duration=duration)
 
 
 def _check_format(top: Section) -> None:
@@ -231,6 +244,14 @@ def _realtime(section: Section) -> RealtimeConfig | None:
         return None
     section.check_keys(fields_of(RealtimeConfig))
     made: RealtimeConfig | None = section.make(RealtimeConfig)
+    return made
+
+
+def _remote(section: Section) -> RemoteConfig | None:
+    if not section.is_readable:
+        return None
+    section.check_keys(fields_of(RemoteConfig))
+    made: RemoteConfig | None = section.make(RemoteConfig)
     return made
 
 

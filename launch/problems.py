@@ -81,6 +81,10 @@ class Problems:
         if problem not in self._found:
             self._found.append(problem)
 
+    def extend(self, others: "Problems") -> None:
+        """Note problems that were found apart."""
+        self._found += [problem for problem in others._found if problem not in self._found]
+
     def __bool__(self) -> bool:
         return bool(self._found)
 

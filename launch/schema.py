@@ -15,9 +15,11 @@ from forcebound.launch.config import (
     EnvironmentConfig,
     GraphConfig,
     RealtimeConfig,
+    RemoteConfig,
 )
 from forcebound.launch.fields import Field, adapter, fields_of
 from forcebound.launch.loader import RUN_KEYS
+from forcebound.launch.phases import PhaseHead
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
@@ -46,6 +48,8 @@ def json_schema() -> dict[str, Any]:
                 **{name: _kinds(name, beside.get(name, {})) for name in KINDS},
                 "links": _mapping(dict.fromkeys(LINKS, link)),
                 "realtime": _mapping(_properties(fields_of(RealtimeConfig))),
+                "remote": _mapping(_properties(fields_of(RemoteConfig))),
+                "phases": {"type": "array", "items": _phase()},
             }
         ),
         "required": ["forcebound"],
@@ -69,6 +73,12 @@ def _argument() -> dict[str, Any]:
         }
     )
     return {"anyOf": [_SCALAR, declared]}
+
+
+def _phase() -> dict[str, Any]:
+    phase = _mapping(_properties(fields_of(PhaseHead)))
+    phase["properties"]["set"] = {"type": ["object", "null"]}
+    return phase
 
 
 def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,10 +23,19 @@ from forcebound.errors import ConfigError
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.changes import Reloader
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import LAUNCH_FILE, RECORDING, RunDocument, recorded_streams
+from forcebound.launch.live import (
+    LAUNCH_FILE,
+    RECORDING,
+    RUN_FILE,
+    RunDocument,
+    recorded_streams,
+    run_directory,
+    write_launch_document,
+)
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
+from forcebound.network.remote import RemoteEnd
 from forcebound.recording import Recorder
 
 FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
@@ -35,31 +44,36 @@ _logger = logging.getLogger(__name__)
 
 
 def run_node(
-    kind: str, file: Path, run_dir: Path, supervised: bool, arguments: Sequence[str] = ()
+    kind: str,
+    file: Path,
+    run_dir: Path | None,
+    supervised: bool,
+    arguments: Sequence[str] = (),
 ) -> int:
     """Run one process of a graph to its end; return its exit status.
 
     Args:
         kind: ``"device"``, ``"controller"``, ``"environment"`` or ``"recorder"``.
         file: Supervised: the resolved launch document; by hand: any launch file.
-        run_dir: Directory of the run's sockets; every process of a run names the same.
+        run_dir: Directory of the run's sockets; every process of a run names the same. None, for
+            an environment alone: it serves a graph on another machine, as ``remote`` of the launch
+            file says.
         supervised: Whether a launcher started it, which says when the force engages and with which
             it dies. By hand, the device engages when the first command has come.
         arguments: Of a launch file that is run by hand.
 
     Raises:
-        ConfigError: If the launch file is wrong, others may enter the run directory, or an endpoint
-            is in use.
+        ConfigError: If the launch file is wrong, others may enter the run directory, an endpoint is
+            in use, or a key is missing.
     """
     with process.Stop() as stop:
+        if run_dir is None:
+            _serve_remotely(kind, load(file, arguments), stop)
+            return 0
         if not supervised:
             config = load(file, arguments)
             check_run_directory(run_dir)
-            core = realtime.choose_core(config.realtime.cores)
-            record = str(run_dir / RECORDING)
-            streams = recorded_streams(run_dir, list(TOPICS))
-            run = RunDocument(os.getppid(), core, record, streams, run_metadata(config))
-            _run(kind, config, run, run_dir, stop, engages_itself=kind == "device")
+            _run_by_hand(kind, config, run_dir, stop)
             return 0
         run = RunDocument.read(run_dir)
         realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
@@ -76,6 +90,39 @@ def run_node(
             if not _has_launcher(run):
                 shutil.rmtree(run_dir, ignore_errors=True)
         return 0
+
+
+def _serve_remotely(kind: str, config: GraphConfig, stop: process.Stop) -> None:
+    if kind != "environment":
+        raise ConfigError(
+            f"a {kind} meets the other nodes in a run directory: name it with --run-dir"
+        )
+    if config.remote is None:
+        raise ConfigError(
+            "this launch file has no section remote:, which says where the graph is; to serve a "
+            "graph on this machine, name its run directory with --run-dir"
+        )
+    end = config.remote.end("environment")
+    with run_directory() as run_dir:
+        _run_by_hand(kind, config, run_dir, stop, end)
+
+
+def _run_by_hand(
+    kind: str,
+    config: GraphConfig,
+    run_dir: Path,
+    stop: process.Stop,
+    remote_end: RemoteEnd | None = None,
+) -> None:
+    """Run one node without a launcher; leave what ``forcebound param`` and others look for."""
+    core = realtime.choose_core(config.realtime.cores)
+    streams = recorded_streams(run_dir, list(TOPICS))
+    metadata = run_metadata(config)
+    run = RunDocument(os.getpid(), core, str(run_dir / RECORDING), streams, metadata)
+    if not (run_dir / RUN_FILE).exists():
+        write_launch_document(run_dir, config)
+        run.write(run_dir)
+    _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
 
 
 def check_run_directory(run_dir: Path) -> None:
@@ -102,6 +149,7 @@ def _run(
     run_dir: Path,
     stop: process.Stop,
     engages_itself: bool,
+    remote_end: RemoteEnd | None = None,
 ) -> None:
     if kind == "recorder":
         _record(run, run_dir, stop)
@@ -112,10 +160,14 @@ def _run(
         lock_memory=config.realtime.lock_memory,
         spin_ns=round(config.realtime.spin * 1e9),
     )
+    if kind == "controller" and config.remote is not None:
+        remote_end = config.remote.end("graph")
     node = build_node(kind, config, environment_name())
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     reloader = Reloader(config, run_dir / LAUNCH_FILE)
-    status = process.run(node, kind, run_dir, links, settings, stop, engages_itself, reloader)
+    status = process.run(
+        node, kind, run_dir, links, settings, stop, engages_itself, reloader, remote_end
+    )
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
 

@@ -20,6 +20,7 @@ class NewestSubscriber:
         newest_only: Whether only the newest packet counts.
 
     Attributes:
+        newest_only: Whether only the newest packet counts; may be changed.
         descriptor: Readable when something has happened; edge-triggered, so ask :meth:`pending`
             before it is waited for again.
         superseded: Packets for which a newer one was there already.
@@ -27,7 +28,7 @@ class NewestSubscriber:
 
     def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
         self._socket = socket
-        self._newest_only = newest_only
+        self.newest_only = newest_only
         self._malformed = 0  # messages of several frames that are still to be returned as b""
         self.descriptor = int(socket.FD)
         self.superseded = 0
@@ -42,7 +43,7 @@ class NewestSubscriber:
             self._malformed -= 1
             return b""
         newest: bytes | None = None
-        for _ in range(DRAIN_LIMIT if self._newest_only else 1):
+        for _ in range(DRAIN_LIMIT if self.newest_only else 1):
             try:
                 data = receive_whole(self._socket)
             except zmq.Again:
@@ -70,7 +71,7 @@ class NewestSubscriber:
             if data is None:
                 break
             messages.append(data)
-            if not self._malformed and (self._newest_only or not self._has_message()):
+            if not self._malformed and (self.newest_only or not self._has_message()):
                 break
         return messages
 

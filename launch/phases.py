@@ -1,0 +1,102 @@
+"""Scripted runs: what a graph goes through, one phase after the other.
+
+::
+
+    phases:
+      - { name: quiet, duration: 2 s }
+      - { name: 20 ms late, duration: 2 s, set: { links.environment_reply.delay: 20 ms } }
+
+A phase begins with the parameters of the launch file, not with those of the phase before, and sets
+its own; so each can be read alone. What a phase makes of the launch file is checked as a launch
+file is, before anything starts.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+from forcebound.errors import ConfigError
+from forcebound.launch.config import GraphConfig, Phase
+from forcebound.launch.fields import Section, fields_of
+from forcebound.launch.parameters import differences, parameters
+from forcebound.launch.problems import Problems, unknown
+from forcebound.launch.tree import BROKEN, Value
+from forcebound.quantities import POSITIVE, Time
+
+KEY = "phases"
+PHASE_BEGINS = "phase"  # kind of event; its data has the name
+
+
+@dataclass(frozen=True)
+class PhaseHead:
+    """What a phase says beside its settings."""
+
+    name: str
+    duration: Annotated[Time, POSITIVE]
+
+
+def read_phases(
+    root: Value,
+    config: GraphConfig,
+    build: Callable[[Value, Problems], GraphConfig],
+    problems: Problems,
+) -> tuple[Phase, ...]:
+    """Return the phases of a launch file.
+
+    Args:
+        root: The launch file.
+        config: What it says without phases.
+        build: Reads a launch file; raises ConfigError with the problems noted.
+        problems: What is wrong is added to it.
+    """
+    listed = root.entries[KEY]
+    entries = listed.content if isinstance(listed.content, tuple) else ()
+    if not entries and not listed.is_broken:
+        problems.add(f"phases must be a list of mappings, got {listed}", listed.place)
+    plain = {name: value for name, value in root.entries.items() if name != KEY}
+    plain.setdefault("duration", Value(1.0, root.place))  # that of a phase is its own
+    phases: list[Phase] = []
+    for number, value in enumerate(entries, start=1):
+        section = Section(value, f"phase {number}", root, problems)
+        if not section.is_readable:
+            continue
+        section.check_keys(("name", "duration", "set"))
+        head = section.read(fields_of(PhaseHead))
+        settings = Section(value.entries.get("set"), f"set of phase {number}", value, problems)
+        changed = _overlaid(replace(root, content=plain), settings, parameters(config))
+        if changed is None or BROKEN in head.values():
+            continue
+        found = Problems()
+        try:
+            settled = differences(config, build(changed, found))
+        except ConfigError:
+            problems.extend(found)
+        else:
+            phases.append(Phase(head["name"], head["duration"], settled))
+    return tuple(phases)
+
+
+def phase_duration(phases: Sequence[Phase]) -> float:
+    """Return how long phases take together, in s."""
+    return sum(phase.duration for phase in phases)
+
+
+def _overlaid(root: Value, settings: Section, known: Collection[str]) -> Value | None:
+    """The launch file with some parameters at their places; None with problems noted."""
+    if not settings.is_readable:
+        return None
+    for name, value in settings.value.entries.items():
+        if name not in known:
+            message = unknown("parameter", name, known)
+            settings.problems.add(message, value.key or value.place)
+            return None
+        root = _placed(root, name.split("."), value)
+    return root
+
+
+def _placed(tree: Value, path: Sequence[str], value: Value) -> Value:
+    """A tree with ``value`` at ``path``."""
+    if not path:
+        return value
+    inner = tree.entries.get(path[0], Value({}, value.place, value.key))
+    return replace(tree, content={**tree.entries, path[0]: _placed(inner, path[1:], value)})
