@@ -470,6 +470,8 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         _print_json(result.summary)
         return
     print_table([result])
+    if result.summary["phases"]:
+        _print_phases(result.summary["phases"])
     if record is not None:
         click.echo(f"recording: {record}")
 
@@ -489,6 +491,21 @@ def print_table(results: list[Any]) -> None:
     for label in columns[0]:
         table.add_row(label, *(column.get(label, "-") for column in columns))
     Console().print(table)
+
+
+def _print_phases(phases: list[Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from forcebound.analysis.metrics import phase_rows
+
+    head, *rows = phase_rows(phases)
+    table = Table(head[0], box=None, pad_edge=False)
+    for name in head[1:]:
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console().print("", table)
 
 
 def _print_document(config: Any) -> None:

@@ -19,7 +19,7 @@ import json
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from os import PathLike
@@ -275,6 +275,15 @@ class TelemetryColumns:
             deadline_misses=integers([p.deadline_misses for p in packets]),
             rejected=dict(packets[-1].rejected) if packets else {},
         )
+
+    def slice(self, chosen: NDArray[np.bool_]) -> Self:
+        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
+        columns = {
+            field.name: getattr(self, field.name)[chosen]
+            for field in fields(self)
+            if field.name != "rejected"
+        }
+        return replace(self, **columns)
 
 
 class Recording:

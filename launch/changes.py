@@ -7,6 +7,7 @@ nodes and links from the old one to the new one, the same way live and in virtua
 import copy
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.build import build_link, change_environment, change_link
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.loader import from_document
-from forcebound.launch.parameters import differences, parameters
+from forcebound.launch.parameters import describe, differences, parameters
 from forcebound.launch.problems import unknown
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
@@ -71,6 +72,33 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
                 change_environment(node, new)
             done |= here
     return done
+
+
+@dataclass(frozen=True)
+class Part:
+    """A phase of a run with its beginning."""
+
+    name: str
+    start_ns: int  # since the force engaged
+    config: GraphConfig  # that holds in it
+    message: str
+
+    @property
+    def data(self) -> dict[str, str]:
+        """For the event that tells it."""
+        return {"name": self.name}
+
+
+def timetable(config: GraphConfig) -> list[Part]:
+    """Return the phases of a graph with their beginnings."""
+    parts: list[Part] = []
+    start_ns = 0
+    for phase in config.phases:
+        told = describe(phase.settings) or "as the launch file says"
+        message = f"phase {phase.name}: {told}"
+        parts.append(Part(phase.name, start_ns, change(config, phase.settings), message))
+        start_ns += round(phase.duration * 1e9)
+    return parts
 
 
 class Reloader:

@@ -139,8 +139,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
     top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
-    has_duration = "duration" in root.entries or KEY not in root.entries
-    run_keys = tuple(key for key in RUN_KEYS if key != "duration" or has_duration)
+    run_keys = tuple(key for key in RUN_KEYS if key != "duration" or KEY not in root.entries)
     values = {"duration": math.inf, **top.read(fields_of(GraphConfig, run_keys))}
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     device = _device(sections["device"])
@@ -173,8 +172,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
         return config
     phases = read_phases(root, config, _build, problems)
     problems.raise_if_any()
-    duration = config.duration if has_duration else phase_duration(phases)
-    return replace(config, phases=phases, duration=duration)
+    return replace(config, phases=phases, duration=phase_duration(phases))
 
 
 def _check_format(top: Section) -> None:

@@ -6,9 +6,10 @@
       - { name: quiet, duration: 2 s }
       - { name: 20 ms late, duration: 2 s, set: { links.environment_reply.delay: 20 ms } }
 
-A phase begins with the parameters of the launch file, not with those of the phase before, and sets
-its own; so each can be read alone. What a phase makes of the launch file is checked as a launch
-file is, before anything starts.
+The run is as long as its phases; ``duration`` has no meaning then. A phase begins with the
+parameters of the launch file, not with those of the phase before, and sets its own; so each can be
+read alone. What a phase makes of the launch file is checked as a launch file is, before anything
+starts.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -24,7 +25,6 @@ from forcebound.launch.tree import BROKEN, Value
 from forcebound.quantities import POSITIVE, Time
 
 KEY = "phases"
-PHASE_BEGINS = "phase"  # kind of event; its data has the name
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from forcebound.analysis.metrics import summarize, summarize_events
+from forcebound.analysis.metrics import summarize, summarize_events, summarize_phases
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import TelemetryColumns, read
@@ -66,5 +66,6 @@ class RunResult:
         return {
             **summarize(self.columns, self.document),
             **summarize_events(self.events),
+            "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }

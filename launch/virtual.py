@@ -5,9 +5,11 @@ from pathlib import Path
 
 from forcebound.errors import RunError
 from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
+from forcebound.launch.changes import apply, timetable
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
+from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder, TelemetryColumns
 from forcebound.simulation import Simulation
@@ -45,14 +47,23 @@ def run_virtual(
     others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
     links = build_links(config)
     simulation = Simulation([*others, device], links, observe, observed)
-    for node in simulation.nodes:
-        node.events.is_logged = False  # a run of a sweep, or of a second, needs no log
+    launcher = EventLog("launcher")
+    for events_of in (launcher, *(node.events for node in simulation.nodes)):
+        events_of.is_logged = False  # a run of a sweep, or of a second, needs no log
     device.engage()
     seconds = duration or config.duration
+    end_ns = round(seconds * 1e9)
     began = time.perf_counter()
     try:
         with without_garbage_collection():
-            simulation.run(round(seconds * 1e9))
+            now = config
+            for part in timetable(config):
+                if part.start_ns < end_ns:
+                    simulation.run(part.start_ns)
+                    apply(now, part.config, simulation)
+                    now = part.config
+                    observe(launcher.tell(part.start_ns, PHASE_BEGINS, part.message, part.data))
+            simulation.run(end_ns)
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)

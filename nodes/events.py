@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from forcebound.messages.packets import MAX_TEXT, Event
 
+PHASE_BEGINS = "phase"  # kind of event: a part of a scripted run begins; its data has the name
 LINK_COUNTED = "link_counted"  # kind of event: how many packets of a link had which fate
 
 

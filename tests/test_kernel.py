@@ -62,7 +62,7 @@ def assert_both_agree(configs: list[GraphConfig]) -> None:
 
 def _flat(summary: Mapping[str, Any]) -> dict[str, Any]:
     delays = summary["loop_delay_ms"]
-    left_out = ("loop_delay_ms", "links", "faults")  # the kernel has no events
+    left_out = ("loop_delay_ms", "links", "faults", "phases")  # the kernel has no events
     rest = {name: value for name, value in summary.items() if name not in left_out}
     return {**rest, **{f"loop_delay_ms.{name}": value for name, value in delays.items()}}
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Event
-from forcebound.nodes.events import LINK_COUNTED
+from forcebound.nodes.events import LINK_COUNTED, PHASE_BEGINS
 from forcebound.recording import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -257,6 +257,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
           simulated device's ground truth and of the law's own ledger
         * ``bounder_active_share``: share of samples in contact in which less force was applied
           than asked; in an environment without a surface, of the samples in which force was asked
+        * ``answered_share``: :func:`answered_share`
         * ``own_tick_share``: share of samples whose force answers the state of their own tick
         * ``loop_delay_ms``: ``p50``, ``p99``, ``max``
         * ``deadline_misses``, ``rejected_packets`` by reason: at the end of the run
@@ -291,6 +292,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         "true_energy_min_j": _or_none(np.min, columns.true_energy[since_engaged]),
         "estimated_energy_min_j": _or_none(np.min, columns.estimated_energy[since_engaged]),
         "bounder_active_share": _or_none(np.mean, (applied < UNBOUNDED * asked)[contact]),
+        "answered_share": answered_share(columns),
         "own_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
         "loop_delay_ms": _delays(columns.loop_delay[engaged]),
         "deadline_misses": _misses(columns.deadline_misses, since_engaged),
@@ -334,6 +336,82 @@ def _delays(delays: Floats) -> dict[str, float | None]:
         "p99": _or_none(lambda known: np.percentile(known, 99), milliseconds),
         "max": _or_none(np.max, milliseconds),
     }
+
+
+def answered_share(columns: TelemetryColumns) -> float | None:
+    """Return the share of ticks whose state was answered by a force, sooner or later, 0 to 1.
+
+    What is missing was lost, or overtaken by a newer answer. The last ticks of a run are still
+    waiting for theirs, so a run with a long delay has a little less than 1.
+    """
+    since_engaged = columns.elapsed > 0.0
+    ticks = columns.seq[since_engaged]
+    if not ticks.size:
+        return None
+    answered = np.unique(columns.device_seq[since_engaged])
+    return float(np.count_nonzero(answered >= ticks[0])) / ticks.size
+
+
+def summarize_phases(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Return the results of each phase of a scripted run, ready for JSON.
+
+    Args:
+        columns: Telemetry of the run.
+        events: Of the run; they tell when a phase began.
+        config: The launch file as resolved for the run.
+
+    Returns:
+        By phase: ``name``, ``start_s`` (since the force engaged), ``duration_s`` as it was,
+        ``answered_share``, ``force_share`` (of samples with an engaged force), and, as
+        :func:`summarize` has them, ``loop_delay_ms``, ``peak_force_n``, ``true_energy_min_j``,
+        ``deadline_misses``.
+    """
+    begins = [event for event in events if event.event == PHASE_BEGINS]
+    ends_ns = [event.time_ns for event in begins[1:]] + [2**63 - 1]
+    found = []
+    for event, end_ns in zip(begins, ends_ns, strict=True):
+        here = (columns.time_ns >= event.time_ns) & (columns.time_ns < end_ns)
+        if not here.any():
+            continue
+        part = columns.slice(here)
+        figures = summarize(part, config)
+        kept = ("loop_delay_ms", "peak_force_n")
+        found.append(
+            {
+                "name": event.data.get("name", ""),
+                "start_s": float(part.elapsed[0]),
+                "duration_s": float(part.elapsed[-1] - part.elapsed[0]),
+                "answered_share": answered_share(part),
+                "force_share": float(np.mean(part.engagement > 0.0)),
+                **{name: figures[name] for name in kept},
+                "true_energy_min_j": _or_none(np.min, part.true_energy),
+                "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),
+            }
+        )
+    return found
+
+
+def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Return a table of phases in everyday units, its head first; delays are p50/p99/max."""
+    rows: list[tuple[str, ...]] = [
+        ("phase", "delay, ms", "answered", "force on", "peak force", "least energy")
+    ]
+    for phase in phases:
+        delays = phase["loop_delay_ms"]
+        delay = "/".join(_quantity(delays[key], "", 1.0, 1) for key in ("p50", "p99", "max"))
+        rows.append(
+            (
+                phase["name"],
+                delay,
+                _quantity(phase["answered_share"], "%", 1e2, 1),
+                _quantity(phase["force_share"], "%", 1e2, 1),
+                _quantity(phase["peak_force_n"], "N", 1.0, 2),
+                _quantity(phase["true_energy_min_j"], "mJ", 1e3, 2),
+            )
+        )
+    return rows
 
 
 def summarize_events(events: Sequence[Event]) -> dict[str, Any]:
@@ -387,6 +465,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("least true energy", show("true_energy_min_j", "mJ", 1e3)),
         ("least estimated energy", show("estimated_energy_min_j", "mJ", 1e3)),
         ("bounder active", show("bounder_active_share", "%", 1e2, 1)),
+        ("ticks answered", show("answered_share", "%", 1e2, 1)),
         ("own tick answered", show("own_tick_share", "%", 1e2, 1)),
         ("loop delay p50/p99/max", UNDEFINED if delays["p50"] is None else f"{delay} ms"),
         ("deadline misses", show("deadline_misses", "", digits=0)),

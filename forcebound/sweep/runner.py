@@ -80,7 +80,7 @@ def _parameters(document: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
     refused = sum(summary["rejected_packets"].values())
     # The kernel draws what links lose and does not count it; events are of the graph alone.
-    left_out = ("law", "rejected_packets", "links", "faults")
+    left_out = ("law", "rejected_packets", "links", "faults", "phases")
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": refused}
 
