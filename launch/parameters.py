@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_link, change_link
+from forcebound.launch.build import build_link, change_environment, change_link
 from forcebound.launch.config import LINKS, GraphConfig, plain, to_document
 from forcebound.launch.loader import from_document
 from forcebound.launch.problems import unknown
@@ -93,7 +93,7 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
         if isinstance(node, EnvironmentNode):
             mine.add("environment.")
             if any(name.startswith("environment.") for name in changed):
-                node.change(new.environment.model, round(new.environment.compute_delay * 1e9))
+                change_environment(node, new.environment)
         here |= {name: v for name, v in changed.items() if name.startswith(tuple(mine))}
     return here
 
