@@ -231,7 +231,7 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
 @_json_option
 @_reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop or sweep) beside its limit in the same run."""
+    """Measure NAME (servo, loop, delay or sweep) beside its limit in the same run."""
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:
