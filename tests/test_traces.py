@@ -397,6 +397,12 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     assert "is not a recording" in result.stderr
 
 
+def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> None:
+    run_virtual(load("delayed_wall"), 0.006, tmp_path / "run.mcap")
+    with pytest.raises(ConfigError, match=r"no trace in .*run\.mcap: .*record for longer"):
+        read_trace(tmp_path / "run.mcap")
+
+
 @pytest.mark.live
 def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
     RunDocument(1, None, "", []).write(tmp_path)
