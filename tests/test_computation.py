@@ -12,14 +12,16 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_node
+from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.launch.config import EnvironmentConfig
 from forcebound.launch.loader import from_document, load, to_document
-from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
+from forcebound.launch.parameters import apply, change
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Chances, Impairment, generators
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.simulation import Simulation
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
 
@@ -234,3 +236,31 @@ def test_a_sweep_sends_computations_that_vary_to_the_graph(
 def test_a_sweep_keeps_computations_of_one_time_in_the_kernel(tmp_path: Path) -> None:
     config = load(computing(tmp_path, compute_delay="1.7 ms"))
     assert timing_of(config, 100).is_exact
+
+
+def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:
+    busy = written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
+    away = written(tmp_path, "time_s,delay_s\n0,0.003\n", "away.csv")
+    config = load(computing(tmp_path))
+    delays: list[float | None] = []
+    device = build_device(config)
+    device.engage()
+    graph = Simulation(
+        [build_node("environment", config), build_node("controller", config), device],
+        build_links(config),
+        lambda packet: delays.append(packet.loop_delay) if isinstance(packet, Telemetry) else None,
+    )
+    settings: tuple[dict[str, object], ...] = (
+        {"environment.compute_trace": str(busy)},
+        {"links.environment_query.delay": 0, "links.environment_query.trace": str(away)},
+        {"environment.compute_trace": None, "links.environment_query.trace": None},
+    )
+    found = []
+    for number, changes in enumerate(({}, *settings)):
+        new = change(config, changes)
+        apply(config, new, graph)
+        config = new
+        graph.run((number + 1) * 100 * MS)
+        found.append(min(delay for delay in delays[-50:] if delay is not None))
+    # 2 ms of the link; and 4 ms of computing; 3 and 4 ms; nothing.
+    assert found == pytest.approx([0.0024, 0.0064, 0.0074, 0.0004])

@@ -25,6 +25,7 @@ from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network.impairment import Chances, Impairment, generators
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.network.sockets import Network
+from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import die_with_parent, enter, freeze_garbage
 
@@ -50,6 +51,7 @@ class SenderNode:
     wakes_on_arrival: ClassVar[bool] = False
 
     def __init__(self, period_ns: int, begin_ns: int) -> None:
+        self.events = EventLog("controller")
         self.wake_ns: int | None = begin_ns
         self._period_ns = period_ns
         self._seq = 0
@@ -67,6 +69,7 @@ class SenderNode:
             elapsed=1.5,
             position=(0.012,),
             velocity=(0.1,),
+            environment=None,
         )
         self._seq += 1
         return [query]
@@ -104,6 +107,7 @@ class ReceiverNode:
     wake_ns: int | None = None
 
     def __init__(self, stop: Stop, link: WatchedLink | None, count: int) -> None:
+        self.events = EventLog("environment")
         self.times_ns: list[int] = []
         self.missed = 0
         self.began_ns = 0
