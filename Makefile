@@ -28,6 +28,7 @@ audit: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/forcebound bench servo
 	$(BIN)/forcebound bench loop
+	$(BIN)/forcebound bench delay
 	$(BIN)/forcebound bench sweep
 	$(BIN)/python benchmarks/codec.py
 

@@ -197,13 +197,43 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
 
 @main.command()
+@click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="TRACE.csv",
+    help="Write the delays as a trace, to be replayed on a link.",
+)
+@_duration_option
+@_json_option
+@_reports_errors
+def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
+    """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
+    from forcebound.launch.delay import measure, summary
+
+    trace = measure(run, duration)
+    if output is not None:
+        trace.write(output)
+    document = {**summary(trace), "trace": None if output is None else str(output)}
+    if as_json:
+        _print_json(document)
+        return
+    for name, value in document["loop_delay_ms"].items():
+        click.echo(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
+    click.echo(f"lost {document['lost_share']:>14.1%} of {document['ticks']} ticks")
+    if output is not None:
+        click.echo(f"trace: {output}")
+
+
+@main.command()
 @click.argument("name")
 @_duration_option
 @click.option("--rate", default=1000.0, show_default=True, help="Ticks a second, in Hz.")
 @_json_option
 @_reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop or sweep) beside its limit in the same run."""
+    """Measure NAME (servo, loop, delay or sweep) beside its limit in the same run."""
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:

@@ -1,7 +1,9 @@
 """From a configuration to the objects that run: the nodes and the links of a graph."""
 
-from forcebound.launch.config import GraphConfig
+from forcebound.launch.config import EnvironmentConfig, GraphConfig
+from forcebound.launch.traces import trace_of
 from forcebound.messages.packets import Packet
+from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
@@ -25,15 +27,8 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
     if kind == "controller":
         return ControllerNode(config.controller.model, lease_ns(config))
     if kind == "environment":
-        environment = config.environment
-        delay_ns = round(environment.compute_delay * 1e9)
-        return EnvironmentNode(environment.model, delay_ns, environment_name)
+        return EnvironmentNode(config.environment.model, _computation(config), environment_name)
     raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
-
-
-def change_environment(node: EnvironmentNode, config: GraphConfig) -> None:
-    """Answer from the next query on with another environment, or in another time."""
-    node.change(config.environment.model, round(config.environment.compute_delay * 1e9))
 
 
 def lease_ns(config: GraphConfig) -> int:
@@ -62,9 +57,21 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
 
 def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
     """Return the link of a topic in a graph with this seed."""
-    return Link(impairment, link_seed(seed, topic), newest_only=True)
+    return Link(impairment, link_seed(seed, topic), True, trace_of(impairment))
 
 
 def change_link(link: Link[Packet], impairment: Impairment) -> None:
     """Impair what arrives from now on as ``impairment`` says."""
-    link.change(impairment)
+    link.change(impairment, trace_of(impairment))
+
+
+def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
+    """Answer from the next query on as ``environment`` says, and in its time."""
+    computation = environment.computation
+    node.change(environment.model, computation, trace_of(computation))
+
+
+def _computation(config: GraphConfig) -> ComputationTime:
+    computation = config.environment.computation
+    seed = link_seed(config.seed, "computation")
+    return ComputationTime(computation, seed, trace_of(computation))

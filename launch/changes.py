@@ -69,7 +69,7 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
         if isinstance(node, EnvironmentNode):
             here = _beginning("environment.", changed)
             if here:
-                change_environment(node, new)
+                change_environment(node, new.environment)
             done |= here
     return done
 

@@ -15,12 +15,12 @@ from forcebound.bounding import LAWS
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.messages.packets import TOPICS
-from forcebound.network.impairment import Impairment
+from forcebound.network.impairment import Impairment, check_delay
 from forcebound.network.remote import DEFAULT_PORT, RemoteEnd, end_of
 from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Time
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ratio, Time
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
@@ -36,6 +36,7 @@ KINDS: dict[str, Mapping[str, type]] = {
 LINKS = tuple(topic for topic in TOPICS if topic not in ("telemetry", "event"))
 
 __all__ = [
+    "COMPUTATION",
     "FORMAT",
     "KINDS",
     "LAWS",
@@ -67,10 +68,34 @@ class ControllerConfig:
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """The virtual environment."""
+    """The virtual environment, and the time that it computes on top of what its code needs.
+
+    Raises:
+        ConfigError: If the settings of that time do not go together or a file cannot be read.
+    """
 
     model: Environment
-    compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s, on top of what its code needs
+    compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s
+    compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0  # s; all as the delay of a link
+    compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
+    compute_correlation: Ratio = 0.0
+    compute_distribution_file: Path | None = None
+    compute_trace: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_delay(self, "compute_")
+
+    @property
+    def computation(self) -> Impairment:
+        """The time that it computes, in the words of a link."""
+        settings = {name.removeprefix("compute_"): getattr(self, name) for name in COMPUTATION}
+        return Impairment(**settings)
+
+
+# Settings of the time that an environment computes: they stand beside those of its model.
+COMPUTATION = tuple(
+    field.name for field in dataclasses.fields(EnvironmentConfig) if field.name != "model"
+)
 
 
 @dataclass(frozen=True)
@@ -154,7 +179,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "controller": _kind("controller", config.controller.model),
         "environment": {
             **_kind("environment", environment.model),
-            "compute_delay": environment.compute_delay,
+            **{name: _json(getattr(environment, name)) for name in COMPUTATION},
         },
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),

@@ -116,9 +116,15 @@ class Section:
                 values[name] = BROKEN
         return values
 
-    def make(self, kind: type) -> Any:
-        """Return the dataclass with its values from this section; None with problems noted."""
-        values = self.read(fields_of(kind))
+    def make(self, kind: type, **made_before: Any) -> Any:
+        """Return the dataclass with its values from this section; None with problems noted.
+
+        Args:
+            kind: The dataclass.
+            made_before: Fields that do not stand in this section as such.
+        """
+        names = tuple(name for name in fields_of(kind) if name not in made_before)
+        values = {**self.read(fields_of(kind, names)), **made_before}
         sound = {name: value for name, value in values.items() if value is not BROKEN}
         while True:
             missing = [f for f in fields_of(kind).values() if f.required and f.name not in sound]
@@ -138,7 +144,7 @@ class Section:
         """Note what the dataclass refused; return the field to blame if it is clear which."""
         named = [name for name in fields_of(kind) if re.search(rf"\b{name}\b", message)]
         named.sort(key=lambda name: re.search(rf"\b{name}\b", message).start())  # type: ignore[union-attr]  # found above
-        given = [name for name in named if name in sound]
+        given = [name for name in named if name in sound and name in self.value.entries]
         if given:
             self.add(message, self.value.entries[given[0]])
         else:

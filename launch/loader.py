@@ -18,6 +18,7 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
 from forcebound.launch.config import (
+    COMPUTATION,
     FORMAT,
     KINDS,
     LAWS,
@@ -35,7 +36,8 @@ from forcebound.launch.fields import Field, Section, fields_of
 from forcebound.launch.phases import KEY, phase_duration, read_phases
 from forcebound.launch.problems import Problems
 from forcebound.launch.substitution import Substitution
-from forcebound.launch.tree import BROKEN, Value, from_plain
+from forcebound.launch.traces import shortest_of, trace_of
+from forcebound.launch.tree import Value, from_plain
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
@@ -215,12 +217,13 @@ def _controller(section: Section) -> ControllerConfig | None:
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:
-    beside = fields_of(EnvironmentConfig, ("compute_delay",))
-    model = _member(section, beside)
-    values = section.read(beside)
-    if model is None or BROKEN in values.values():
+    if not section.is_readable:
         return None
-    return EnvironmentConfig(model, **values)
+    model = _member(section, fields_of(EnvironmentConfig, COMPUTATION))
+    made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
+    if made is None or not _has_trace(section, "compute_trace", made.computation):
+        return None
+    return None if model is None else made
 
 
 def _links(section: Section) -> dict[str, Impairment]:
@@ -232,9 +235,19 @@ def _links(section: Section) -> dict[str, Impairment]:
             link = Section(value, f"links.{topic}", value, section.problems)
             link.check_keys(fields_of(Impairment))
             impairment = link.make(Impairment) if link.is_readable else None
-            if impairment is not None:
+            if impairment is not None and _has_trace(link, "trace", impairment):
                 links[topic] = impairment
     return links
+
+
+def _has_trace(section: Section, key: str, impairment: Impairment) -> bool:
+    """Whether the trace, if one is named, can be read; if not, a problem is noted."""
+    try:
+        trace_of(impairment)
+    except ConfigError as error:
+        section.add(f"{key}: {error}", section.value.entries[key])
+        return False
+    return True
 
 
 def _realtime(section: Section) -> RealtimeConfig | None:
@@ -266,11 +279,12 @@ def _check_delays(
     section: Section,
 ) -> None:
     """Note a loop so long that the device would refuse every answer."""
-    shortest = environment.compute_delay + sum(link.shortest for link in links.values())
+    parts = (environment.computation, *links.values())
+    shortest = sum(shortest_of(part) for part in parts)
     if shortest < servo.age_limit:
         return
     message = (
-        f"an answer takes at least {shortest * 1e3:g} ms (delays of the links and compute_delay),"
+        f"an answer takes at least {shortest * 1e3:g} ms (delays of the links and the environment),"
         f" and the device refuses answers older than age_limit = {servo.age_limit * 1e3:g} ms,"
         " so there would never be a force: set age_limit in device: above"
         f" {shortest * 1e3:g} ms, or lower the delays"

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from forcebound.launch.config import (
+    COMPUTATION,
     FORMAT,
     KINDS,
     LAWS,
@@ -33,7 +34,7 @@ def json_schema() -> dict[str, Any]:
     servo["law"] = {"anyOf": [{"enum": sorted(LAWS)}, _SUBSTITUTION], "default": "certified"}
     beside: dict[str, dict[str, Any]] = {
         "device": servo,
-        "environment": _properties(fields_of(EnvironmentConfig, ("compute_delay",))),
+        "environment": _properties(fields_of(EnvironmentConfig, COMPUTATION)),
     }
     link = _mapping(_properties(fields_of(Impairment)))
     return {

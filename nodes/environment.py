@@ -1,8 +1,8 @@
 """The environment node: serves one virtual environment, and takes the time that it takes.
 
 While an answer is computed nothing else is answered, as in a real computation: throughput falls. A
-query that comes meanwhile waits, and only the newest waits. The injected ``compute_delay`` comes
-on top of what the environment's own code needs.
+query that comes meanwhile waits, and only the newest waits. The injected computation time comes on
+top of what the environment's own code needs.
 
 A query names the environment whose answers the graph takes. If that is another one, this one is
 refused: it says so, and keeps quiet until the graph wants it, but for an answer now and then, by
@@ -21,6 +21,9 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
+from forcebound.network.computation import ComputationTime
+from forcebound.network.impairment import Impairment
+from forcebound.network.trace import DelayTrace
 from forcebound.nodes.events import EventLog
 
 KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
@@ -29,11 +32,11 @@ _logger = logging.getLogger(__name__)
 
 
 class EnvironmentNode:
-    """Answers the newest query, one at a time, each after ``compute_delay``.
+    """Answers the newest query, one at a time, each after its computation time.
 
     Args:
         environment: What computes the force.
-        compute_delay_ns: Injected time of a computation, in ns.
+        computation: Injected time of each computation; None: none.
         name: Of this environment in the graph; no other one has it.
     """
 
@@ -42,10 +45,13 @@ class EnvironmentNode:
     wakes_on_arrival: ClassVar[bool] = True
 
     def __init__(
-        self, environment: Environment, compute_delay_ns: int = 0, name: str = "environment"
+        self,
+        environment: Environment,
+        computation: ComputationTime | None = None,
+        name: str = "environment",
     ) -> None:
         self._environment = environment
-        self._compute_delay_ns = compute_delay_ns
+        self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, Vector] | None = None
         self._waiting: EnvironmentQuery | None = None
         self._done_ns = 0
@@ -61,10 +67,20 @@ class EnvironmentNode:
         """When the answer in work is ready, in ns; None while there is none."""
         return None if self._answering is None else self._done_ns
 
-    def change(self, environment: Environment, compute_delay_ns: int) -> None:
-        """Answer from the next query on as another environment, or in another time (ns)."""
+    def change(
+        self, environment: Environment, computation: Impairment, trace: DelayTrace | None = None
+    ) -> None:
+        """Answer from the next query on as another environment, or in another time.
+
+        The answer in work keeps its time.
+
+        Args:
+            environment: What computes the force.
+            computation: The time that a computation takes, by its settings of the delay.
+            trace: What the file ``computation.trace`` says.
+        """
         self._environment = environment
-        self._compute_delay_ns = compute_delay_ns
+        self._computation.change(computation, trace)
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
@@ -88,11 +104,12 @@ class EnvironmentNode:
                     event = "environment_failed"
                     replies.append(self.events.tell(time_ns, event, message, is_fault=True))
                 return replies
-            if self._compute_delay_ns == 0:
+            delay_ns = self._computation.next_ns(time_ns)
+            if delay_ns == 0:
                 replies.append(self._reply(query, force, time_ns))
-            else:
+            elif delay_ns is not None:
                 self._answering = (query, force)
-                self._done_ns = time_ns + self._compute_delay_ns
+                self._done_ns = time_ns + delay_ns
         return replies
 
     def _knocks(self, serving: str, time_ns: int, packets: list[Packet]) -> bool:

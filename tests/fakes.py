@@ -8,6 +8,7 @@ from forcebound.devices.plant import Truth
 from forcebound.environments import Environment
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
+from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
@@ -65,7 +66,7 @@ def press(
     *,
     servo: ServoSettings | None = None,
     environment: Environment | None = None,
-    compute_delay_ns: int = 0,
+    computation: ComputationTime | None = None,
     **impairments: Impairment,
 ) -> list[Packet]:
     """Press a hand into a wall in virtual time; return every packet that was sent."""
@@ -79,7 +80,7 @@ def press(
         for topic, impairment in impairments.items()
     }
     nodes: list[Node] = [
-        EnvironmentNode(environment or Wall(), compute_delay_ns),
+        EnvironmentNode(environment or Wall(), computation),
         ControllerNode(DirectController()),
         device,
     ]

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from forcebound.benchmark import BENCHMARKS, tables
-from forcebound.benchmark.figures import SHARES, Measured, compare, judge, percentile, plan
+from forcebound.benchmark import BENCHMARKS, link_delay, tables
+from forcebound.benchmark.figures import SHARES, Measured, beyond, compare, judge, percentile, plan
 from forcebound.benchmark.workers import collect, compile_c, module, read_times, started
 from forcebound.errors import RunError
 from forcebound.messages.codec import decode
@@ -77,6 +77,42 @@ def test_a_clock_that_did_not_move_gives_a_finite_ratio() -> None:
 def test_a_round_without_times_is_left_out_of_the_spread() -> None:
     compared = compare(measured([10], []), measured([10], [20]), "p50", None)
     assert (compared["lowest"], compared["highest"], compared["reached"]) == (1.0, 1.0, None)
+
+
+def test_what_is_beyond_is_counted_from_the_median_of_what_there_is_anyway() -> None:
+    ours = measured([5000, 9000, 9000], [6000, 7000, 8000], label="ours")
+    own = measured([1000, 2000, 9000], [3000, 3000, 3000], label="own")
+    assert beyond(ours, own, "max", 6.0) == {
+        "what": "ours, max beyond own",
+        "value": 6.0,
+        "unit": "us",
+        "lowest": 5.0,
+        "highest": 7.0,
+        "target": 6.0,
+        "reached": True,
+    }
+
+
+@pytest.mark.parametrize("name", sorted(set(link_delay.LINKS) - {"own"}))
+def test_the_watched_link_tells_what_it_adds(name: str) -> None:
+    link = link_delay.WatchedLink(link_delay.LINKS[name])
+    link.newest_only = False
+    sender = link_delay.SenderNode(1_000_000, 0)
+    sent = {}
+    for tick in range(100):
+        (packet,) = sender.step(tick * 1_000_000, ())
+        sent[packet.seq] = packet.time_ns
+        link.accept(packet.time_ns, packet)
+    while (due_ns := link.next_due_ns) is not None:
+        for packet in link.due(due_ns):
+            assert link.added_ns.pop(packet.seq) == due_ns - sent.pop(packet.seq)
+    assert not sent
+
+
+def test_the_sender_skips_the_ticks_that_it_missed() -> None:
+    sender = link_delay.SenderNode(1000, 5000)
+    (packet,) = sender.step(7500, ())
+    assert (packet.seq, packet.time_ns, sender.wake_ns) == (0, 7500, 8000)
 
 
 def test_a_target_is_reached_up_to_its_very_value() -> None:
@@ -186,6 +222,6 @@ def test_a_short_run_gives_every_figure(name: str) -> None:
         assert all(math.isfinite(time) and time > 0 for time in times)
     for one in result["comparisons"].values():
         assert math.isfinite(one["value"])
-        assert one["value"] >= 0
+        assert one["value"] >= 0 or "beyond" in one["what"]  # a difference, on a noisy machine
     assert {"cores", "kernel", "policies", "python", "pyzmq"} <= set(result["conditions"])
     assert tables(result)

@@ -21,6 +21,8 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.network.computation import ComputationTime
+from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import CONTROLLERS, ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings
 from forcebound.nodes.environment import EnvironmentNode
@@ -355,7 +357,7 @@ def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
 
 
 def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
-    node = EnvironmentNode(Wall(), compute_delay_ns=3 * MS)
+    node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
     assert node.step(0, [query(0)]) == []
     assert node.wake_ns == 3 * MS
     assert node.step(1 * MS, [query(1)]) == []

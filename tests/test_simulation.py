@@ -13,6 +13,7 @@ from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
+from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import ServoSettings
@@ -42,7 +43,7 @@ def test_a_delay_both_ways_is_the_loop_delay() -> None:
 
 
 def test_a_busy_environment_answers_once_per_computation() -> None:
-    columns = run("certified", 1.0, compute_delay_ns=5_000_000)
+    columns = run("certified", 1.0, computation=ComputationTime(Impairment(0.005)))
     answers = np.unique(columns.device_seq[columns.device_seq >= 0])
     assert len(answers) == pytest.approx(200, abs=2)
     assert columns.loop_delay[20:].max() == pytest.approx(9e-3, abs=1.1e-3)

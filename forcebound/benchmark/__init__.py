@@ -63,6 +63,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.servo",
         30.0,
     ),
+    "delay": Benchmark(
+        "the error of injected delays beyond the link's own latency",
+        "forcebound.benchmark.delay",
+        36.0,
+    ),
     "sweep": Benchmark(
         "the compiled kernel of sweeps against the same algorithm in C",
         "forcebound.benchmark.sweep",

@@ -113,6 +113,38 @@ def compare(ours: Measured, limit: Measured, name: str, target: float | None) ->
     }
 
 
+def beyond(ours: Measured, own: Measured, name: str, target_us: float | None) -> dict[str, Any]:
+    """Return how far a percentile of ours lies above the median of what there is anyway.
+
+    Args:
+        ours: The contestant.
+        own: What takes its time without anything injected; as many rounds, run in turns.
+        name: A key of ``SHARES``.
+        target_us: Largest difference that is good enough, in us; None: only for information.
+
+    Returns:
+        As :func:`compare`, differences in us instead of ratios.
+    """
+
+    def difference(mine: Sequence[int], other: Sequence[int]) -> float:
+        return (percentile(sorted(mine), SHARES[name]) - percentile(sorted(other), 0.5)) / 1e3
+
+    beside = [
+        difference(mine, other)
+        for mine, other in zip(ours.rounds, own.rounds, strict=True)
+        if mine and other
+    ]
+    value = (ours.at(name) - own.at("p50")) / 1e3
+    return {
+        "what": f"{ours.label}, {name.replace('_', '.')} beyond {own.label}",
+        "value": value,
+        "unit": "us",
+        "lowest": min(beside),
+        "highest": max(beside),
+        **_verdict(value, target_us),
+    }
+
+
 def judge(what: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
     """Return a figure with its target, in the form of :func:`compare`."""
     return {"what": what, "value": value, "unit": unit, **_verdict(value, target)}

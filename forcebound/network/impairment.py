@@ -23,13 +23,18 @@ settings compared under one seed differ in nothing but the setting.
    ``paretonormal``
        ``(normal + 3 pareto) / 4`` of the same ``u``.
 
+   A ``distribution_file`` is such a table: each of its entries is as likely as the others. The
+   kernel takes the entry ``number % size``; here it is ``floor(u * size)`` of the sorted ones,
+   which is as likely and keeps the correlation.
+
 3. *Gilbert-Elliott*: the state in which a packet finds the link decides its loss, then the link
    changes its state. It begins good.
 """
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import NormalDist
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -37,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
+from forcebound.network.distribution import read_distribution
 from forcebound.quantities import DataRate, Ratio, Time
 
 _DECISIONS = (  # one generator each, by place: append only
@@ -121,6 +127,9 @@ class Impairment:
             packet that would be through before it arrives is through when it arrives.
         loss: Probability of a packet being lost, 0 to 1.
         distribution: Of the deviation; see the head of this module.
+        distribution_file: Table of the deviation instead, in the format of tc's ``.dist`` files.
+        trace: File of recorded delays, instead of ``delay`` and ``jitter``; whoever builds the link
+            reads it (:class:`forcebound.network.trace.DelayTrace`).
         correlation: Of a delay with the one before, 0 to 1.
         loss_correlation: Of a loss with the one before.
         gemodel: Loss in bursts, instead of ``loss``.
@@ -161,26 +170,23 @@ class Impairment:
     limit: int = 0
     slot: Slot | None = None
     outages: tuple[Outage, ...] = ()
+    distribution_file: Path | None = None
+    trace: Path | None = None
+    _table: tuple[float, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("delay", "jitter"):
-            _check_not_negative(name, getattr(self, name), "s")
+        object.__setattr__(self, "_table", check_delay(self))
         for name in ("loss", "duplicate", "corrupt", "reorder"):
             _check_probability(name, getattr(self, name))
             _check_probability(f"{name}_correlation", getattr(self, f"{name}_correlation"))
-        _check_probability("correlation", self.correlation)
         _check_not_negative("rate", self.rate, "B/s")
-        if self.distribution not in QUANTILES:
-            raise ConfigError(
-                f"distribution must be one of {', '.join(QUANTILES)}, got {self.distribution!r}"
-            )
         if self.gap < 1:
             raise ConfigError(f"gap must be at least 1 packet, got {self.gap}")
         if self.limit < 0:
             raise ConfigError(f"limit must be >= 0 packets, got {self.limit}")
         if self.gemodel is not None and self.loss > 0.0:
             raise ConfigError("gemodel excludes loss: give one of them")
-        if self.reorder > 0.0 and self.delay == 0.0:
+        if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
             raise ConfigError("reorder needs a delay: what goes at once overtakes what is delayed")
 
     @property
@@ -189,11 +195,19 @@ class Impairment:
         return self == Impairment(self.delay, self.jitter, self.loss)
 
     @property
+    def quantile(self) -> Callable[[float], float]:
+        """The deviation, in jitters, of a number uniform in [0, 1)."""
+        table = self._table
+        if table:
+            return lambda u: table[int(u * len(table))]
+        return QUANTILES[self.distribution]
+
+    @property
     def shortest(self) -> float:
-        """The shortest time on the way, in s."""
+        """The shortest time on the way, in s; of a ``trace``, which only its reader knows, 0."""
         if self.reorder > 0.0:
             return 0.0
-        return max(0.0, self.delay + self.jitter * QUANTILES[self.distribution](0.0))
+        return max(0.0, self.delay + self.jitter * self.quantile(0.0))
 
 
 _NORMAL = NormalDist()
@@ -263,7 +277,7 @@ class Chances:
         self._impairment = impairment
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9
-        self._quantile = QUANTILES[impairment.distribution]
+        self._quantile = impairment.quantile
         self._loss = _Correlated(draws["loss"], impairment.loss_correlation)
         self._jitter = _Correlated(draws["jitter"], impairment.correlation)
         self._duplicate = _Correlated(draws["duplicate"], impairment.duplicate_correlation)
@@ -341,3 +355,46 @@ def _check_not_negative(name: str, value: float, unit: str) -> None:
 def _check_probability(name: str, value: float) -> None:
     if not 0.0 <= value <= 1.0:
         raise ConfigError(f"{name} must be a probability, 0 to 1 without unit, got {value}")
+
+
+def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
+    """Check the settings that say how long something takes; return the table of their file.
+
+    Args:
+        settings: Has ``delay``, ``jitter``, ``distribution``, ``correlation``,
+            ``distribution_file`` and ``trace`` of :class:`Impairment`.
+        prefix: Before each of these names.
+
+    Returns:
+        Of :func:`~forcebound.network.distribution.read_distribution`; empty if there is no file.
+
+    Raises:
+        ConfigError: If they are wrong or do not go together.
+    """
+
+    def value(name: str) -> Any:
+        return getattr(settings, prefix + name)
+
+    for name in ("delay", "jitter"):
+        _check_not_negative(prefix + name, value(name), "s")
+    _check_probability(f"{prefix}correlation", value("correlation"))
+    distribution, file = value("distribution"), value("distribution_file")
+    if distribution not in QUANTILES:
+        raise ConfigError(
+            f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}"
+        )
+    if file is not None and distribution != "uniform":
+        raise ConfigError(
+            f"{prefix}distribution_file excludes {prefix}distribution: give one of them"
+        )
+    if value("trace") is not None and (value("delay") or value("jitter") or file is not None):
+        raise ConfigError(
+            f"{prefix}trace says what each delay is:"
+            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file"
+        )
+    if file is None:
+        return ()
+    try:
+        return read_distribution(Path(file))
+    except ConfigError as error:
+        raise ConfigError(f"{prefix}distribution_file: {error}") from None

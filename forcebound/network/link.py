@@ -8,12 +8,14 @@ same arrivals give the same deliveries, whoever asks and however often.
 The words and their meaning are those of Linux netem (:mod:`forcebound.network.impairment`). In
 this order, each decided by a generator of its own:
 
-1. A packet may be duplicated, and may be lost: by chance, or because the link is down. Of one that
-   is both, one goes on. A copy goes the same way, with chances of its own, and is not copied again.
+1. A packet may be duplicated, and may be lost: by chance, because the link is down, or because its
+   trace says so. Of one that is duplicated and lost by chance, one goes on; the others are gone. A
+   copy goes the same way, with chances of its own, and is not copied again.
 2. When ``limit`` packets are on the way, it is lost.
 3. If it is reordered, it is through at once. If not, at ``arrival + delay + deviation``, but never
-   before its arrival: so jitter reorders packets too. With a ``rate`` then at the later of this and
-   the time at which the packet before is through, plus its own size over the rate.
+   before its arrival: so jitter reorders packets too. With a trace, at ``arrival`` and the delay
+   that the trace says for now. With a ``rate`` then at the later of this and the time at which the
+   packet before is through, plus its own size over the rate.
 4. With slots, it waits for the slot.
 5. Packets come out by that time; equal times, in the order in which they arrived. A corrupt one
    has taken its time and its place on the way, and is not delivered.
@@ -52,6 +54,7 @@ from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 from forcebound.network.impairment import Chances, Fate, Impairment, generators
+from forcebound.network.trace import DelayTrace
 
 RESTART_NS = 1_000_000_000  # 1 s: ten times the usual age limit of a force, far below an uptime
 
@@ -106,13 +109,23 @@ class Link(Generic[PacketT]):
         superseded: Packets that were through, but older than one delivered.
     """
 
-    def __init__(self, impairment: Impairment, seed: int, newest_only: bool) -> None:
+    def __init__(
+        self,
+        impairment: Impairment,
+        seed: int,
+        newest_only: bool,
+        trace: DelayTrace | None = None,
+    ) -> None:
         """Make an empty link.
 
         Args:
             impairment: What the link does to packets.
             seed: At least 0; see :func:`link_seed`.
             newest_only: Deliver only the newest of the packets that are through.
+            trace: What the file ``impairment.trace`` says.
+
+        Raises:
+            ValueError: If the impairment names a trace and it is not given.
         """
         self.newest_only = newest_only
         self.sent = 0
@@ -135,16 +148,28 @@ class Link(Generic[PacketT]):
         self._draws = generators(seed, ("loss", "jitter"))  # the others when they are needed
         self._random_loss, self._random_jitter = self._draws["loss"], self._draws["jitter"]
         self._copy_draws: dict[str, Callable[[], float]] = {}
-        self.change(impairment)
+        self.change(impairment, trace)
 
-    def change(self, impairment: Impairment) -> None:
-        """Impair packets that arrive from now on by ``impairment``; those on the way stay."""
+    def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
+        """Impair packets that arrive from now on by ``impairment``; those on the way stay.
+
+        Args:
+            impairment: What the link does.
+            trace: What the file ``impairment.trace`` says. Like outages, its time counts from the
+                link's first packet.
+
+        Raises:
+            ValueError: If the impairment names a trace and it is not given.
+        """
+        if trace is None and impairment.trace is not None:
+            raise ValueError(f"a link needs the delays of its trace {impairment.trace}")
         self._impairment = impairment
+        self._trace = trace
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9
         self._loss = impairment.loss
         self._is_perfect = impairment == Impairment()
-        self._is_plain = impairment.is_plain
+        self._is_plain = impairment.is_plain and trace is None
         if self._is_plain:
             return
         if not self._copy_draws:
@@ -251,6 +276,13 @@ class Link(Generic[PacketT]):
         if self._is_out(time_ns):
             self.lost += 1
             return
+        if self._trace is not None:
+            delay_ns = self._trace.delay_ns(time_ns - (self._first_ns or 0))
+            if delay_ns is None:
+                self.lost += 1
+                return
+            fate = fate._replace(delay_ns=delay_ns)
+            copy_fate = copy_fate._replace(delay_ns=delay_ns)
         rank = self._rank(packet) if self.newest_only else _OLDEST
         if fate.is_duplicated:
             self.duplicated += 1

@@ -9,7 +9,8 @@ same random numbers, the same rules as in :mod:`forcebound.network.link`,
 Two things that happen in the same nanosecond are ordered by the runner's heap. The rules for the
 ties that round delays make are written out below; a tie beyond them makes the timing
 ``is_exact = False``, and the run goes through the graph. So does every run with an impairment other
-than delay, uniform jitter and independent loss.
+than delay, uniform jitter and independent loss, or with computations that do not all take the same
+time.
 """
 
 from collections.abc import Mapping
@@ -51,6 +52,7 @@ def timing_of(config: GraphConfig, ticks: int) -> Timing:
     """Return the timing of the first ``ticks`` ticks of a run."""
     servo = config.device.servo
     links = tuple(config.links.get(topic, Impairment()) for topic in _LINKS)
+    computation = config.environment.computation
     is_random = any(link.jitter > 0.0 or link.loss > 0.0 for link in links)
     return _timing(
         ticks,
@@ -58,7 +60,7 @@ def timing_of(config: GraphConfig, ticks: int) -> Timing:
         round(servo.reply_wait * servo.period_ns),
         round(servo.age_limit * 1e9),
         round(servo.engage_time * 1e9),
-        round(config.environment.compute_delay * 1e9),
+        computation,
         links,
         config.seed if is_random else 0,
     )
@@ -75,12 +77,15 @@ def _timing(
     wait_ns: int,
     age_limit_ns: int,
     engage_ns: int,
-    compute_ns: int,
+    computation: Impairment,
     links: tuple[Impairment, ...],
     seed: int,
 ) -> Timing:
+    compute_ns = round(computation.delay * 1e9)
     writes = np.arange(ticks, dtype=np.int64) * period_ns + wait_ns
     try:
+        if computation != Impairment(computation.delay):
+            raise _Inexact  # it varies, and with it which query is served next
         _check_limits(period_ns, age_limit_ns, compute_ns, links)
         sent = np.arange(ticks, dtype=np.int64) * period_ns
         origin = np.arange(ticks, dtype=np.int64)

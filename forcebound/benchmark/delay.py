@@ -1,0 +1,68 @@
+"""How exact is the delay that a link injects, beside the link's own latency?
+
+A packet takes time also where nothing is injected: encoding, sockets, waking up. So a perfect link
+runs in the same run, in turns with impaired ones, a fresh pair of processes for each
+(:mod:`forcebound.benchmark.link_delay`). What is measured of a packet is the whole way from node to
+node less the delay that the link drew for this packet; from this the median of the perfect link is
+taken, and what is left is the error of the injected delay.
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+from forcebound.benchmark.figures import Measured, beyond, plan
+from forcebound.benchmark.graph_loop import settings_of
+from forcebound.benchmark.link_delay import LINKS
+from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
+from forcebound.launch.loader import load
+
+LAUNCH_FILE = "delayed_wall"
+OWN = "own"
+TARGETS_US = {"p50": 100.0, "p99": 500.0}
+SUPERSEDED = 4  # times as long at most: of packets that jitter reorders only the newest come
+
+
+def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+    """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
+    surroundings = conditions()
+    settings = settings_of(load(LAUNCH_FILE))
+    contestants = {name: Measured(_label(name)) for name in LINKS}
+    rounds, count = plan(duration, len(contestants), rate)
+    for number in range(rounds):
+        for name, measured in contestants.items():
+            say(f"round {number + 1} of {rounds}: {measured.label}")
+            _round(name, rate, count, measured)
+    own = contestants.pop(OWN)
+    return {
+        "benchmark": "delay",
+        "duration_s": duration,
+        "rate_hz": rate,
+        "contestants": {OWN: own.summary()}
+        | {name: one.summary() for name, one in contestants.items()},
+        "comparisons": {
+            f"{name}_{share}": beyond(one, own, share, target)
+            for name, one in contestants.items()
+            for share, target in TARGETS_US.items()
+        },
+        "conditions": {**surroundings, "core": settings.core, "policy_asked": settings.policy},
+    }
+
+
+def _label(name: str) -> str:
+    link = LINKS[name]
+    if name == OWN:
+        return "link's own latency"
+    if link.jitter == 0.0:
+        return f"{link.delay * 1e3:g} ms"
+    return f"{link.delay * 1e3:g} ms ± {link.jitter * 1e3:g} ms {link.distribution}"
+
+
+def _round(name: str, rate: float, count: int, measured: Measured) -> None:
+    takes = READY + (WARMUP + count) / rate * SUPERSEDED
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
+        arguments = (folder, LAUNCH_FILE, name, round(1e9 / rate), count)
+        stack.enter_context(started(module("link_delay", "controller", *arguments)))
+        collect(module("link_delay", "environment", *arguments), takes, measured)

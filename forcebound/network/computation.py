@@ -1,0 +1,59 @@
+"""How long does each computation of an environment take? A pure, seeded model, as a link's delay.
+
+The words are those of a link (:class:`forcebound.network.impairment.Impairment`): ``delay``,
+``jitter``, ``distribution``, ``correlation``, ``distribution_file``, ``trace``. Nothing else of an
+impairment makes sense here, since a computation is no packet.
+"""
+
+from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.trace import DelayTrace
+
+
+class ComputationTime:
+    """The time that each of a row of computations takes.
+
+    Args:
+        impairment: Its settings of the delay; the default: no time at all.
+        seed: At least 0; see :func:`forcebound.network.link.link_seed`.
+        trace: What the file ``impairment.trace`` says.
+
+    Raises:
+        ValueError: If the impairment names a trace and it is not given.
+    """
+
+    def __init__(
+        self,
+        impairment: Impairment | None = None,
+        seed: int = 0,
+        trace: DelayTrace | None = None,
+    ) -> None:
+        self._draws = generators(seed)
+        self._first_ns: int | None = None
+        self.change(Impairment() if impairment is None else impairment, trace)
+
+    def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
+        """Let computations that begin from now on take what ``impairment`` says.
+
+        Raises:
+            ValueError: If the impairment names a trace and it is not given.
+        """
+        if trace is None and impairment.trace is not None:
+            raise ValueError(f"a computation needs the times of its trace {impairment.trace}")
+        self._trace = trace
+        self._delay_ns = round(impairment.delay * 1e9)
+        self._chances = Chances(impairment, self._draws) if impairment.jitter else None
+
+    def next_ns(self, time_ns: int) -> int | None:
+        """Return how long the computation that begins now takes, in ns.
+
+        Args:
+            time_ns: Now, in ns. A trace begins with the first computation.
+
+        Returns:
+            The time; None: by the trace it fails, and there is no answer.
+        """
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        if self._trace is not None:
+            return self._trace.delay_ns(time_ns - self._first_ns)
+        return self._delay_ns if self._chances is None else self._chances.next().delay_ns

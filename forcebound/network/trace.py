@@ -1,0 +1,123 @@
+"""Recorded delays, to be replayed on a link; and the CSV file that holds them.
+
+The file has the header ``time_s,delay_s`` and a row for each packet that was watched: when it was
+sent, strictly increasing, and how long it took, both in s. A packet without a delay was lost. Only
+differences of times count: the trace begins with its first row.
+"""
+
+import csv
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from pathlib import Path
+
+from forcebound.errors import ConfigError
+
+HEADER = ("time_s", "delay_s")
+
+
+class DelayTrace:
+    """Delays over time, again and again from the start.
+
+    Each row holds from its time until the next row; the last one for as long as the row before it.
+    A single row holds for ever.
+
+    Args:
+        times: When each row begins, in s, strictly increasing.
+        delays: As many delays, in s, at least 0; None: lost.
+
+    Attributes:
+        shortest: The shortest delay, in s; 0 if all is lost.
+
+    Raises:
+        ConfigError: If that is not what they are, or two times are less than 1 ns apart.
+    """
+
+    def __init__(self, times: Sequence[float], delays: Sequence[float | None]) -> None:
+        if not times or len(times) != len(delays):
+            raise ConfigError(
+                f"a trace needs as many delays as times, got {len(delays)} and {len(times)}"
+            )
+        for delay in delays:
+            if delay is not None and not 0.0 <= delay < math.inf:
+                raise ConfigError(f"delays of a trace must be finite and >= 0 s, got {delay} s")
+        self.times = tuple(times)
+        self.delays = tuple(delays)
+        self.shortest = min((delay for delay in delays if delay is not None), default=0.0)
+        if not all(math.isfinite(time) for time in times):
+            raise ConfigError("times of a trace must be finite")
+        self._times_ns = [round((time - times[0]) * 1e9) for time in times]
+        steps = [b - a for a, b in zip(self._times_ns, self._times_ns[1:], strict=False)]
+        if any(step <= 0 for step in steps):
+            row = next(row for row, step in enumerate(steps) if step <= 0)
+            raise ConfigError(
+                f"times of a trace must increase: {times[row + 1]} s after {times[row]} s"
+            )
+        self._delays_ns = [None if delay is None else round(delay * 1e9) for delay in delays]
+        self._length_ns = self._times_ns[-1] + steps[-1] if steps else 1
+
+    def delay_ns(self, since_ns: int) -> int | None:
+        """Return the delay of what is sent ``since_ns`` ns after the first; None if it is lost."""
+        row = bisect_right(self._times_ns, since_ns % self._length_ns) - 1
+        return self._delays_ns[row]
+
+    def write(self, file: Path) -> None:
+        """Write the file of the trace.
+
+        Raises:
+            ConfigError: If it cannot be written.
+        """
+        try:
+            with file.open("w", newline="", encoding="utf-8") as lines:
+                writer = csv.writer(lines, lineterminator="\n")
+                writer.writerow(HEADER)
+                for time, delay in zip(self.times, self.delays, strict=True):
+                    writer.writerow((f"{time:.9f}", "" if delay is None else f"{delay:.9f}"))
+        except OSError as error:
+            raise ConfigError(f"cannot write the trace {file}: {error.strerror}") from error
+
+
+def read_csv(file: Path) -> DelayTrace:
+    """Return the trace that a CSV file holds; see the head of this module.
+
+    Raises:
+        ConfigError: If the file cannot be read or is no such trace; names the line.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:  # spreadsheets write such a mark
+            rows = list(csv.reader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"cannot read the trace {file}: {error}") from error
+    if not rows or tuple(cell.strip() for cell in rows[0]) != HEADER:
+        found = ",".join(rows[0]) if rows else ""
+        raise ConfigError(f"{file}:1: expected the header {','.join(HEADER)}, got {found!r}")
+    times: list[float] = []
+    delays: list[float | None] = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        time, delay = _numbers(row, f"{file}:{number}")
+        if times and time <= times[-1]:
+            raise ConfigError(f"{file}:{number}: time must increase: {time} after {times[-1]}")
+        times.append(time)
+        delays.append(delay)
+    if not times:
+        raise ConfigError(f"{file}: expected a row for each packet, got none")
+    try:
+        return DelayTrace(times, delays)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from None
+
+
+def _numbers(row: Sequence[str], place: str) -> tuple[float, float | None]:
+    try:
+        time, delay = (float(cell) if cell.strip() else None for cell in row)
+    except ValueError:
+        time = delay = None
+    is_wrong_delay = delay is not None and not 0.0 <= delay < math.inf
+    if time is None or not math.isfinite(time) or is_wrong_delay:
+        raise ConfigError(
+            f"{place}: expected a time in s and a delay in s (>= 0, or nothing: lost),"
+            f" got {','.join(row)!r}"
+        )
+    return time, delay

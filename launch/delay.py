@@ -1,0 +1,96 @@
+"""What loop delay has a graph, one that runs or one that was recorded?"""
+
+import os
+import time
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from forcebound import realtime
+from forcebound.errors import PacketError, RunError
+from forcebound.launch.live import RUN_FILE, TELEMETRY, RunDocument
+from forcebound.launch.runs import find
+from forcebound.launch.traces import loop_delays
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import Telemetry
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.network.trace import DelayTrace
+from forcebound.process import topic_endpoint
+from forcebound.recording import TelemetryColumns, read
+
+DURATION = 5.0  # s, how long a running graph is watched
+_PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph
+
+
+def measure(run: Path | None, duration: float | None = None) -> DelayTrace:
+    """Return the loop delay of each tick; see :func:`forcebound.launch.traces.loop_delays`.
+
+    Args:
+        run: A recording; the run directory of a graph that runs; None: the only one that runs.
+        duration: How long to watch a graph that runs, in s; None: :data:`DURATION`.
+
+    Raises:
+        ConfigError: If there is no such recording or graph, or it has no tick to tell of.
+        RunError: If the graph sent nothing.
+    """
+    if run is not None and not run.is_dir():
+        return loop_delays(read(run).telemetry)
+    return loop_delays(watch(find(run), DURATION if duration is None else duration))
+
+
+def watch(run_dir: Path, duration: float) -> TelemetryColumns:
+    """Return the telemetry of a running graph, for some time or until the graph ends.
+
+    Args:
+        run_dir: Of the run.
+        duration: How long, in s.
+
+    Raises:
+        RunError: If none came.
+    """
+    packets: list[Telemetry] = []
+    cores = realtime.stand_aside(RunDocument.read(run_dir).core)
+    try:
+        with Network() as network:
+            endpoint = topic_endpoint(run_dir, TELEMETRY)
+            subscriber = network.subscriber(endpoint, newest_only=False)
+            end_ns = time.monotonic_ns() + round(duration * 1e9)
+            while time.monotonic_ns() < end_ns and (run_dir / RUN_FILE).exists():
+                sockets.wait((), _PERIOD_NS)
+                packets += _decoded(subscriber.receive())
+    finally:
+        os.sched_setaffinity(0, cores)
+    if not packets:
+        raise RunError(
+            f"no telemetry in {duration:g} s from the graph in {run_dir}: is it still starting?"
+            " Try again, with a longer --duration"
+        )
+    return TelemetryColumns.from_packets(packets)
+
+
+def summary(trace: DelayTrace) -> dict[str, Any]:
+    """Return what there is to say of delays in a few figures, fit for JSON.
+
+    Returns:
+        ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
+        None if every answer was lost.
+    """
+    known = np.array([delay for delay in trace.delays if delay is not None]) * 1e3
+    figures = dict.fromkeys(("p50", "p99", "max"))
+    if known.size:
+        p50, p99, longest = np.percentile(known, (50, 99, 100)).tolist()
+        figures = {"p50": p50, "p99": p99, "max": longest}
+    ticks = len(trace.delays)
+    return {"ticks": ticks, "lost_share": 1.0 - known.size / ticks, "loop_delay_ms": figures}
+
+
+def _decoded(messages: list[bytes]) -> list[Telemetry]:
+    packets = []
+    for data in messages:
+        try:
+            packets.append(cast("Telemetry", decode(data, Telemetry)))
+        except PacketError:
+            continue  # counted by nobody: this is no part of the graph
+    return packets

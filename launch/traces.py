@@ -1,0 +1,86 @@
+"""The delays that a run had, as a trace; and the files that launch files name under ``trace``."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from forcebound.errors import ConfigError
+from forcebound.network.impairment import Impairment
+from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.recording import TelemetryColumns, read
+
+RECORDING_SUFFIX = ".mcap"
+
+
+def trace_of(impairment: Impairment) -> DelayTrace | None:
+    """Return what the trace of an impairment says; None if it names none.
+
+    Raises:
+        ConfigError: If the file cannot be read or is no trace.
+    """
+    return None if impairment.trace is None else read_trace(impairment.trace)
+
+
+def shortest_of(impairment: Impairment) -> float:
+    """Return the shortest time on the way, in s, of its trace if it has one.
+
+    Raises:
+        ConfigError: As :func:`trace_of`.
+    """
+    trace = trace_of(impairment)
+    if trace is None or impairment.reorder > 0.0:
+        return impairment.shortest
+    return trace.shortest
+
+
+def read_trace(file: Path) -> DelayTrace:
+    """Return the trace in a CSV file, or of a recording (``.mcap``) by :func:`loop_delays`.
+
+    Raises:
+        ConfigError: If the file cannot be read or is neither.
+    """
+    try:
+        status = file.stat()
+    except OSError as error:
+        raise ConfigError(f"cannot read the trace {file}: {error.strerror}") from error
+    return _read(file, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=8)
+def _read(file: Path, modified_ns: int, size: int) -> DelayTrace:
+    # The loader checks what the links then use, and a sweep does so thousands of times.
+    if file.suffix == RECORDING_SUFFIX:
+        columns = read(file).telemetry
+        try:
+            return loop_delays(columns)
+        except ConfigError as error:
+            raise ConfigError(f"no trace in {file}: {error}") from None
+    return read_csv(file)
+
+
+def loop_delays(columns: TelemetryColumns) -> DelayTrace:
+    """Return the loop delay of the answer to each tick since the force engaged.
+
+    A tick that no force ever answered counts as lost: its answer, or the query for it, was lost,
+    or a newer one overtook it. The last ticks, whose answers may have been on their way at the
+    end, are left out: as many as fit in the longest delay.
+
+    Args:
+        columns: The telemetry of a run, or of a part of one.
+
+    Raises:
+        ConfigError: If nothing is left.
+    """
+    answers, first = np.unique(columns.device_seq, return_index=True)
+    delay_of = dict(zip(answers.tolist(), columns.loop_delay[first].tolist(), strict=True))
+    known = columns.loop_delay[np.isfinite(columns.loop_delay)]
+    longest = float(known.max()) if known.size else 0.0
+    end = columns.time[-1] - longest if columns.time.size else 0.0
+    chosen = (columns.time >= 0.0) & (columns.time <= end)
+    ticks = columns.seq[chosen].tolist()
+    if not ticks:
+        raise ConfigError("it ended before the answers to its first ticks: record for longer")
+    began = columns.elapsed[chosen][0]  # not 0 for a part of a run
+    times = (columns.time[chosen] + began).tolist()
+    return DelayTrace(times, [delay_of.get(tick) for tick in ticks])

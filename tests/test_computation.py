@@ -1,0 +1,266 @@
+"""How long an environment computes, and that it answers nothing else meanwhile."""
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from fakes import MS, press
+from launch_texts import GOOD, problems_of, written
+
+from forcebound.environments.wall import Wall
+from forcebound.errors import ConfigError
+from forcebound.launch.build import build_device, build_links, build_node
+from forcebound.launch.config import EnvironmentConfig
+from forcebound.launch.loader import from_document, load, to_document
+from forcebound.launch.parameters import apply, change
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
+from forcebound.network.computation import ComputationTime
+from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.trace import DelayTrace
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.simulation import Simulation
+from forcebound.sweep.engine import run_all
+from forcebound.sweep.timing import timing_of
+
+
+def query(seq: int) -> EnvironmentQuery:
+    return EnvironmentQuery(
+        seq=seq,
+        time_ns=seq * MS,
+        device_seq=seq,
+        device_time_ns=seq * MS,
+        elapsed=0.0,
+        position=(0.02,),
+        velocity=(0.0,),
+        environment=None,
+    )
+
+
+def test_by_default_a_computation_takes_no_time() -> None:
+    assert ComputationTime().next_ns(5) == 0
+
+
+def test_a_fixed_time_is_exact() -> None:
+    assert {ComputationTime(Impairment(0.003)).next_ns(at) for at in range(5)} == {3 * MS}
+
+
+@pytest.mark.parametrize("distribution", ["uniform", "normal", "pareto", "paretonormal"])
+def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(distribution: str) -> None:
+    impairment = Impairment(0.003, 0.001, distribution=distribution, correlation=0.5)  # type: ignore[arg-type]  # one of them
+    computation = ComputationTime(impairment, seed=7)
+    chances = Chances(impairment, generators(7))
+    times = [computation.next_ns(0) for _ in range(200)]
+    assert times == [chances.next().delay_ns for _ in range(200)]
+    assert len(set(times)) > 150
+
+
+def test_a_table_gives_the_times(tmp_path: Path) -> None:
+    path = written(tmp_path, "-8192 8192", "two.dist")
+    computation = ComputationTime(Impairment(0.003, 0.001, distribution_file=path))
+    assert {computation.next_ns(0) for _ in range(100)} == {2 * MS, 4 * MS}
+
+
+def test_a_trace_counts_from_the_first_computation() -> None:
+    trace = DelayTrace((0.0, 0.01), (0.004, None))
+    computation = ComputationTime(Impairment(trace=Path("t.csv")), trace=trace)
+    start = 77 * MS
+    found = [computation.next_ns(start + at * MS) for at in (0, 9, 10, 19, 20)]
+    assert found == [4 * MS, 4 * MS, None, None, 4 * MS]
+
+
+def test_it_changes_from_the_next_computation_on_and_the_numbers_go_on() -> None:
+    impairment = Impairment(0.003, 0.001)
+    chances = Chances(impairment, generators(0))
+    computation = ComputationTime(impairment)
+    assert computation.next_ns(0) == chances.next().delay_ns
+    computation.change(Impairment(0.005))
+    assert computation.next_ns(0) == 5 * MS
+    computation.change(impairment)
+    assert computation.next_ns(0) == chances.next().delay_ns
+
+
+def test_a_computation_does_not_silently_do_without_its_trace() -> None:
+    with pytest.raises(ValueError, match=r"needs the times of its trace t\.csv"):
+        ComputationTime(Impairment(trace=Path("t.csv")))
+
+
+def test_while_it_computes_it_answers_nothing_else() -> None:
+    trace = DelayTrace((0.0, 0.001, 0.002, 0.003), (0.002, 0.009, 0.001, 0.0))
+    node = EnvironmentNode(Wall(), ComputationTime(Impairment(trace=Path("t.csv")), trace=trace))
+    answered = []
+    for at in range(8):
+        for reply in node.step(at * MS, [query(at)] if at < 4 else []):
+            assert isinstance(reply, EnvironmentReply)
+            answered.append((at, reply.query_seq))
+    # Query 0 takes until 2 ms, when 2 replaces 1 and takes 1 ms; then 3 is answered at once.
+    assert answered == [(2, 0), (3, 2), (3, 3)]
+
+
+def test_a_failed_computation_is_not_answered_and_the_next_one_is() -> None:
+    trace = DelayTrace((0.0, 0.001), (None, 0.001))
+    node = EnvironmentNode(Wall(), ComputationTime(Impairment(trace=Path("t.csv")), trace=trace))
+    assert node.step(0, [query(0)]) == []
+    assert node.wake_ns is None
+    assert node.step(MS, [query(1)]) == []
+    assert node.wake_ns == 2 * MS
+    (reply,) = node.step(2 * MS, [])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.query_seq == 1
+
+
+def test_the_node_changes_while_it_runs_and_the_computation_in_work_keeps_its_time() -> None:
+    node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
+    node.step(0, [query(0)])
+    node.change(Wall(), Impairment(0.001))
+    assert node.wake_ns == 3 * MS
+    node.step(3 * MS, [query(1)])
+    assert node.wake_ns == 4 * MS
+    node.change(Wall(), Impairment(trace=Path("t.csv")), DelayTrace((0.0,), (0.0,)))
+    assert len(node.step(4 * MS, [query(2)])) == 2
+
+
+def test_throughput_falls_to_one_answer_a_computation_in_virtual_time() -> None:
+    computation = ComputationTime(Impairment(0.0035, 0.0005), seed=3)
+    packets = press("none", 1.0, computation=computation)
+    times = [p.time_ns for p in packets if isinstance(p, EnvironmentReply)]
+    assert len(times) == pytest.approx(1000 / 3.5, rel=0.15)
+    assert min(b - a for a, b in pairwise(times)) >= 3 * MS
+
+
+SETTINGS = {
+    "compute_delay": "3 ms",
+    "compute_jitter": "1 ms",
+    "compute_distribution": "pareto",
+    "compute_correlation": "25 %",
+}
+
+
+def computing(folder: Path, **settings: str) -> Path:
+    lines = "".join(f"\n  {name}: {value}" for name, value in settings.items())
+    return written(folder, GOOD.replace("  stiffness: $(arg stiffness)", f"  position: 0 m{lines}"))
+
+
+def test_a_launch_file_takes_the_words_of_a_link(tmp_path: Path) -> None:
+    config = load(computing(tmp_path, **SETTINGS))
+    wanted = Impairment(0.003, 0.001, distribution="pareto", correlation=0.25)
+    assert config.environment.computation == wanted
+    assert from_document(json.loads(json.dumps(to_document(config)))) == config
+
+
+def test_files_are_named_relative_to_the_launch_file(tmp_path: Path) -> None:
+    written(tmp_path, "-8192 8192", "two.dist")
+    written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
+    path = computing(
+        tmp_path, compute_delay="3 ms", compute_jitter="1 ms", compute_distribution_file="two.dist"
+    )
+    node = build_node("environment", load(path))
+    node.step(0, [query(0)])
+    assert node.wake_ns in (2 * MS, 4 * MS)
+    config = load(computing(tmp_path, compute_trace="busy.csv"))
+    assert config.environment.compute_trace == tmp_path / "busy.csv"
+    node = build_node("environment", config)
+    node.step(0, [query(0)])
+    assert node.wake_ns == 4 * MS
+
+
+def test_the_seed_of_the_launch_file_decides_the_times(tmp_path: Path) -> None:
+    config = load(computing(tmp_path, **SETTINGS))
+
+    def first(seed: int) -> int | None:
+        node = build_node("environment", replace(config, seed=seed))
+        node.step(0, [query(0)])
+        return node.wake_ns
+
+    assert first(1) == first(1)
+    assert len({first(seed) for seed in range(10)}) > 5
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"compute_jitter": "-1 ms"}, "15:19: compute_jitter"),
+        ({"compute_jitter": "1 N"}, "15:19: compute_jitter: expected a time"),
+        ({"compute_correlation": "2"}, "15:24: compute_correlation must be a probability"),
+        ({"compute_distribution": "gauss"}, "15:25: compute_distribution: expected 'uniform'"),
+        ({"compute_distribution_file": "no.dist"}, "15:30: compute_distribution_file: cannot read"),
+        ({"compute_trace": "no.csv"}, "15:18: compute_trace: cannot read the trace"),
+        (
+            {"compute_trace": "no.csv", "compute_delay": "1 ms"},
+            "15:18: compute_trace says what each delay is: give it without compute_delay",
+        ),
+        ({"compute_jiter": "1 ms"}, "unknown key in environment: 'compute_jiter'"),
+    ],
+)
+def test_problems_are_told_at_their_place(
+    tmp_path: Path, settings: dict[str, str], message: str
+) -> None:
+    assert message in problems_of(computing(tmp_path, **settings))
+
+
+def test_problems_of_model_and_computation_are_told_together(tmp_path: Path) -> None:
+    path = computing(tmp_path, compute_correlation="2")
+    path.write_text(path.read_text().replace("position: 0 m", "position: 0 N"))
+    message = problems_of(path)
+    assert "position: expected" in message
+    assert "compute_correlation must be" in message
+
+
+def test_a_computation_beyond_the_age_limit_is_refused(tmp_path: Path) -> None:
+    path = computing(tmp_path, compute_delay="150 ms", compute_jitter="20 ms")
+    assert "an answer takes at least 132 ms" in problems_of(path)  # with 2 ms of the link
+
+
+def test_settings_that_exclude_each_other_are_refused_in_code_too() -> None:
+    with pytest.raises(ConfigError, match="file excludes compute_distribution"):
+        EnvironmentConfig(
+            Wall(), compute_distribution="normal", compute_distribution_file=Path("x.dist")
+        )
+    with pytest.raises(ConfigError, match="compute_delay must be finite"):
+        EnvironmentConfig(Wall(), compute_delay=math.inf)
+
+
+@pytest.mark.parametrize("settings", [{"compute_jitter": "1 ms"}, {"compute_trace": "busy.csv"}])
+def test_a_sweep_sends_computations_that_vary_to_the_graph(
+    tmp_path: Path, settings: dict[str, str]
+) -> None:
+    written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
+    config = replace(load(computing(tmp_path, **settings)), duration=0.05)
+    assert not timing_of(config, 100).is_exact
+    (ran,) = run_all([config])
+    assert (ran.engine, ran.error) == ("graph", None)
+
+
+def test_a_sweep_keeps_computations_of_one_time_in_the_kernel(tmp_path: Path) -> None:
+    config = load(computing(tmp_path, compute_delay="1.7 ms"))
+    assert timing_of(config, 100).is_exact
+
+
+def test_traces_are_taken_and_left_while_the_graph_runs(tmp_path: Path) -> None:
+    busy = written(tmp_path, "time_s,delay_s\n0,0.004\n", "busy.csv")
+    away = written(tmp_path, "time_s,delay_s\n0,0.003\n", "away.csv")
+    config = load(computing(tmp_path))
+    delays: list[float | None] = []
+    device = build_device(config)
+    device.engage()
+    graph = Simulation(
+        [build_node("environment", config), build_node("controller", config), device],
+        build_links(config),
+        lambda packet: delays.append(packet.loop_delay) if isinstance(packet, Telemetry) else None,
+    )
+    settings: tuple[dict[str, object], ...] = (
+        {"environment.compute_trace": str(busy)},
+        {"links.environment_query.delay": 0, "links.environment_query.trace": str(away)},
+        {"environment.compute_trace": None, "links.environment_query.trace": None},
+    )
+    found = []
+    for number, changes in enumerate(({}, *settings)):
+        new = change(config, changes)
+        apply(config, new, graph)
+        config = new
+        graph.run((number + 1) * 100 * MS)
+        found.append(min(delay for delay in delays[-50:] if delay is not None))
+    # 2 ms of the link; and 4 ms of computing; 3 and 4 ms; nothing.
+    assert found == pytest.approx([0.0024, 0.0064, 0.0074, 0.0004])

@@ -1,0 +1,448 @@
+"""Recorded delays: their file, their replay on a link, and how they are recorded."""
+
+import json
+import math
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from fakes import press
+from hypothesis import given
+from hypothesis import strategies as st
+from launch_texts import GOOD, problems_of, written
+from test_impairment import MS, Packet
+
+from forcebound.cli import main
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.build import build_links
+from forcebound.launch.delay import measure, summary, watch
+from forcebound.launch.live import RunDocument, run_live
+from forcebound.launch.loader import from_document, load, to_document
+from forcebound.launch.traces import loop_delays, read_trace, shortest_of
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.codec import encode
+from forcebound.messages.packets import Telemetry
+from forcebound.network.impairment import Impairment, Outage
+from forcebound.network.link import Link
+from forcebound.network.sockets import Network
+from forcebound.network.trace import DelayTrace, read_csv
+from forcebound.process import topic_endpoint
+from forcebound.recording import TelemetryColumns
+from forcebound.sweep.engine import run_all
+from forcebound.sweep.timing import timing_of
+
+WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long
+NAMED = Impairment(trace=Path("wifi.csv"))
+
+
+def wifi() -> DelayTrace:
+    return DelayTrace((10.0, 10.01, 10.02), (0.004, None, 0.002))
+
+
+# The file
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
+    trace = DelayTrace((0.0, 0.0010004, 0.5), (0.0, None, 0.012345678))
+    trace.write(tmp_path / "trace.csv")
+    again = read_csv(tmp_path / "trace.csv")
+    assert (again.times, again.delays) == (trace.times, trace.delays)
+
+
+def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path) -> None:
+    path = written(tmp_path, b"\xef\xbb\xbftime_s,delay_s\r\n0,0.001\r\n\r\n1, \r\n", "a.csv")
+    assert read_csv(path).delays == (0.001, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"wrong.csv:1: expected the header time_s,delay_s, got ''"),
+        ("0,0.1\n", r"wrong.csv:1: expected the header time_s,delay_s, got '0,0.1'"),
+        ("time_s,delay_s\n", "expected a row for each packet, got none"),
+        ("time_s,delay_s\n0,x\n", r"wrong.csv:2: expected a time in s and a delay in s.*'0,x'"),
+        ("time_s,delay_s\n0,1,2\n", r"wrong.csv:2: .*'0,1,2'"),
+        ("time_s,delay_s\n0\n", r"wrong.csv:2: .*'0'"),
+        ("time_s,delay_s\n,1\n", r"wrong.csv:2: .*',1'"),
+        ("time_s,delay_s\n0,-1e-9\n", r"wrong.csv:2: .*>= 0"),
+        ("time_s,delay_s\n0,inf\n", r"wrong.csv:2: "),
+        ("time_s,delay_s\n0,nan\n", r"wrong.csv:2: "),
+        ("time_s,delay_s\nnan,0\n", r"wrong.csv:2: "),
+        ("time_s,delay_s\n0,0\n0,0\n", r"wrong.csv:3: time must increase: 0.0 after 0.0"),
+        ("time_s,delay_s\n0,0\n1e-10,0\n", r"wrong.csv: times of a trace must increase"),
+    ],
+)
+def test_what_is_no_trace_is_refused_at_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_csv(written(tmp_path, text, "wrong.csv"))
+
+
+def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing.csv", tmp_path / "missing.mcap"):
+        with pytest.raises(ConfigError, match=f"cannot read the trace .*{path.name}: No such file"):
+            read_trace(path)
+    with pytest.raises(ConfigError, match="cannot read the trace"):
+        read_csv(written(tmp_path, b"\xff\x00", "bytes.csv"))
+    with pytest.raises(ConfigError, match=r"cannot write the trace .*no/trace\.csv"):
+        wifi().write(tmp_path / "no" / "trace.csv")
+
+
+@pytest.mark.parametrize(
+    ("times", "delays", "message"),
+    [
+        ((), (), "as many delays as times"),
+        ((0.0,), (), "as many delays as times, got 0 and 1"),
+        ((0.0,), (-1.0,), ">= 0 s, got -1.0 s"),
+        ((0.0,), (math.nan,), "finite"),
+        ((math.inf,), (0.0,), "times of a trace must be finite"),
+        ((0.0, 0.0), (0.0, 0.0), "must increase: 0.0 s after 0.0 s"),
+    ],
+)
+def test_impossible_traces_are_refused(
+    times: tuple[float, ...], delays: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        DelayTrace(times, delays)
+
+
+# The replay
+
+
+def test_each_row_holds_until_the_next_and_then_it_starts_again() -> None:
+    trace = wifi()
+    found = [trace.delay_ns(at * MS) for at in (0, 9, 10, 19, 20, 29, 30, 39, 40, 3_000_050)]
+    assert found == [4 * MS, 4 * MS, None, None, 2 * MS, 2 * MS, 4 * MS, 4 * MS, None, 2 * MS]
+    assert trace.delay_ns(10 * MS - 1) == 4 * MS
+    assert trace.delay_ns(30 * MS - 1) == 2 * MS
+
+
+def test_a_single_row_holds_for_ever() -> None:
+    assert DelayTrace((5.0,), (0.003,)).delay_ns(10**15 + 1) == 3 * MS
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 10**9), st.none() | st.integers(0, 10**9)), min_size=2),
+    st.integers(0, 10**12),
+)
+def test_it_is_the_last_row_at_or_before(rows: list[tuple[int, int | None]], since: int) -> None:
+    times = [sum(step for step, _ in rows[:index]) for index in range(len(rows))]
+    length = times[-1] + times[-1] - times[-2]
+    trace = DelayTrace(
+        [time * 1e-9 for time in times], [None if d is None else d * 1e-9 for _, d in rows]
+    )
+    at = since % length
+    row = max(index for index, time in enumerate(times) if time <= at)
+    assert trace.delay_ns(since) == rows[row][1]
+
+
+def link_of(impairment: Impairment = NAMED, newest_only: bool = False) -> Link[Packet]:
+    return Link(impairment, 1, newest_only, wifi())
+
+
+def through(link: Link[Packet], arrivals: list[int]) -> dict[int, int]:
+    """When each packet is through, in ns, by its number, in the order of delivery."""
+    for seq, time_ns in enumerate(arrivals):
+        link.accept(time_ns, Packet(seq, time_ns))
+    found: dict[int, int] = {}
+    while (due_ns := link.next_due_ns) is not None:
+        found |= {packet.seq: due_ns for packet in link.due(due_ns)}
+    return found
+
+
+def test_time_counts_from_the_first_packet_of_the_link() -> None:
+    start = 123_456_789
+    arrivals = [start, start + 9 * MS, start + 10 * MS, start + 20 * MS, start + 30 * MS]
+    link = link_of()
+    assert through(link, arrivals) == {
+        0: start + 4 * MS,
+        1: start + 13 * MS,
+        3: start + 22 * MS,
+        4: start + 34 * MS,
+    }
+    assert (link.sent, link.lost, link.delivered) == (5, 1, 4)
+
+
+def test_falling_delays_reorder_packets() -> None:
+    link = Link[Packet](NAMED, 1, False, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+    assert list(through(link, [0, MS])) == [1, 0]
+
+
+def test_who_wants_the_newest_gets_no_packet_that_was_overtaken() -> None:
+    link = Link[Packet](NAMED, 1, True, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+    assert list(through(link, [0, MS])) == [1]
+    assert link.superseded == 1
+
+
+def test_a_trace_goes_with_loss_duplicates_and_outages() -> None:
+    impairment = Impairment(
+        trace=Path("wifi.csv"), loss=0.3, duplicate=0.3, outages=(Outage(0.1, 0.05),)
+    )
+    link = link_of(impairment)
+    arrivals = [seq * MS for seq in range(3000)]
+    found = through(link, arrivals)
+    assert link.sent + link.duplicated == link.lost + link.delivered
+    in_gap = {seq for seq in range(3000) if 10 <= seq % 30 < 20 or 100 <= seq < 150}
+    assert not in_gap & set(found)
+    assert {found[seq] - seq * MS for seq in found if seq % 30 < 10} == {4 * MS}
+    assert {found[seq] - seq * MS for seq in found if seq % 30 >= 20} == {2 * MS}
+    plain = Link[Packet](Impairment(loss=0.3, duplicate=0.3), 1, False)
+    assert set(found) == set(through(plain, arrivals)) - in_gap  # the same chances as without
+    assert 0.15 < link.duplicated / 3000 < 0.25
+
+
+def test_what_is_reordered_goes_at_once() -> None:
+    impairment = Impairment(trace=Path("wifi.csv"), reorder=1.0)
+    assert through(link_of(impairment), [0, 5 * MS]) == {0: 0, 1: 5 * MS}
+
+
+def test_the_rate_comes_on_top() -> None:
+    impairment = Impairment(trace=Path("wifi.csv"), rate=128_000.0)  # 1 ms each
+    assert through(link_of(impairment), [0, 0]) == {0: 5 * MS, 1: 6 * MS}
+
+
+def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
+    link: Link[Packet] = Link(Impairment(), 1, False)
+    link.accept(0, Packet(0, 0))
+    link.change(NAMED, wifi())
+    link.accept(5 * MS, Packet(1, 0))
+    link.accept(15 * MS, Packet(2, 0))  # lost: outages and traces count from the first packet
+    link.change(Impairment(delay=0.001))
+    link.accept(16 * MS, Packet(3, 0))
+    assert [packet.seq for packet in link.due(9 * MS)] == [0, 1]
+    assert [packet.seq for packet in link.due(17 * MS)] == [3]
+    assert link.lost == 1
+
+
+def test_a_link_is_not_silently_perfect_without_its_trace() -> None:
+    with pytest.raises(ValueError, match=r"needs the delays of its trace wifi\.csv"):
+        Link(NAMED, 1, False)
+    link: Link[Packet] = Link(Impairment(), 1, False)
+    with pytest.raises(ValueError, match="needs the delays of its trace"):
+        link.change(NAMED)
+
+
+@pytest.mark.parametrize("setting", [{"delay": 0.001}, {"jitter": 0.001}])
+def test_a_trace_excludes_other_delays(setting: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="trace says what each delay is: give it without delay"):
+        Impairment(trace=Path("wifi.csv"), **setting)  # type: ignore[arg-type]  # floats
+
+
+# In a launch file
+
+
+def traced(folder: Path, trace: str = WIFI, link: str = "trace: wifi.csv") -> Path:
+    written(folder, trace, "wifi.csv")
+    return written(folder, GOOD.replace("delay: 2 ms", link))
+
+
+def test_a_launch_file_names_a_trace_relative_to_itself(tmp_path: Path) -> None:
+    config = load(traced(tmp_path))
+    assert config.links["environment_query"] == Impairment(trace=tmp_path / "wifi.csv")
+    assert from_document(json.loads(json.dumps(to_document(config)))) == config
+    (link,) = build_links(config).values()
+    link.accept(0, press("none", 0.002)[0])
+    assert link.next_due_ns == 4 * MS
+
+
+@pytest.mark.parametrize(
+    ("trace", "link", "message"),
+    [
+        ("time_s\n", "trace: wifi.csv", "16:30: trace: "),
+        (WIFI, "trace: gone.csv", "16:30: trace: cannot read the trace "),
+        (WIFI, "trace: 5", "16:30: trace: expected "),
+        (WIFI, "trace: wifi.csv, delay: 1 ms", "trace says what each delay is"),
+    ],
+)
+def test_problems_with_a_trace_are_told_at_their_place(
+    tmp_path: Path, trace: str, link: str, message: str
+) -> None:
+    assert message in problems_of(traced(tmp_path, trace, link))
+
+
+def test_a_trace_slower_than_the_age_limit_is_refused(tmp_path: Path) -> None:
+    path = traced(tmp_path, "time_s,delay_s\n0,0.2\n1,0.15\n")
+    assert "an answer takes at least 150 ms" in problems_of(path)
+
+
+def test_the_shortest_time_is_that_of_the_trace(tmp_path: Path) -> None:
+    written(tmp_path, WIFI, "wifi.csv")
+    assert shortest_of(Impairment(trace=tmp_path / "wifi.csv")) == 0.002
+    assert shortest_of(Impairment(trace=tmp_path / "wifi.csv", reorder=0.1)) == 0.0
+    assert shortest_of(Impairment(delay=0.001)) == 0.001
+    lost = written(tmp_path, "time_s,delay_s\n0,\n", "lost.csv")
+    assert shortest_of(Impairment(trace=lost)) == 0.0
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
+    path = written(tmp_path, WIFI, "wifi.csv")
+    assert read_trace(path).shortest == 0.002
+    written(tmp_path, "time_s,delay_s\n0,0.0001\n", "wifi.csv")
+    assert read_trace(path).shortest == 0.0001
+
+
+def test_a_sweep_sends_traces_to_the_graph(tmp_path: Path) -> None:
+    config = replace(load(traced(tmp_path)), duration=0.05)
+    assert not timing_of(config, 100).is_exact
+    (ran,) = run_all([config])
+    assert (ran.engine, ran.error) == ("graph", None)
+
+
+# The recording of delays
+
+
+def test_the_delay_of_a_tick_is_that_of_its_answer(tmp_path: Path) -> None:
+    run_virtual(load(traced(tmp_path)), 1.0, tmp_path / "run.mcap")
+    trace = read_trace(tmp_path / "run.mcap")
+    steps = {round(b - a, 9) for a, b in zip(trace.times, trace.times[1:], strict=False)}
+    assert steps == {0.001}
+    # Of 30 ticks, 10 took 4 ms to the next write at 40 % of a tick, 10 were lost, 10 took 2 ms; no
+    # 4 ms are overtaken by 2 ms, because there is the gap between.
+    found = trace.delays[:900]
+    for delay, count in ((0.0044, 300), (None, 300), (0.0024, 300)):
+        near = [d for d in found if d is delay or (d and delay and abs(d - delay) < 1e-9)]
+        assert abs(len(near) - count) <= 10
+    assert len(found) == 900
+
+
+def test_a_tick_that_a_newer_answer_overtook_counts_as_lost() -> None:
+    columns = TelemetryColumns.from_packets(
+        [
+            telemetry(seq, answered, delay)
+            for seq, answered, delay in (
+                (0, None, None),
+                (1, 0, 0.0014),
+                (2, 0, 0.0024),
+                (3, 2, 0.0014),
+                (4, 3, 0.0014),
+                (5, 4, 0.0014),
+                (6, 5, 0.0014),
+            )
+        ]
+    )
+    trace = loop_delays(columns)
+    # From tick 1, the first with an engaged force; ticks 4 to 6 are within 2.4 ms of the end.
+    assert trace.delays == (None, 0.0014, 0.0014)
+    assert trace.times == pytest.approx((0.5, 0.501, 0.502))
+
+
+def telemetry(seq: int, answered: int | None, delay: float | None) -> Telemetry:
+    return Telemetry(
+        seq=seq,
+        time_ns=seq * MS,
+        elapsed=0.499 + seq * 1e-3 if answered is not None else 0.0,
+        position=(0.0,),
+        commanded_force=(0.0,),
+        applied_force=(0.0,),
+        force_limit=1.0,
+        estimated_energy=0.0,
+        true_energy=None,
+        true_position=None,
+        hand_force=None,
+        engagement=0.0 if answered is None else 1.0,
+        device_seq=answered,
+        loop_delay=delay,
+        deadline_misses=0,
+        rejected={},
+    )
+
+
+def test_a_run_without_any_answer_is_all_lost() -> None:
+    columns = TelemetryColumns.from_packets([telemetry(seq, None, None) for seq in range(5)])
+    trace = loop_delays(columns)
+    assert trace.delays == (None,) * 5
+    assert summary(trace) == {
+        "ticks": 5,
+        "lost_share": 1.0,
+        "loop_delay_ms": {"p50": None, "p99": None, "max": None},
+    }
+
+
+def test_a_run_shorter_than_its_delays_has_no_trace() -> None:
+    packets = [telemetry(0, None, None), telemetry(1, 0, 0.0014)]
+    with pytest.raises(ConfigError, match="record for longer"):
+        loop_delays(TelemetryColumns.from_packets(packets))
+
+
+def test_a_recording_and_the_csv_made_from_it_replay_the_same(tmp_path: Path) -> None:
+    config = load("delayed_wall", ("law:=certified",))
+    run_virtual(config, 0.3, tmp_path / "run.mcap")
+    result = CliRunner().invoke(
+        main, ["delay", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "t.csv"), "--json"]
+    )
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert document["trace"] == str(tmp_path / "t.csv")
+    assert document["loop_delay_ms"]["p50"] == pytest.approx(4.4)
+    recorded, written_down = read_trace(tmp_path / "run.mcap"), read_trace(tmp_path / "t.csv")
+    assert recorded.delays == pytest.approx(written_down.delays)
+    for at_ns in range(0, 10**9, 7 * MS // 10):
+        assert recorded.delay_ns(at_ns) == written_down.delay_ns(at_ns)
+
+
+def test_the_command_tells_people_the_figures(tmp_path: Path) -> None:
+    run_virtual(load("delayed_wall"), 0.1, tmp_path / "run.mcap")
+    result = CliRunner().invoke(main, ["delay", str(tmp_path / "run.mcap")])
+    assert "loop delay p50    4.40 ms" in result.stdout
+    assert "lost" in result.stdout
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "x", "a.mcap")
+    with pytest.raises(ConfigError, match=r"a\.mcap is not a recording"):
+        read_trace(path)
+    result = CliRunner().invoke(main, ["delay", str(path)])
+    assert result.exit_code == 2
+    assert "is not a recording" in result.stderr
+
+
+def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> None:
+    run_virtual(load("delayed_wall"), 0.006, tmp_path / "run.mcap")
+    with pytest.raises(ConfigError, match=r"no trace in .*run\.mcap: .*record for longer"):
+        read_trace(tmp_path / "run.mcap")
+
+
+@pytest.mark.live
+def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
+    RunDocument(1, None, "", []).write(tmp_path)
+    with Network() as network:
+        publisher = network.publisher(topic_endpoint(tmp_path, "telemetry"))
+        is_over = threading.Event()
+
+        def publish() -> None:
+            seq = 0
+            while not is_over.wait(0.001):
+                publisher.send(b"not a packet")
+                publisher.send(encode(telemetry(seq, seq, 0.0004)))
+                seq += 1
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        try:
+            columns = watch(tmp_path, 0.5)
+        finally:
+            is_over.set()
+            thread.join()
+    assert columns.seq.size > 0
+    assert set(columns.loop_delay.tolist()) == {0.0004}
+
+
+@pytest.mark.live
+def test_a_silent_graph_is_an_error(tmp_path: Path) -> None:
+    RunDocument(1, None, "", []).write(tmp_path)
+    with pytest.raises(RunError, match=r"no telemetry in 0\.05 s from the graph in "):
+        watch(tmp_path, 0.05)
+
+
+def test_a_directory_of_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is not the run directory"):
+        measure(tmp_path)
+
+
+@pytest.mark.live
+def test_a_live_graph_replays_a_trace(tmp_path: Path) -> None:
+    path = traced(tmp_path, "time_s,delay_s\n0,0.02\n1,0.02\n")
+    result = run_live(load(path), 0.5)
+    delays = result.columns.loop_delay
+    assert min(delay for delay in delays if not math.isnan(delay)) >= 0.02
