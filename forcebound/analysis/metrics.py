@@ -53,6 +53,9 @@ class Surface:
 def surface(config: Mapping[str, Any]) -> Surface | None:
     """Return the surface that the launch file describes; None for an environment without one.
 
+    In a user's own environment (``kind: my_file.py``) a parameter of these names may be something
+    else, such as a centre: what is no number is no surface.
+
     Args:
         config: The launch file as resolved for the run; reads ``environment``.
 
@@ -60,6 +63,8 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
         ConfigError: If position, stiffness or axis are not plain SI numbers.
     """
     environment = config.get("environment") or {}
+    if ".py" in str(environment.get("kind")):
+        environment = {k: v for k, v in environment.items() if isinstance(v, int | float)}
     position = _number(environment, "position", "m")
     if position is None:
         return None
