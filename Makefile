@@ -5,7 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check test-slow audit bench clean
+FUZZ_SECONDS ?= 60# for each of codec and launch_file
+
+.PHONY: demo test check test-slow audit bench fuzz clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -31,6 +33,14 @@ bench: $(STAMP)
 	$(BIN)/forcebound bench delay
 	$(BIN)/forcebound bench sweep
 	$(BIN)/python benchmarks/codec.py
+
+fuzz: $(STAMP)
+	@$(BIN)/python -c 'import atheris' 2>/dev/null \
+	  || $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary atheris \
+	    --constraint constraints.txt --editable '.[fuzz]' \
+	  || { echo "atheris, which fuzzes, has no wheel for this machine and `$(BIN)/python --version`;"; \
+	    echo "it has them for Linux: try make fuzz VENV=.venv-fuzz PYTHON=python3.11"; exit 2; }
+	$(BIN)/python fuzz/campaign.py --seconds $(FUZZ_SECONDS)
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \

@@ -100,6 +100,9 @@ StiffnessRate: TypeAlias = Annotated[float, Unit("N/m/s")]
 Time: TypeAlias = Annotated[float, Unit("s")]
 
 
+LONGEST = 9e9  # s, 285 years: all that 64 bits of nanoseconds hold
+
+
 def parse_quantity(value: object, unit: str) -> float:
     """Return a quantity as a finite float in the SI unit ``unit``.
 
@@ -109,11 +112,19 @@ def parse_quantity(value: object, unit: str) -> float:
         unit: Symbol of the expected SI unit, such as ``"N/m"``; ``""`` for a plain ratio.
 
     Raises:
-        ConfigError: If it is not a finite number, its unit is unknown, or its dimension differs.
+        ConfigError: If it is not a finite number, its unit is unknown, its dimension differs, or
+            it is a time beyond ``LONGEST``.
     """
     expected = _expected(unit)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ConfigError(f"expected {expected}; got {_shown(value)}")
+    number = _number_of(value, unit, expected)
+    if unit == "s" and abs(number) > LONGEST:
+        raise ConfigError(f"expected {expected}, at most {LONGEST:g} s; got {_shown(value)}")
+    return number
+
+
+def _number_of(value: int | float | str, unit: str, expected: str) -> float:
     if not isinstance(value, str):
         return _finite(value, value, expected)
     match = _QUANTITY.fullmatch(value.strip())

@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal
 from forcebound.bounding import LAWS
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
+from forcebound.errors import ConfigError
+from forcebound.launch import own
 from forcebound.messages.packets import TOPICS
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.network.remote import DEFAULT_PORT, RemoteEnd, end_of
@@ -46,6 +48,8 @@ __all__ = [
     "EnvironmentConfig",
     "GraphConfig",
     "RealtimeConfig",
+    "kind_of",
+    "member_document",
     "plain",
     "to_document",
 ]
@@ -174,11 +178,11 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "description": config.description,
         "seed": config.seed,
         "duration": config.duration,
-        "device": {**_kind("device", device.model), **plain(device.servo)},
-        "operator": _kind("operator", config.operator),
-        "controller": _kind("controller", config.controller.model),
+        "device": {**member_document("device", device.model), **plain(device.servo)},
+        "operator": member_document("operator", config.operator),
+        "controller": member_document("controller", config.controller.model),
         "environment": {
-            **_kind("environment", environment.model),
+            **member_document("environment", environment.model),
             **{name: _json(getattr(environment, name)) for name in COMPUTATION},
         },
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
@@ -194,9 +198,27 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
     return document
 
 
-def _kind(section: str, member: object) -> dict[str, Any]:
-    (name,) = (name for name, kind in KINDS[section].items() if kind is type(member))
-    return {"kind": name, **plain(member)}
+def kind_of(section: str, member: object) -> str:
+    """Return the ``kind`` that a launch file gives to ``member`` of a section.
+
+    Raises:
+        ConfigError: If it has none: it was made by a class that no launch file can name.
+    """
+    for name, kind in KINDS[section].items():
+        if kind is type(member):
+            return name
+    own_kind = own.kind_of(type(member))
+    if own_kind is None:
+        raise ConfigError(
+            f"no kind of {section} is a {type(member).__name__}: keep the class in a file and name"
+            " it in a launch file, kind: my_file.py"
+        )
+    return own_kind
+
+
+def member_document(section: str, member: object) -> dict[str, Any]:
+    """Return kind and parameters of a member of a section, in plain JSON types."""
+    return {"kind": kind_of(section, member), **plain(member)}
 
 
 def plain(member: Any) -> dict[str, Any]:

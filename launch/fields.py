@@ -16,6 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from forcebound.errors import ConfigError
+from forcebound.launch import own
 from forcebound.launch.problems import Problems, unknown
 from forcebound.launch.tree import BROKEN, Value
 
@@ -54,6 +56,36 @@ def adapter(hint: Any) -> Any:
     from pydantic import ConfigDict, TypeAdapter
 
     return TypeAdapter(hint, config=ConfigDict(strict=True))
+
+
+def check_fields(kind: type, taken: Collection[str]) -> None:
+    """Check that a launch file can give every field of a dataclass that a user wrote.
+
+    Args:
+        kind: The dataclass.
+        taken: Names that already mean something in its section.
+
+    Raises:
+        ConfigError: If a field has such a name, or a type that no value of a launch file has.
+    """
+    try:
+        fields = fields_of(kind)
+    except Exception as error:
+        raise ConfigError(f"the fields of {kind.__name__}: {own.blame(error, kind)}") from None
+    for field in fields.values():
+        if field.name in taken:
+            message = (
+                f"{kind.__name__}: a parameter cannot be called {field.name!r}, which is taken"
+            )
+            raise ConfigError(message)
+        try:
+            adapter(field.hint)
+        except Exception as error:  # of pydantic, or of a type's own code
+            detail = str(error).partition("\n")[0]
+            raise ConfigError(
+                f"{kind.__name__}: a launch file cannot give {field.name!r} of the type"
+                f" {field.hint}: {detail}"
+            ) from None
 
 
 class Section:
@@ -132,7 +164,12 @@ class Section:
                 return None
             try:
                 made = kind(**sound)
-            except (ValueError, ArithmeticError) as error:
+            except Exception as error:
+                if not isinstance(error, ValueError | ArithmeticError):
+                    if own.kind_of(kind) is None:
+                        raise
+                    self.add_here(f"{self.name}: {own.blame(error, kind)}")
+                    return None
                 blamed = self._blame(str(error), kind, sound)
                 if blamed is None:
                     return None

@@ -9,13 +9,16 @@
 Each step notes its problems and passes on what is sound, so that a person sees all of them.
 """
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from forcebound.environments.contract import force_fault
 from forcebound.errors import ConfigError
+from forcebound.launch import own
 from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
 from forcebound.launch.config import (
     COMPUTATION,
@@ -29,15 +32,16 @@ from forcebound.launch.config import (
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
+    member_document,
     to_document,
 )
 from forcebound.launch.document import find, missing, read
-from forcebound.launch.fields import Field, Section, fields_of
+from forcebound.launch.fields import Field, Section, check_fields, fields_of
 from forcebound.launch.phases import KEY, phase_duration, read_phases
-from forcebound.launch.problems import Problems
+from forcebound.launch.problems import Place, Problems
 from forcebound.launch.substitution import Substitution
 from forcebound.launch.traces import shortest_of, trace_of
-from forcebound.launch.tree import Value, from_plain
+from forcebound.launch.tree import Value, from_plain, scalar
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
@@ -48,11 +52,13 @@ __all__ = [
     "build",
     "from_document",
     "load",
+    "member_of",
     "read_template",
     "to_document",
 ]
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+OWN = {"environment": {"force": 3}}  # sections with classes of the user's own; their methods
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
 
@@ -118,6 +124,34 @@ def arguments_of(path: str | Path) -> list[Argument]:
     return list(arguments.declared.values())
 
 
+def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
+    """Return one part by itself, such as an environment, outside any launch file.
+
+    Args:
+        section: ``"operator"``, ``"controller"`` or ``"environment"``.
+        kind: As in a launch file; a relative path starts from the current folder.
+        overrides: Its parameters, each ``name:=value``.
+
+    Raises:
+        ConfigError: If there is no such kind or a parameter is wrong.
+    """
+    problems = Problems()
+    entries = {"kind": Value(kind, Place(section), text=kind)}
+    for text in overrides:
+        place = Place(f"argument {text}")
+        name, separator, word = text.partition(":=")
+        if not separator:
+            problems.add("expected name:=value", place)
+        elif name in entries:
+            problems.add(f"{name!r} is given twice, or is no parameter", place)
+        else:
+            entries[name] = Value(scalar(word.strip()), place, text=word.strip())
+    value = Value(entries, Place(section))
+    made = _member(Section(value, section, value, problems))
+    problems.raise_if_any()
+    return made
+
+
 def from_document(document: Mapping[str, Any]) -> GraphConfig:
     """Return the configuration of a document that :func:`to_document` made.
 
@@ -155,6 +189,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
         _check_axes(device, operator, sections["operator"])
     if device and environment:
         _check_delays(device.servo, environment, links, sections["device"])
+        _check_answer(environment.model, device.model.axes, sections["environment"])
     problems.raise_if_any()
     assert device is not None  # what could not be made was a problem
     assert controller is not None
@@ -191,11 +226,42 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
     if not section.is_readable:
         return None
     table = KINDS[section.name]
-    kind = section.choose(f"{section.name} kind", "kind", table)
-    if kind is None:
+    taken = {"kind", *(beside or ())}
+    value = section.value.entries.get("kind")
+    member: type | None
+    if section.name in OWN and value is not None and own.names_file(value.text):
+        member = _own_class(section, value, taken)
+    else:
+        kind = section.choose(f"{section.name} kind", "kind", table)
+        member = None if kind is None else table[kind]
+    if member is None:
         return None
-    section.check_keys({"kind", *fields_of(table[kind]), *(beside or ())})
-    return section.make(table[kind])
+    section.check_keys({*fields_of(member), *taken})
+    made = section.make(member)
+    return made if made is None or _can_be_written(made, section) else None
+
+
+def _own_class(section: Section, value: Value, taken: set[str]) -> type | None:
+    """The class in a user's file; a relative path starts from the file that names it."""
+    beside = Path(value.place.name).parent if value.place.line else Path()
+    try:
+        member = own.load_class(str(value.content), beside, OWN[section.name])
+        check_fields(member, taken)
+    except ConfigError as error:
+        section.add(f"{section.name}: {error}", value)
+        return None
+    return member
+
+
+def _can_be_written(made: object, section: Section) -> bool:
+    """Whether the parameters can be written into the launch documents of processes, recordings."""
+    for name, value in member_document(section.name, made).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            section.add_here(f"{section.name}: {name} cannot be written down: {error}")
+            return False
+    return True
 
 
 def _device(section: Section) -> DeviceConfig | None:
@@ -270,6 +336,20 @@ def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> N
     wanted, axes = len(operator.target(0.0)), device.model.axes
     if wanted > axes:
         section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+
+
+def _check_answer(model: Any, axes: int, section: Section) -> None:
+    """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
+    if own.kind_of(type(model)) is None:
+        return
+    still = (0.0,) * axes
+    try:
+        fault = force_fault(model.force(still, still, 0.0), axes)
+    except Exception as error:
+        fault = own.blame(error, type(model))
+    if fault is not None:
+        question = f"force({still}, {still}, 0.0)"
+        section.add(f"environment: {question}: {fault}", section.value.entries["kind"])
 
 
 def _check_delays(

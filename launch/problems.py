@@ -13,7 +13,11 @@ from dataclasses import dataclass
 
 from forcebound.errors import ConfigError
 
+MAX_PROBLEMS = 100  # nobody reads more; and to find words for thousands takes minutes
+
 _WIDEST_EXCERPT = 100  # characters of a source line that are shown
+_LONGEST_MESSAGE = 2000  # characters
+_MOST_NAMES = 200  # that a message lists, or looks through for the nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +80,21 @@ class Problems:
         self._found: list[Problem] = []
 
     def add(self, message: str, place: Place, related: Related | None = None) -> None:
-        """Note one problem; the same one twice (an alias) counts once."""
+        """Note one problem; the same one twice (an alias) counts once.
+
+        Raises:
+            ConfigError: If these are more than ``MAX_PROBLEMS``; it tells those that were noted.
+        """
+        # Half a surrogate pair, quoted from a path, could not be printed.
+        message = message.encode("utf-8", "backslashreplace").decode()
+        if len(message) > _LONGEST_MESSAGE:
+            message = message[: _LONGEST_MESSAGE - 3] + "..."
         problem = Problem(message, place, related)
-        if problem not in self._found:
-            self._found.append(problem)
+        if problem in self._found:
+            return
+        if len(self._found) >= MAX_PROBLEMS:
+            raise ConfigError(f"{self.error()}\nand more than these {MAX_PROBLEMS} problems")
+        self._found.append(problem)
 
     def extend(self, others: "Problems") -> None:
         """Note problems that were found apart."""
@@ -110,8 +125,10 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     """Return the message for a name that is not known: the nearest one, or all that are."""
     names = sorted(known)
     near = [known for known in names if name in known.split("_")]  # speed: approach_speed
-    near = near or difflib.get_close_matches(name, names, n=1)
+    near = near or difflib.get_close_matches(name, names[:_MOST_NAMES], n=1)
     shown = name if len(name) <= 60 else name[:57] + "..."
     if near:
         return f"unknown {what} {shown!r}; did you mean {near[0]!r}?"
+    if len(names) > _MOST_NAMES:
+        names = [*names[:_MOST_NAMES], "..."]
     return f"unknown {what} {shown!r}; known: {', '.join(names) if names else 'none'}"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from forcebound.analysis.metrics import summarize, summarize_events, summarize_phases
+from forcebound.launch import own
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import TelemetryColumns, read
@@ -24,11 +25,15 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     """Return what a recording says of the run that made it: configuration, versions, seed."""
     versions = {"python": platform.python_version()}
     versions |= {package: version(package) for package in _PACKAGES}
-    return {
+    metadata = {
         "launch": json.dumps(to_document(config), sort_keys=True),
         "versions": json.dumps(versions),
         "seed": str(config.seed),
     }
+    source = own.source_of(type(config.environment.model))
+    if source is not None:  # the file may be another one by the time the recording is read
+        metadata["environment_source"] = source
+    return metadata
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,13 @@ from forcebound.launch.config import (
     RemoteConfig,
 )
 from forcebound.launch.fields import Field, adapter, fields_of
-from forcebound.launch.loader import RUN_KEYS
+from forcebound.launch.loader import OWN, RUN_KEYS
 from forcebound.launch.phases import PhaseHead
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 _SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
+_OWN_KIND = r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"  # as forcebound.launch.own reads it
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
@@ -88,6 +89,10 @@ def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
     for name, kind in sorted(KINDS[section].items()):
         chosen = {"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}}
         alternatives.append(_mapping({**chosen, **_properties(fields_of(kind)), **beside}))
+    if section in OWN:  # any parameters: only the user's file knows them
+        properties = {"kind": {"type": "string", "pattern": _OWN_KIND}, **beside}
+        own: dict[str, Any] = {"type": "object", "properties": properties, "required": ["kind"]}
+        alternatives.append(own)
     return {"anyOf": alternatives}
 
 

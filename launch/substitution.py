@@ -16,6 +16,8 @@ from forcebound.launch.tree import BROKEN, Value, scalar
 _SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
 _ARG = re.compile(r"\s*arg\s+(?P<name>\S+)\s*")
 _ENV = re.compile(r"env:(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?P<fallback>:-.*)?", re.DOTALL)
+MAX_PASTED = 4096  # characters of a value that substitutes are pasted into: they could fill memory
+
 _KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 
 
@@ -49,12 +51,20 @@ class Substitution:
         substitutes = [part for part in parts if part is not None]
         if len(matches) == 1 and matches[0].span() == (0, len(content)):
             return replace(substitutes[0], key=value.key)
+        length = len(content) + sum(len(part.text) for part in substitutes)
+        if length > MAX_PASTED:
+            message = (
+                f"filled in, this has {length} characters; more than {MAX_PASTED} is a mistake"
+            )
+            self._problems.add(message, value.place)
+            return replace(value, content=BROKEN)
         return _pasted(value, matches, substitutes)
 
     def _substitute(self, match: re.Match[str], value: Value) -> Value | None:
-        if match[0].endswith(")") and (call := _ARG.fullmatch(match["call"])):
+        opened, closed = match[0][1], match[0][-1]  # "$(arg}" is neither
+        if (opened, closed) == ("(", ")") and (call := _ARG.fullmatch(match["call"])):
             return self._argument(call["name"], value)
-        if match[0].endswith("}") and (braces := _ENV.fullmatch(match["braces"])):
+        if (opened, closed) == ("{", "}") and (braces := _ENV.fullmatch(match["braces"])):
             return self._variable(braces["name"], braces["fallback"], value)
         self._problems.add(f"unknown substitution {match[0]!r}; {_KNOWN}", value.place)
         return None

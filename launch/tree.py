@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
+from forcebound.errors import ConfigError
 from forcebound.launch.problems import Place, Problems, Related, unknown
 
 MAX_DEPTH = 40  # levels of nesting
@@ -135,6 +136,8 @@ def parse(text: str, name: str, problems: Problems) -> Value | None:
             return tree.document(YAML(typ="safe", pure=True).parse(text))
     except _StopError:
         return None
+    except ConfigError:
+        raise  # too many problems
     except Exception as error:  # the parser has no list of what it raises on damaged text
         tree.syntax_error(error)
         return None

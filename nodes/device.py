@@ -41,6 +41,10 @@ class _Unknown(NamedTuple):
 _UNKNOWN = _Unknown()
 
 
+SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
+LONGEST_HOLD = 1e6  # periods
+
+
 @dataclass(frozen=True)
 class ServoSettings:
     """How the device node runs its servo."""
@@ -56,10 +60,15 @@ class ServoSettings:
     def __post_init__(self) -> None:
         if not self.rate > 0:
             raise ValueError(f"rate must be > 0 Hz, got {self.rate} Hz")
+        if not SLOWEST <= self.rate <= FASTEST:
+            limits = f"{SLOWEST:g} to {FASTEST:g} Hz"
+            raise ValueError(f"rate must be {limits}, got {self.rate:g} Hz")
         if not 0 <= self.reply_wait < 1:
             raise ValueError(f"reply_wait must be in [0, 1) periods, got {self.reply_wait}")
         if not self.hold_limit >= 1:
             raise ValueError(f"hold_limit must be >= 1 period, got {self.hold_limit}")
+        if self.hold_limit > LONGEST_HOLD:
+            raise ValueError(f"hold_limit must be <= {LONGEST_HOLD:g}, got {self.hold_limit:g}")
         if not self.age_limit > 0:
             raise ValueError(f"age_limit must be > 0 s, got {self.age_limit} s")
         if not self.engage_time >= 0:

@@ -137,8 +137,11 @@ class EnvironmentNode:
         # Whatever a user's environment does wrong must end in silence, which the device answers
         # with zero force, and not in a dead node.
         try:
-            force = self._environment.force(query.position, query.velocity, query.elapsed)
-            return tuple([float(f) for f in force])
+            answer = self._environment.force(query.position, query.velocity, query.elapsed)
+            force = tuple([float(f) for f in answer])
+            if len(force) != len(query.position):
+                raise ValueError(f"expected {len(query.position)} entries, got {len(force)}")
+            return force
         except Exception:
             self.faults += 1
             if self.faults == 1:

@@ -328,6 +328,29 @@ def test_flipped_bits_give_a_packet_or_a_refusal(packet: Packet, data: st.DataOb
     assert is_sound(outcome(bytes(damaged)))
 
 
+@given(packets(), packets(), st.data())
+def test_spliced_frames_give_a_packet_that_comes_back_or_a_refusal(
+    one: Packet, other: Packet, data: st.DataObject
+) -> None:
+    head, tail = encode(one), encode(other)
+    cut = data.draw(st.integers(0, len(head)))
+    joint = data.draw(st.integers(0, len(tail)))
+    result = outcome(head[:cut] + data.draw(st.binary(max_size=8)) + tail[joint:])
+    assert is_sound(result)
+    if not isinstance(result, PacketError):
+        assert same(decode(encode(result)), result)
+
+
+@given(st.binary(max_size=300), st.sampled_from(list(TOPICS.values())))
+def test_whatever_is_expected_any_bytes_give_it_or_a_refusal(
+    data: bytes, kind: type[Packet]
+) -> None:
+    try:
+        assert type(decode(data, kind)) is kind
+    except PacketError as error:
+        assert error.reason in REASONS  # noqa: PT017
+
+
 def test_every_shorter_frame_is_malformed(packet: Packet) -> None:
     data = encode(packet)
     assert {refusal(data[:length]).reason for length in range(len(data))} == {"malformed"}

@@ -57,6 +57,9 @@ from forcebound.launch.loader import from_document, load, to_document
         ("delay: 2 ms", "loss: 2", "16:29", "loss must be"),
         ("  law: $", "  reply_wait: 1\n  law: $", "10:15", "reply_wait must be in [0, 1)"),
         ("  law: $", "  hold_limit: 0.5\n  law: $", "10:15", "hold_limit must be >= 1"),
+        ("  law: $", "  rate: 1e300\n  law: $", "10:9", "rate must be 0.1 to 1e+06 Hz"),
+        ("  law: $", "  hold_limit: 1e300\n  law: $", "10:15", "hold_limit must be <= 1e+06"),
+        ("6 s", "1e300 s", "7:11", "at most 9e+09 s; got '1e300 s'"),
         ("  law: $", "  rate: 0 Hz\n  law: $", "10:9", "rate must be > 0 Hz"),
         ("  law: $", "  axes: 7\n  law: $", "10:9", "axes must be 1 to 6"),
         (

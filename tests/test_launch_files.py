@@ -9,7 +9,7 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.launch.config import COMPUTATION, KINDS, LINKS
 from forcebound.launch.document import shipped
 from forcebound.launch.fields import fields_of
-from forcebound.launch.loader import arguments_of, from_document, load, to_document
+from forcebound.launch.loader import OWN, arguments_of, from_document, load, to_document
 from forcebound.launch.schema import json_schema
 from forcebound.launch.tree import scalar
 from forcebound.nodes.device import ServoSettings
@@ -271,7 +271,7 @@ def test_no_parameter_of_a_device_shares_its_name_with_a_servo_setting() -> None
 def test_every_kind_can_be_described_to_an_editor() -> None:
     properties = json_schema()["properties"]
     for section, table in KINDS.items():
-        assert len(properties[section]["anyOf"]) == len(table)
+        assert len(properties[section]["anyOf"]) == len(table) + (section in OWN)
     assert set(properties["links"]["properties"]) == set(LINKS)
     json.dumps(json_schema(), allow_nan=False)
 
@@ -325,6 +325,13 @@ def as_plain(name: str) -> Any:
 def test_the_schema_accepts_every_shipped_file_and_every_document(shipped_name: str) -> None:
     assert accepts(json_schema(), as_plain(shipped_name))
     assert accepts(json_schema(), to_document(load(shipped_name)))
+
+
+def test_the_schema_leaves_the_parameters_of_a_users_own_environment_to_its_file() -> None:
+    own = {"kind": "my_spring.py:MySpring", "anything": 1, "compute_delay": "1 ms"}
+    assert accepts(json_schema(), {**as_plain("stiff_wall.yaml"), "environment": own})
+    own["kind"] = "my_spring"
+    assert not accepts(json_schema(), {**as_plain("stiff_wall.yaml"), "environment": own})
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ KEYS = {
     "true_energy_min_j",
     "estimated_energy_min_j",
     "bounder_active_share",
+    "answered_share",
     "own_tick_share",
     "loop_delay_ms",
     "deadline_misses",

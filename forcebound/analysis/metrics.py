@@ -9,6 +9,7 @@ NaN, so that a summary is always valid JSON.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,6 +57,9 @@ class Surface:
 def surface(config: Mapping[str, Any]) -> Surface | None:
     """Return the surface that the launch file describes; None for an environment without one.
 
+    In a user's own environment (``kind: my_file.py``) a parameter of these names may be something
+    else, such as a centre: what is no number is no surface.
+
     Args:
         config: The launch file as resolved for the run; reads ``environment``.
 
@@ -63,6 +67,8 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
         ConfigError: If position, stiffness or axis are not plain SI numbers.
     """
     environment = config.get("environment") or {}
+    if ".py" in str(environment.get("kind")):
+        environment = {k: v for k, v in environment.items() if isinstance(v, int | float)}
     position = _number(environment, "position", "m")
     if position is None:
         return None
@@ -292,7 +298,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         "true_energy_min_j": _or_none(np.min, columns.true_energy[since_engaged]),
         "estimated_energy_min_j": _or_none(np.min, columns.estimated_energy[since_engaged]),
         "bounder_active_share": _or_none(np.mean, (applied < UNBOUNDED * asked)[contact]),
-        "answered_share": answered_share(columns),
+        "answered_share": answered_share(columns) if time.size else None,
         "own_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
         "loop_delay_ms": _delays(columns.loop_delay[engaged]),
         "deadline_misses": _misses(columns.deadline_misses, since_engaged),
@@ -369,9 +375,9 @@ def summarize_phases(
         ``deadline_misses``.
     """
     begins = [event for event in events if event.event == PHASE_BEGINS]
-    ends_ns = [event.time_ns for event in begins[1:]] + [2**63 - 1]
     found = []
-    for event, end_ns in zip(begins, ends_ns, strict=True):
+    for event, following in zip_longest(begins, begins[1:]):
+        end_ns = 2**63 - 1 if following is None else following.time_ns
         here = (columns.time_ns >= event.time_ns) & (columns.time_ns < end_ns)
         if not here.any():
             continue

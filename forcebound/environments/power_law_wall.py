@@ -1,5 +1,6 @@
 """A wall whose force grows with a power of the penetration, like soft tissue or a contact."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -39,7 +40,10 @@ class PowerLawWall:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
-        force = power_law_force(
-            position[0], self.stiffness, self.exponent, self.reference, self.position
-        )
+        try:
+            force = power_law_force(
+                position[0], self.stiffness, self.exponent, self.reference, self.position
+            )
+        except OverflowError:  # of Python's power, where compiled code gives infinity
+            force = math.inf
         return on_first_axis(force, len(position))

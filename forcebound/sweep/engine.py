@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from forcebound.bounding import LAWS
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
-from forcebound.launch.config import KINDS, GraphConfig, to_document
+from forcebound.launch.config import GraphConfig, kind_of, to_document
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.controller import DirectController
@@ -80,7 +80,7 @@ def _run_graph(config: GraphConfig) -> Ran:
 def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     """Return what cases must share to run side by side; None if the kernel does not know it."""
     model, servo, operator = config.device.model, config.device.servo, config.operator
-    environment = _kind_of("environment", config.environment.model)
+    environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15
         or model.axes != 1
@@ -104,17 +104,12 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     )
 
 
-def _kind_of(section: str, member: object) -> str:
-    (name,) = (name for name, kind in KINDS[section].items() if kind is type(member))
-    return name
-
-
 def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> list[Ran]:
     first = configs[0]
     if ticks_of(first) == 0:
         error = RunError("the run ended before its first sample; ask for a longer duration")
         return [Ran("kernel", None, error) for _ in configs]
-    kind = _kind_of("environment", first.environment.model)
+    kind = kind_of("environment", first.environment.model)
     arguments = block_arguments(configs, timings)
     lanes.kernel(first.device.servo.law, kind)(*arguments)
     traces = arguments[-1].reshape(-1, len(lanes.TRACES), lanes.WIDTH)
@@ -137,7 +132,7 @@ def block_arguments(
     ticks = ticks_of(first)
     lane_of = [min(i, len(configs) - 1) for i in range(lanes.WIDTH)]
     rows = np.zeros((lanes.ROWS, lanes.WIDTH))
-    environment = _kind_of("environment", first.environment.model)
+    environment = kind_of("environment", first.environment.model)
     for lane, index in enumerate(lane_of):
         rows[: lanes.CONSTANTS, lane] = _constants(configs[index], environment)
     path, targets = _path(first, ticks)

@@ -1,0 +1,88 @@
+"""Fuzz the codec and the launch files for a while each: ``make fuzz FUZZ_SECONDS=600``.
+
+Inputs that reach new code are kept in ``results/fuzz/TARGET/corpus`` and the next campaign goes on
+from them; inputs that broke something are kept beside it and printed. Exit status: 0 nothing was
+found, 1 something was, 2 atheris is missing.
+"""
+
+import argparse
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+LAUNCH_FILES = sorted((ROOT / "launch").glob("*.yaml"))
+TARGETS = ("codec", "launch_file")
+
+SLOWEST = 10  # s for one input; more counts as found
+MEMORY = 2048  # MB of the whole process; more counts as found
+
+
+def seeds(target: str) -> dict[str, bytes]:
+    """Return the inputs that a campaign begins with, by name."""
+    if target == "launch_file":
+        return {path.name: path.read_bytes() for path in LAUNCH_FILES}
+    dumps = sorted((ROOT / "tests" / "golden").glob("*.hex"))
+    return {d.stem: bytes.fromhex(re.sub(r"#.*", "", d.read_text())) for d in dumps}
+
+
+def words(target: str) -> str:
+    """Return what is worth inserting, in the form of libFuzzer's dictionaries."""
+    texts = [path.read_text(encoding="utf-8") for path in LAUNCH_FILES]
+    texts.append("include: ${env:X:-1} &a *a !!str | > ? [ ] --- %YAML gemodel slot outages 1e999")
+    found = re.findall(rb"[a-z_]{4,}", b" ".join(seeds("codec").values()))
+    names = {word.decode() for word in found}
+    if target == "launch_file":
+        names = {word for text in texts for word in text.split() if word.isascii()}
+    quoted = (re.sub(r'(["\\])', r"\\\1", name) for name in sorted(names))
+    return "".join(f'"{name}"\n' for name in quoted)
+
+
+def campaign(target: str, seconds: int) -> bool:
+    """Fuzz one target; return whether nothing was found."""
+    folder = ROOT / "results" / "fuzz" / target
+    corpus = folder / "corpus"
+    corpus.mkdir(parents=True, exist_ok=True)
+    for name, data in seeds(target).items():
+        (corpus / name).write_bytes(data)
+    (folder / "words.dict").write_text(words(target), encoding="utf-8")
+    before = set(folder.glob("found-*"))
+    options = [
+        f"-max_total_time={seconds}",
+        f"-artifact_prefix={folder}/found-",
+        f"-dict={folder / 'words.dict'}",
+        f"-timeout={SLOWEST}",
+        f"-rss_limit_mb={MEMORY}",
+        "-max_len=8192",
+        "-print_final_stats=1",
+    ]
+    program = [sys.executable, str(ROOT / "fuzz" / f"{target}.py")]
+    status = subprocess.run([*program, *options, str(corpus)], check=False).returncode
+    for path in sorted(set(folder.glob("found-*")) - before):
+        print(f"found by {target}: {path}\n  {path.read_bytes()[:2000]!r}")
+        print(f"  again: {sys.executable} fuzz/{target}.py {path}")
+    print(f"{target}: {'nothing found' if status == 0 else f'FOUND (status {status})'}", flush=True)
+    return status == 0
+
+
+def main() -> int:
+    """Run the campaigns that are asked for; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}")
+    parser.add_argument("--seconds", type=int, default=60, help="for each target")
+    options = parser.parse_args()
+    unknown = set(options.targets) - set(TARGETS)
+    if unknown or options.seconds <= 0:
+        parser.error(f"expected TARGETs of {', '.join(TARGETS)} and a positive number of seconds")
+    if importlib.util.find_spec("atheris") is None:
+        print("atheris is not installed: make fuzz installs it, where it has a wheel for this")
+        print(f"Python and machine (Linux, not every Python; this one is {sys.version.split()[0]})")
+        return 2
+    sound = [campaign(target, options.seconds) for target in options.targets or TARGETS]
+    return 0 if all(sound) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

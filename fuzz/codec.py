@@ -1,0 +1,34 @@
+"""Any bytes are a packet or a PacketError with a known reason; what is accepted comes back.
+
+Run by ``make fuzz``; one input again: ``python fuzz/codec.py FILE``.
+"""
+
+import sys
+
+import atheris
+
+with atheris.instrument_imports(include=["forcebound.messages", "msgpack"]):
+    from forcebound.errors import PacketError
+    from forcebound.messages.codec import decode, encode
+    from forcebound.messages.packets import TOPICS
+
+REASONS = {"malformed", "version", "keys", "value"}
+
+
+def one(data: bytes) -> None:
+    """Decode as any packet and as each kind; see the head of this file."""
+    for expected in (None, *TOPICS.values()):
+        try:
+            packet = decode(data, expected)
+        except PacketError as error:
+            assert error.reason in REASONS, error.reason
+            assert len(str(error)) < 2000, len(str(error))
+            continue
+        assert expected in (None, type(packet))
+        again = decode(encode(packet))
+        assert repr(again) == repr(packet), (packet, again)  # repr: not-a-number equals itself
+
+
+if __name__ == "__main__":
+    atheris.Setup(sys.argv, one)
+    atheris.Fuzz()

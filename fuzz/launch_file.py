@@ -1,0 +1,45 @@
+"""Any bytes are a launch file or a ConfigError; what is accepted comes back from its document.
+
+Run by ``make fuzz``; one input again: ``python fuzz/launch_file.py FILE``.
+"""
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import atheris
+
+import forcebound.devices  # noqa: F401  # before: numba cannot compile what atheris has changed
+
+with atheris.instrument_imports(include=["forcebound.launch", "forcebound.quantities", "ruamel"]):
+    from forcebound.errors import ConfigError
+    from forcebound.launch.build import NODE_KINDS, build_links, build_node
+    from forcebound.launch.loader import arguments_of, from_document, load, to_document
+
+FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
+
+
+def one(data: bytes) -> None:
+    """Load it as a file; see the head of this file."""
+    FILE.write_bytes(data)
+    try:
+        arguments_of(FILE)
+        config = load(FILE)
+    except ConfigError as error:
+        assert len(str(error).encode()) < 1_000_000, len(str(error))
+        return
+    document = json.loads(json.dumps(to_document(config), allow_nan=False))
+    assert from_document(document) == config, document
+    build_links(config)
+    for kind in NODE_KINDS:
+        build_node(kind, config)
+
+
+if __name__ == "__main__":
+    atheris.Setup(sys.argv, one)
+    try:
+        atheris.Fuzz()
+    finally:
+        FILE.unlink(missing_ok=True)
+        FILE.parent.rmdir()

@@ -1,0 +1,139 @@
+"""The contract test of environments finds what it promises to find, and says where."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+
+from forcebound.environments import Environment
+from forcebound.environments.contract import PROMISES, Violation, check, force_fault
+from forcebound.environments.damper import Damper
+from forcebound.environments.wall import Wall
+
+Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """An environment that answers what it is told to."""
+
+    answer: Answer
+
+    def force(
+        self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float
+    ) -> Any:
+        return self.answer(position, velocity, elapsed)
+
+
+def broken(environment: Environment, promise: str, **how: Any) -> Violation:
+    """The first violation; none of another promise."""
+    report = check(environment, **how)
+    assert not report.held[promise]
+    found = [one for one in report.violations if one.promise == promise]
+    assert len(found) <= 3
+    return found[0]
+
+
+def zeros(position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float) -> Any:
+    return (0.0,) * len(position)
+
+
+def test_an_error_is_told_with_its_question_and_its_line() -> None:
+    def far_fails(position: tuple[float, ...], *_: Any) -> Any:
+        return tuple(x**2 for x in position)
+
+    violation = broken(Answers(far_fails), "answers")
+    assert violation.got.startswith("OverflowError")
+    assert f"{__file__}:" in violation.got
+    assert violation.where.startswith("force((1e+300,), (0.0,), 0.0)")
+
+
+def test_a_missing_axis_is_told_with_what_came() -> None:
+    violation = broken(Answers(lambda *_: (0.0,)), "shape")
+    assert violation.expected == "a tuple with 2 numbers in N, one per axis"
+    assert violation.got == "1 entries: (0.0,) of type tuple"
+    assert check(Answers(lambda *_: (0.0,)), axes=(1,)).held["shape"]
+
+
+def test_infinity_is_refused_where_a_hand_may_be_and_allowed_far_beyond() -> None:
+    assert broken(Answers(lambda p, *_: (float("inf"),) * len(p)), "finite").got == "(inf,)"
+    assert check(Wall()).held["finite"]  # infinite at 1e300 m
+
+
+def test_a_memory_is_found() -> None:
+    counter = count()
+    violation = broken(Answers(lambda p, *_: (float(next(counter)),) * len(p)), "pure")
+    assert violation.expected.endswith("as before")
+
+
+def test_what_is_no_value_is_found() -> None:
+    class Plain:
+        force = staticmethod(zeros)
+
+    assert broken(Plain(), "value").expected == "@dataclass(frozen=True)"
+
+    @dataclass(frozen=True)
+    class Local:
+        """It cannot be pickled."""
+
+        def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+            return zeros(position, velocity, elapsed)
+
+    assert broken(Local(), "value").where == "pickle"
+
+
+@dataclass(frozen=True)
+class NeverEqual:
+    number: float = field(default=float("nan"))
+
+    def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+        return zeros(position, velocity, elapsed)
+
+
+def test_a_copy_that_is_not_equal_is_found() -> None:
+    assert broken(NeverEqual(float("nan")), "value").where == "pickle"
+
+
+def test_a_force_that_was_not_stated_is_found_at_rest() -> None:
+    violation = broken(Wall(stiffness=1000.0, position=0.0), "rest", at_rest={0.001: 0.0})
+    assert violation.expected == "(0.0,) N"
+    assert violation.got == "(1.0,)"
+    assert check(Wall(stiffness=1000.0, position=0.0), at_rest={0.001: 1.0}).held["rest"]
+    assert set(check(Damper()).held) == set(PROMISES) - {"rest"}
+
+
+def test_the_same_check_asks_the_same() -> None:
+    asked: list[list[Any]] = [[], []]
+    for log in asked:
+
+        def answer(position: Any, *rest: Any, log: list[Any] = log) -> Any:
+            log.append((position, *rest))
+            return (0.0,) * len(position)
+
+        check(Answers(answer), axes=(2,))
+    assert asked[0] == asked[1]
+
+
+@pytest.mark.parametrize(
+    ("force", "got"),
+    [
+        ((1.0, 2), None),
+        ([1.0, np.float32(2.0)], None),
+        (np.zeros(2), None),
+        (np.zeros((2, 2)), "got an entry [0.0, 0.0] of type list"),
+        ("12", "got '12' of type str"),
+        (None, "got None"),
+        (1.0, "got 1.0 of type float"),
+        ((1.0,), "got 1 entries"),
+        ((1.0, True), "got an entry True of type bool"),
+        ((1.0, "2"), "got an entry '2' of type str"),
+        ({1.0, 2.0}, "of type set"),
+    ],
+)
+def test_the_form_of_an_answer_is_named(force: object, got: str | None) -> None:
+    fault = force_fault(force, 2)
+    assert (fault is None) == (got is None)
+    assert (got or "") in (fault or "")

@@ -1,0 +1,124 @@
+"""Launch files that mean harm: an answer in bounded time and memory, whatever they say."""
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from launch_texts import GOOD, problems_of, written
+
+from forcebound.errors import ConfigError
+from forcebound.launch.document import SHIPPED, shipped
+from forcebound.launch.loader import from_document, load, to_document
+from forcebound.launch.problems import MAX_PROBLEMS
+from forcebound.launch.substitution import MAX_PASTED
+
+SHIPPED_TEXTS = [(SHIPPED / name).read_bytes() for name in shipped()]
+
+HOSTILE = {
+    "deep flow": "[" * 100_000,
+    "deep mappings": "a: " + "{a: " * 50_000,
+    "deep keys": "? " * 120_000,
+    "aliases of aliases": "a0: &a0 [1]\n"
+    + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 60)),
+    "an alias of itself": "a: &a [*a]",
+    "a number of many digits": GOOD.replace("seed: 1", "seed: " + "9" * 200_000),
+    "an enormous exponent": GOOD.replace("6 s", "1e999999999 s"),
+    "a unit without end": GOOD.replace("10 N/mm", "1 " + "N/" * 50_000),
+    "a unit to an enormous power": GOOD.replace("10 N/mm", "1 N/mm^9999999999"),
+    "substitutions without end": GOOD.replace("10 N/mm", "$(" * 100_000),
+    "a value pasted many times": GOOD.replace("10 N/mm", "x" * 100_000).replace(
+        "$(arg stiffness)", "$(arg stiffness)" * 5000
+    ),
+    "thousands of unknown keys": GOOD + "".join(f"sead{i}: 1\n" for i in range(15_000)),
+    "thousands of keys given twice": "k: 1\n" * 40_000,
+    "thousands of arguments": "forcebound: 1\narguments:\n"
+    + "".join(f"  a{i}: 1\n" for i in range(9000))
+    + "seed: $(arg a)\n",
+    "a path without end": GOOD.replace("kind: wall", "kind: " + "w" * 200_000 + ".py"),
+    "a path that cannot be": GOOD.replace("kind: wall", 'kind: "a\\0.py"'),
+    "an include without end": GOOD + "include: " + "w" * 200_000,
+    "half a character": GOOD.replace("kind: wall", 'kind: "\\ud800.py"'),
+    "thousands of documents": "---\n" * 60_000,
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_file_is_refused_in_bounded_memory(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, text)
+    tracemalloc.start()
+    try:
+        message = problems_of(path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 60e6
+    assert len(message.encode()) < 1_000_000
+
+
+def test_only_so_many_problems_are_told(tmp_path: Path) -> None:
+    message = problems_of(written(tmp_path, GOOD + "".join(f"x{i}: 1\n" for i in range(500))))
+    assert message.count("unknown key in the launch file") == MAX_PROBLEMS
+    assert message.endswith(f"and more than these {MAX_PROBLEMS} problems")
+
+
+@pytest.mark.parametrize("text", ["$(arg}", "${env:X)", "$(}", "${)", "$(", "${", "$()", "${}"])
+def test_brackets_that_do_not_match_are_no_substitution(tmp_path: Path, text: str) -> None:
+    message = problems_of(written(tmp_path, GOOD.replace("$(arg law)", f"'{text}'")))
+    assert f":10:8: unknown substitution {text!r}" in message
+
+
+def test_a_value_that_is_pasted_beyond_all_measure_has_its_place(tmp_path: Path) -> None:
+    text = GOOD.replace("$(arg stiffness)", "$(arg stiffness) " * 1000)
+    message = problems_of(written(tmp_path, text))
+    assert ":14:14: filled in, this has " in message
+    assert f"more than {MAX_PASTED} is a mistake" in message
+
+
+def test_a_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
+    assert "files include each other" in problems_of(
+        written(tmp_path, GOOD + "include: graph.yaml\n")
+    )
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> bytes:
+    """A shipped launch file with some pieces cut, doubled, moved or replaced."""
+    text = draw(st.sampled_from(SHIPPED_TEXTS))
+    words = st.sampled_from([*b" ".join(SHIPPED_TEXTS).split(), b"&a ", b"*a", b"\n", b"1e999"])
+    for _ in range(draw(st.integers(1, 6))):
+        start = draw(st.integers(0, len(text)))
+        end = draw(st.integers(start, min(start + 40, len(text))))
+        piece = draw(st.just(b"") | words | st.binary(max_size=6) | st.just(text[start:end] * 2))
+        text = text[:start] + piece + text[end:]
+    return text
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(mutated())
+def test_a_mutated_launch_file_gives_a_configuration_or_a_config_error(
+    tmp_path: Path, data: bytes
+) -> None:
+    path = written(tmp_path, data)
+    try:
+        config = load(path)
+    except ConfigError as error:
+        str(error).encode()
+        return
+    assert from_document(to_document(config)) == config
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.sampled_from(["6 s", "10 N/mm", "2 ms", "seed: 1"]),
+    st.from_regex(r"[-+]?[0-9]{1,30}(\.[0-9]{0,30})?([eE][-+]?[0-9]{1,12})? ?[a-zA-Z/^*%µ²]{0,8}"),
+)
+def test_any_quantity_gives_a_configuration_or_a_config_error(
+    tmp_path: Path, old: str, quantity: str
+) -> None:
+    path = written(tmp_path, GOOD.replace(old, quantity))
+    try:
+        assert load(path).duration > 0
+    except ConfigError as error:
+        str(error).encode()
