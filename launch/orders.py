@@ -21,9 +21,14 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the launcher's answer to one request; see ``docs/protocol.md``, Control.
 
     Raises:
-        ConfigError: If it refuses; the message says why.
+        ConfigError: If it refuses, or there is no launcher; the message says why.
         RunError: If it does not answer.
     """
+    if not (run_dir / f"control-{LAUNCHER}").exists():
+        raise ConfigError(
+            f"nobody takes orders in {run_dir}: its launcher starts just now, or this is a node "
+            "that was started by hand, and Ctrl-C stops it there"
+        )
     with Network() as network:
         client = network.control_client(control_endpoint(run_dir, LAUNCHER))
         end = time.monotonic() + ANSWER_TIME
@@ -39,7 +44,7 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
                 return answer
     raise RunError(
         f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIME:g} s: "
-        "does it start or end just now, or is it suspended (Ctrl-Z)?"
+        "does it end just now, or is it suspended (Ctrl-Z)?"
     )
 
 

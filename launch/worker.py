@@ -128,6 +128,8 @@ def _run_by_hand(
         write_launch_document(run_dir, config)
         run.write(run_dir)
     _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
+
+
 def never_wait_for_a_reader() -> None:
     """Drop what is written to standard output or error while the pipe behind it is full.
 
