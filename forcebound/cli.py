@@ -162,6 +162,41 @@ def node(
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
 
 
+_run_option = click.option(
+    "--run",
+    "run_dir",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Run directory of the graph that is meant, if several run.",
+)
+
+
+@main.command()
+@click.argument("node_name", metavar="NODE")
+@_run_option
+@_reports_errors
+def stop(node_name: str, run_dir: Path | None) -> None:
+    """Stop NODE (environment or controller) of a running graph, until it is started again."""
+    from forcebound.launch.orders import stop_node
+    from forcebound.launch.runs import find
+
+    stop_node(find(run_dir), node_name)
+    click.echo(f"{node_name} is stopped; the device shows zero force until somebody answers")
+
+
+@main.command()
+@click.argument("node_name", metavar="NODE")
+@_run_option
+@_reports_errors
+def start(node_name: str, run_dir: Path | None) -> None:
+    """Start NODE (environment or controller) of a running graph again after a stop."""
+    from forcebound.launch.orders import start_node
+    from forcebound.launch.runs import find
+
+    start_node(find(run_dir), node_name)
+    click.echo(f"{node_name} runs")
+
+
 @main.command()
 def schema() -> None:
     """Print the JSON schema of launch files, for completion in an editor."""

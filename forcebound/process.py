@@ -56,6 +56,7 @@ RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would co
 FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
 DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
 DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
+COMPLETE = "complete"  # a recording that lacks nothing
 FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
 
 _logger = logging.getLogger(__name__)
@@ -608,7 +609,7 @@ def record(
         def answer(request: Mapping[str, Any]) -> dict[str, Any]:
             if request.get("request") == "stop":
                 stop.request()
-            return _recorder_status(counts, rejected)
+            return _recorder_status(counts, rejected, sink)
 
         def take() -> bool:
             any_came = False
@@ -638,15 +639,19 @@ def record(
             silent_ns = 0 if take() else silent_ns + RECORDER_PERIOD_NS
             sockets.wait((), RECORDER_PERIOD_NS)
         sink.flush()
-    return _recorder_status(counts, rejected)
+    return _recorder_status(counts, rejected, sink)
 
 
 class _Patient:
-    """A sink that says once that it cannot write, and then throws away what it gets."""
+    """A sink that says once that it cannot write, and then throws away what it gets.
+
+    Attributes:
+        state: :data:`COMPLETE`, or why the recording is not.
+    """
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
-        self._failed = False
+        self.state = COMPLETE
 
     def write(self, packet: Packet) -> None:
         self._try(self._sink.write, packet)
@@ -655,17 +660,20 @@ class _Patient:
         self._try(self._sink.flush)
 
     def _try(self, act: Callable[..., None], *packet: Packet) -> None:
-        if self._failed:
+        if self.state != COMPLETE:
             return
         try:
             act(*packet)
         except OSError as error:
-            self._failed = True
-            _logger.error("recording stopped: %s; the run goes on", error.strerror or error)
+            self.state = f"stopped: {error.strerror or error}"
+            _logger.error("recording %s; the run goes on", self.state)
 
 
-def _recorder_status(counts: Mapping[str, int], rejected: Mapping[str, int]) -> dict[str, Any]:
-    return {**_readiness(counts), "rejected": dict(rejected), "log": []}
+def _recorder_status(
+    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
+) -> dict[str, Any]:
+    readiness = _readiness(counts)
+    return {**readiness, "rejected": dict(rejected), "recording": sink.state, "log": []}
 
 
 def _readiness(received: Mapping[str, int]) -> dict[str, Any]:

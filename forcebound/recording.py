@@ -197,6 +197,10 @@ class Recorder:
             with self._file:
                 self._writer.finish()
 
+    def abandon(self) -> None:
+        """Close the file without an end: whoever reads it sees that it is not all there is."""
+        self._file.close()
+
     def __enter__(self) -> Self:
         return self
 

@@ -6,6 +6,11 @@
         |                       |                           |                        ^
         +--- a node ended, an interrupt, too slow ----------+------------------------+
 
+While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
+started anew (:mod:`forcebound.launch.restarts`), and the device shows zero force meanwhile. They
+may also be stopped and started on request; a node that was stopped so stays away until it is asked
+for again. The end of the run waits for none of this.
+
 Stopping goes group by group (:data:`STOP_ORDER`): the device first, so that the force is zero
 before those that it depends on are gone, and the recorder last, so that it has everything. Who does
 not stop in time is killed. The first failure is the one that is told; what follows from it is not.
@@ -16,6 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeAlias
+
+from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, RESTARTED, Restarts
 
 STOP_ORDER: tuple[tuple[str, ...], ...] = (
     ("device",),
@@ -61,7 +68,21 @@ class Interrupted:
     """Somebody wants the run to end: Ctrl-C, SIGTERM, a closed terminal."""
 
 
-Event: TypeAlias = Reported | Engaged | Ended | Interrupted
+@dataclass(frozen=True)
+class StopRequested:
+    """Somebody wants a node to stop and to stay away; see :meth:`Lifecycle.refusal`."""
+
+    node: str
+
+
+@dataclass(frozen=True)
+class StartRequested:
+    """Somebody wants a node that was stopped to run again; see :meth:`Lifecycle.refusal`."""
+
+    node: str
+
+
+Event: TypeAlias = Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested
 
 
 @dataclass(frozen=True)
@@ -83,7 +104,25 @@ class Kill:
     node: str
 
 
-Action: TypeAlias = Engage | Terminate | Kill
+@dataclass(frozen=True)
+class Start:
+    """Start a node that is not there."""
+
+    node: str
+
+
+@dataclass(frozen=True)
+class Tell:
+    """Tell everybody what happened to a process."""
+
+    event: str  # "process_ended" or "process_started"
+    node: str
+    message: str
+    is_fault: bool = False
+    status: str = ""  # with which it ended, in words
+
+
+Action: TypeAlias = Engage | Terminate | Kill | Start | Tell
 
 
 class Phase(Enum):
@@ -117,7 +156,7 @@ class Lifecycle:
         phase: Where the run is.
         failure: Why it failed; None if it has not.
         interrupted: Whether somebody ended it.
-        deadline_ns: When :meth:`advance` must be called even without an event, in ns, or None.
+        restarts: Who was started anew, and who will be.
     """
 
     def __init__(
@@ -126,14 +165,53 @@ class Lifecycle:
         self.phase = Phase.STARTING
         self.failure: Failure | None = None
         self.interrupted = False
-        self._interrupted_early = False
-        self.deadline_ns: int | None = time_ns + limits.start_ns
+        self._phase_end_ns: int | None = time_ns + limits.start_ns
         self._limits = limits
         self._duration_ns = duration_ns
         self._alive = set(nodes)
         self._waiting: dict[str, tuple[str, ...] | None] = dict.fromkeys(nodes)  # None: silent
         self._stopping: list[list[str]] = []  # groups that are left
         self._killed: set[str] = set()
+        self._held: set[str] = set()  # stopped on request, and not to be started anew
+        self._leaving: dict[str, int] = {}  # told to stop on request; killed at this time, in ns
+        self.restarts = Restarts()
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """When :meth:`advance` must be called even without an event, in ns, or None."""
+        times_ns = [] if self._phase_end_ns is None else [self._phase_end_ns]
+        if self.phase is Phase.RUNNING:
+            times_ns += self.restarts.due_ns.values()
+            times_ns += [end for node, end in self._leaving.items() if node not in self._killed]
+        return min(times_ns, default=None)
+
+    @property
+    def silent(self) -> list[str]:
+        """The nodes that live and have not said a word since they were started."""
+        return [node for node in sorted(self._alive) if self._waiting[node] is None]
+
+    def state(self, node: str) -> str:
+        """Return how a node is doing, in one word."""
+        if node in self._alive:
+            if node in self._leaving:
+                return "stopping"
+            return "starting" if self._waiting[node] is None else "running"
+        if node in self.restarts.due_ns:
+            return "restarting"
+        return "stopped" if node in self._held else "ended"
+
+    def refusal(self, node: str) -> str | None:
+        """Return why this node cannot be stopped or started on request now; None if it can."""
+        if node not in self._waiting:
+            known = ", ".join(self._waiting)
+            if node in RESTARTED:
+                return f"the launcher of this graph does not run its {node}; it runs {known}"
+            return f"no node {node!r} in this graph; its nodes are {known}"
+        if node not in RESTARTED:
+            return f"without its {node} a run ends; to end it: Ctrl-C at its launcher"
+        if self.phase is not Phase.RUNNING:
+            return f"the run is {self.phase.name.lower()}; nodes stop and start while it is running"
+        return None
 
     @property
     def not_ready(self) -> list[str]:
@@ -149,27 +227,92 @@ class Lifecycle:
                 return self._on_end(time_ns, node, status)
             case Interrupted():
                 return self._on_interrupt(time_ns)
+            case StopRequested(node) if self.refusal(node) is None:
+                return self._on_stop_request(time_ns, node)
+            case StartRequested(node) if self.refusal(node) is None:
+                return self._on_start_request(node)
             case Engaged() if self.phase is Phase.ENGAGING:
                 self.phase = Phase.RUNNING
                 duration_ns = self._duration_ns
-                self.deadline_ns = None if duration_ns is None else time_ns + duration_ns
+                self._phase_end_ns = None if duration_ns is None else time_ns + duration_ns
         if self.phase is Phase.STARTING and not self.not_ready:
             self.phase = Phase.ENGAGING
-            self.deadline_ns = time_ns + self._limits.engage_ns
+            self._phase_end_ns = time_ns + self._limits.engage_ns
             return [Engage()]
-        if self.deadline_ns is not None and time_ns >= self.deadline_ns:
+        if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
+        if self.phase is Phase.RUNNING:
+            return [*self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
+
+    def _on_stop_request(self, time_ns: int, node: str) -> list[Action]:
+        self._held.add(node)
+        self.restarts.due_ns.pop(node, None)
+        if node not in self._alive or node in self._leaving:
+            return []
+        self._leaving[node] = time_ns + self._limits.stop_ns
+        return [Terminate(node)]
+
+    def _on_start_request(self, node: str) -> list[Action]:
+        if node not in self._held:
+            return []
+        self._held.discard(node)
+        return [] if node in self._alive else self._start(node)  # or when the old one is gone
+
+    def _kill_late(self, time_ns: int) -> list[Action]:
+        return [
+            self._kill(node)
+            for node, end_ns in self._leaving.items()
+            if end_ns <= time_ns and node not in self._killed
+        ]
+
+    def _start_due(self, time_ns: int) -> list[Action]:
+        return [action for node in self.restarts.take_due(time_ns) for action in self._start(node)]
+
+    def _start(self, node: str) -> list[Action]:
+        self._alive.add(node)
+        self._waiting[node] = None
+        return [Start(node), Tell("process_started", node, f"{node} was started anew")]
+
+    def _on_death(self, time_ns: int, node: str, status: int) -> list[Action]:
+        """Start a node that ended by itself while running anew, or give up."""
+        words = describe_status(status)
+        message = f"{node} ended by itself, with {words}"
+        death = Tell("process_ended", node, message, is_fault=True, status=words)
+        if self.restarts.plan(node, time_ns):
+            return [death, *self._start_due(time_ns)]
+        often = f"{GIVE_UP_DEATHS} times within {GIVE_UP_NS * 1e-9:g} s"
+        self._fail(f"{node} ended by itself {often}, the last time with {words}", node)
+        return [death, *self._stop(time_ns)]
+
+    def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
+        """Let a node go that was asked to; start it if it has been asked for again meanwhile."""
+        words = describe_status(status)
+        message = f"{node} stopped on request, with {words}"
+        is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
+        if node in self._killed:
+            message = f"{node} did not stop in time on request and was killed"
+        del self._leaving[node]
+        self._killed.discard(node)
+        gone = Tell("process_ended", node, message, is_fault, words)
+        return [gone] if node in self._held else [gone, *self._start(node)]
 
     def _on_end(self, time_ns: int, node: str, status: int) -> list[Action]:
         self._alive.discard(node)
+        is_early = self._waiting[node] is None  # not far enough to listen to a signal, perhaps
         stopping = self.phase is Phase.STOPPING
-        if node in self._killed:
+        if self.phase is Phase.RUNNING and node in RESTARTED:
+            if node in self._leaving:
+                return self._on_departure(node, status, is_early)
+            return self._on_death(time_ns, node, status)
+        if node in self._leaving:
+            pass  # the run has ended before it was gone
+        elif node in self._killed:
             self._fail(f"{node} did not stop in time and was killed", node)
         elif not stopping:
             self._fail(f"{node} ended by itself, with {describe_status(status)}", node)
-        elif status == -signal.SIGTERM and self._interrupted_early:
-            pass  # it was told to stop before it was far enough to listen
+        elif status == -signal.SIGTERM and is_early:
+            pass
         elif status != 0:
             self._fail(f"{node} stopped with {describe_status(status)}", node)
         return self._stop_next(time_ns) if stopping else self._stop(time_ns)
@@ -177,7 +320,6 @@ class Lifecycle:
     def _on_interrupt(self, time_ns: int) -> list[Action]:
         if self.phase is not Phase.STOPPING:
             self.interrupted = True
-            self._interrupted_early = self.phase is Phase.STARTING
             return self._stop(time_ns)
         # Impatience: nobody gets more time, except the device, which is about to write zero.
         return [self._kill(node) for node in sorted(self._alive - {"device"} - self._killed)]
@@ -199,7 +341,7 @@ class Lifecycle:
             for node in late:
                 self._fail(f"{node} cannot be killed", node)
             return self._stop_next(time_ns)
-        self.deadline_ns = time_ns + limits.kill_ns
+        self._phase_end_ns = time_ns + limits.kill_ns
         return [self._kill(node) for node in late]
 
     def _stop(self, time_ns: int) -> list[Action]:
@@ -218,11 +360,11 @@ class Lifecycle:
             self._stopping.pop(0)
         if not self._stopping:
             self.phase = Phase.OVER
-            self.deadline_ns = None
+            self._phase_end_ns = None
             return []
         limits = self._limits
         is_recorder = "recorder" in self._stopping[0]
-        self.deadline_ns = time_ns + (limits.recorder_stop_ns if is_recorder else limits.stop_ns)
+        self._phase_end_ns = time_ns + (limits.recorder_stop_ns if is_recorder else limits.stop_ns)
         return [
             Terminate(node)
             for node in self._stopping[0]

@@ -21,7 +21,7 @@ from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.launch.supervisor import Supervisor
+from forcebound.launch.supervisor import LAUNCHER, Supervisor
 from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import (
@@ -33,7 +33,6 @@ from forcebound.process import (
 
 PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 
-LAUNCHER = "launcher"  # name of who starts them, where it answers and tells
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
@@ -78,7 +77,8 @@ def run_live(
 
     Raises:
         ConfigError: If the chain cannot be placed or the recording not be written.
-        RunError: If a process did not become ready, ended by itself or did not stop.
+        RunError: If a process did not become ready, ended by itself (a controller or environment:
+            too often) or did not stop.
         KeyboardInterrupt: If the run was interrupted before its first sample.
     """
     core = realtime.choose_core(config.realtime.cores)

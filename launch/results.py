@@ -43,6 +43,7 @@ class RunResult:
     columns: TelemetryColumns
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
+    is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
     interrupted: bool = False  # somebody ended it before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
@@ -55,10 +56,10 @@ class RunResult:
         """
         recording = read(path)
         if not recording.complete:
-            _logger.warning("%s was cut off; what can be read of it is used", path)
+            _logger.warning("recording incomplete: of %s is used what can be read", path)
         document = json.loads(recording.metadata.get("launch", "{}"))
         events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-        return cls(recording.telemetry, document, events)
+        return cls(recording.telemetry, document, events, recording.complete)
 
     @property
     def label(self) -> str:
@@ -67,10 +68,16 @@ class RunResult:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The key figures; see :func:`forcebound.analysis.metrics.summarize`."""
+        """The key figures; see :func:`forcebound.analysis.metrics.summarize`.
+
+        A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
+        """
+        told = summarize_events(self.events)
+        if not self.is_complete:
+            told["faults"]["recording_incomplete"] = 1
         return {
             **summarize(self.columns, self.document),
-            **summarize_events(self.events),
+            **told,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }

@@ -7,6 +7,9 @@ the lifecycle's next deadline.
 No process survives the launcher, however it ends: each asks the kernel for a signal at its death
 (:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
 reaches the launcher alone, which then stops them in order.
+
+The launcher answers on a control socket of its own, ``control-launcher``: ``status``, ``stop_node``
+and ``start_node``; and publishes, as every process does, what happens.
 """
 
 import os
@@ -35,15 +38,26 @@ from forcebound.launch.lifecycle import (
     Limits,
     Phase,
     Reported,
+    Start,
+    StartRequested,
+    StopRequested,
+    Tell,
+    Terminate,
 )
+from forcebound.messages.codec import encode
+from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.process import control_endpoint
+from forcebound.nodes.events import EventLog
+from forcebound.process import control_endpoint, event_endpoint
+
+LAUNCHER = "launcher"  # name of who starts the others, where it answers and tells
 
 ASK_INTERVAL_NS = 20_000_000  # between two requests to a node that has not answered as hoped
 LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure
 CHUNK = 65_536  # bytes
 MAX_LINE = 65_536  # bytes without a line end that are kept
+NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
 
 COLOURS = {"device": 36, "controller": 33, "environment": 35, "recorder": 32}  # ANSI
 
@@ -176,57 +190,90 @@ class Supervisor:
         self._say = say
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
+        self._not_started: list[str] = []
+        self._events = EventLog(LAUNCHER)
 
     def run(self) -> bool:
         """Start, watch and end the processes; return whether somebody interrupted the run.
 
         Raises:
-            RunError: If a process ended by itself, did not become ready, or did not stop; the
-                message holds its last lines. All processes are gone then, too.
+            RunError: If a process ended by itself (a controller or environment: too often), did not
+                become ready, or did not stop; the message holds its last lines. All processes are
+                gone then, too.
         """
         with ExitStack() as stack:
             network = stack.enter_context(Network())
+            self._publish = network.publisher(event_endpoint(self._run_dir, LAUNCHER)).send
+            control = network.control_server(control_endpoint(self._run_dir, LAUNCHER))
             signals = stack.enter_context(Signals())
-            selector = stack.enter_context(selectors.DefaultSelector())
-            selector.register(signals.descriptor, selectors.EVENT_READ)
-            for name, command in self._commands.items():
-                child = Child(name, command, self._say)
-                stack.callback(child.end)
-                selector.register(child.descriptor, selectors.EVENT_READ, child)
-                self._children[name] = child
-                self._running.add(name)
+            self._selector = stack.enter_context(selectors.DefaultSelector())
+            for descriptor in (signals.descriptor, control.descriptor):
+                self._selector.register(descriptor, selectors.EVENT_READ)
+            stack.callback(self._end_children)
+            for name in self._commands:
+                self._start(name)
             self._clients = {
                 name: network.control_client(control_endpoint(self._run_dir, name))
                 for name in self._commands
             }
             now_ns = time.monotonic_ns()
             lifecycle = Lifecycle(list(self._commands), self._duration_ns, now_ns, self._limits)
-            self._loop(lifecycle, selector, signals)
+            self._loop(lifecycle, signals, control)
         if lifecycle.failure is not None:
-            raise RunError(self._tell(lifecycle))
+            raise RunError(self._tell_failure(lifecycle))
         return lifecycle.interrupted
 
-    def _loop(
-        self, lifecycle: Lifecycle, selector: selectors.BaseSelector, signals: Signals
-    ) -> None:
+    def _loop(self, lifecycle: Lifecycle, signals: Signals, control: ControlServer) -> None:
         asked_ns = 0
+
+        def advance(event: Event | None) -> None:
+            for action in lifecycle.advance(time.monotonic_ns(), event):
+                self._do(action)
+
+        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+            return self._answer(request, lifecycle, advance)
+
         while lifecycle.phase is not Phase.OVER:
             now_ns = time.monotonic_ns()
             if now_ns - asked_ns >= ASK_INTERVAL_NS:
                 asked_ns = now_ns
                 self._ask(lifecycle)
-            for key, _ in selector.select(self._timeout(lifecycle, now_ns)):
+            for key, _ in self._selector.select(self._timeout(lifecycle, now_ns)):
                 if key.data is not None and not key.data.read():
-                    selector.unregister(key.fd)
+                    self._selector.unregister(key.fd)
             events: list[Event | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
             for event in events or [None]:
-                for action in lifecycle.advance(time.monotonic_ns(), event):
-                    self._do(action)
+                advance(event)
+            control.serve(answer)
+
+    def _start(self, name: str) -> None:
+        child = Child(name, self._commands[name], self._say)
+        self._selector.register(child.descriptor, selectors.EVENT_READ, child)
+        self._children[name] = child
+        self._running.add(name)
+
+    def _start_anew(self, name: str) -> None:
+        former = self._children[name]
+        with suppress(KeyError):  # it is there if the stream's end has not been read
+            self._selector.unregister(former.descriptor)
+        former.end()
+        try:
+            self._start(name)
+        except OSError as error:  # no memory, no process: a death like any other
+            self._say(name, f"cannot be started: {error.strerror}")
+            self._not_started.append(name)
+
+    def _end_children(self) -> None:
+        with ExitStack() as stack:
+            for child in self._children.values():
+                stack.callback(child.end)
 
     def _timeout(self, lifecycle: Lifecycle, now_ns: int) -> float | None:
-        if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING):
+        if self._not_started:
+            return 0.0
+        if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING) or self._awaited(lifecycle):
             return ASK_INTERVAL_NS * 1e-9
         if lifecycle.deadline_ns is None:
             return None
@@ -238,6 +285,40 @@ class Supervisor:
                 self._clients[name].ask({"request": "status"})
         elif lifecycle.phase is Phase.ENGAGING:
             self._clients["device"].ask({"request": "engage"})
+        for name in self._awaited(lifecycle):
+            self._clients[name].ask({"request": "status"})
+
+    def _awaited(self, lifecycle: Lifecycle) -> list[str]:
+        """Who was started anew and has not said a word yet."""
+        return lifecycle.silent if lifecycle.phase is Phase.RUNNING else []
+
+    def _answer(
+        self,
+        request: Mapping[str, Any],
+        lifecycle: Lifecycle,
+        advance: Callable[[Event], None],
+    ) -> Mapping[str, Any]:
+        """Return the answer to a request of the launcher's control socket."""
+        wanted, node = request.get("request"), str(request.get("node"))
+        if wanted in ("stop_node", "start_node"):
+            refusal = lifecycle.refusal(node)
+            if refusal is not None:
+                return {"error": refusal}
+            advance(StopRequested(node) if wanted == "stop_node" else StartRequested(node))
+        elif wanted != "status":
+            known = "status, stop_node, start_node"
+            return {"error": f"unknown request {wanted!r}; known: {known}"}
+        return {
+            "phase": lifecycle.phase.name.lower(),
+            "nodes": {
+                name: {
+                    "state": lifecycle.state(name),
+                    "pid": child.process.pid if name in self._running else None,
+                    "restarts": lifecycle.restarts.counts[name],
+                }
+                for name, child in self._children.items()
+            },
+        }
 
     def _answers(self) -> list[Event]:
         events: list[Event] = []
@@ -252,7 +333,8 @@ class Supervisor:
         return events
 
     def _ends(self) -> list[Event]:
-        events: list[Event] = []
+        events: list[Event] = [Ended(name, NOT_STARTED) for name in self._not_started]
+        self._not_started.clear()
         for name in sorted(self._running):
             child = self._children[name]
             status = child.process.poll()
@@ -268,10 +350,21 @@ class Supervisor:
                 self._clients["device"].ask({"request": "engage"})
             case Kill(name):
                 self._children[name].process.kill()
-            case _:
-                self._children[action.node].process.terminate()
+            case Terminate(name):
+                self._children[name].process.terminate()
+            case Start(name):
+                self._start_anew(name)
+            case Tell():
+                self._tell(action)
 
-    def _tell(self, lifecycle: Lifecycle) -> str:
+    def _tell(self, told: Tell) -> None:
+        data = {"node": told.node} | ({"status": told.status} if told.status else {})
+        event = self._events.tell(
+            time.monotonic_ns(), told.event, told.message, data, is_fault=told.is_fault
+        )
+        self._publish(encode(event))
+
+    def _tell_failure(self, lifecycle: Lifecycle) -> str:
         failure = lifecycle.failure
         assert failure is not None
         tail = self._children[failure.node].tail if failure.node is not None else ()

@@ -4,6 +4,9 @@ A supervised process dies with its launcher, however that ends. The kernel sends
 the launcher is gone: SIGTERM to the device and the recorder, which have something to finish (force
 zero; the recording), SIGKILL to the others. Whoever of the former goes then removes the run
 directory.
+
+Nor does it wait for its launcher: what it says goes into a pipe, and when nobody empties that, what
+it says is dropped.
 """
 
 import json
@@ -13,6 +16,7 @@ import shutil
 import signal
 import socket
 import stat
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -76,6 +80,7 @@ def run_node(
             _run_by_hand(kind, config, run_dir, stop)
             return 0
         run = RunDocument.read(run_dir)
+        never_wait_for_a_reader()
         realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
         try:
             if _has_launcher(run):  # it may have died before the line above
@@ -123,6 +128,18 @@ def _run_by_hand(
         write_launch_document(run_dir, config)
         run.write(run_dir)
     _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
+
+
+def never_wait_for_a_reader() -> None:
+    """Drop what is written to standard output or error while the pipe behind it is full.
+
+    A hung launcher would otherwise stop every process that has a line for its log. A line of up to
+    4096 bytes (PIPE_BUF) is written as a whole or not at all. It takes Python's streams unbuffered
+    (``PYTHONUNBUFFERED``, as the launcher sets it): a buffer would keep the lines, and raise.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        os.set_blocking(stream.fileno(), False)
+    logging.raiseExceptions = False  # its traceback, of a line that was dropped, would be next
 
 
 def check_run_directory(run_dir: Path) -> None:
@@ -176,12 +193,14 @@ def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
     offset_ns = time.time_ns() - time.monotonic_ns()
     _logger.info("recording to %s", run.record)
     recorder = Recorder(run.record, run.metadata, offset_ns)
+    is_complete = False
     try:
         streams = [(topic, endpoint) for topic, endpoint in run.streams]
         status = process.record(recorder, "recorder", run_dir, streams, run.core, stop)
+        is_complete = status["recording"] == process.COMPLETE
     finally:
         with suppress(OSError):  # a full disk: it has been said, and what is there can be read
-            recorder.close()
+            recorder.close() if is_complete else recorder.abandon()
     if status["rejected"]:
         _logger.warning("refused packets, by reason: %s", status["rejected"])
 

@@ -1,0 +1,83 @@
+"""Ask the launcher of a graph that runs: what runs, stop this node, start it again."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.supervisor import LAUNCHER
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.process import control_endpoint
+
+ANSWER_TIME = 5.0  # s that a launcher may take for an answer; it needs milliseconds
+STOP_TIME = 10.0  # s that a node may take until it is gone; after 2 s it is killed
+START_TIME = 60.0  # s until it answers; a cold start on a busy machine
+POLL_NS = 50_000_000  # between two looks
+
+
+def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the launcher's answer to one request; see ``docs/protocol.md``, Control.
+
+    Raises:
+        ConfigError: If it refuses, or there is no launcher; the message says why.
+        RunError: If it does not answer.
+    """
+    if not (run_dir / f"control-{LAUNCHER}").exists():
+        raise ConfigError(
+            f"nobody takes orders in {run_dir}: its launcher starts just now, or this is a node "
+            "that was started by hand, and Ctrl-C stops it there"
+        )
+    with Network() as network:
+        client = network.control_client(control_endpoint(run_dir, LAUNCHER))
+        end = time.monotonic() + ANSWER_TIME
+        is_sent = False
+        while time.monotonic() < end:
+            is_sent = is_sent or client.ask(request)
+            answer = client.answer()
+            if answer is None:
+                sockets.wait((client.descriptor,), POLL_NS)
+            elif "error" in answer:
+                raise ConfigError(str(answer["error"]))
+            else:
+                return answer
+    raise RunError(
+        f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIME:g} s: "
+        "does it end just now, or is it suspended (Ctrl-Z)?"
+    )
+
+
+def stop_node(run_dir: Path, node: str) -> None:
+    """Stop a node of a graph that runs, until :func:`start_node`; return when it is gone.
+
+    Raises:
+        ConfigError: If the launcher refuses.
+        RunError: If it does not answer, or the node is not gone in time.
+    """
+    _order(run_dir, "stop_node", node, "stopped", STOP_TIME)
+
+
+def start_node(run_dir: Path, node: str) -> None:
+    """Start a node that was stopped; return when it answers.
+
+    Raises:
+        ConfigError: If the launcher refuses.
+        RunError: If it does not answer, or the node does not come in time.
+    """
+    _order(run_dir, "start_node", node, "running", START_TIME)
+
+
+def _order(run_dir: Path, request: str, node: str, wanted: str, patience: float) -> None:
+    answer = ask_launcher(run_dir, {"request": request, "node": node})
+    end = time.monotonic() + patience
+    while True:
+        state = str(answer["nodes"][node]["state"])
+        if state == wanted:
+            return
+        if answer["phase"] != "running":
+            raise RunError(f"the run has ended meanwhile; {node} is {state}")
+        if time.monotonic() > end:
+            raise RunError(f"{node} is still {state} after {patience:g} s; its log may say why")
+        sockets.wait((), POLL_NS)
+        answer = ask_launcher(run_dir, {"request": "status"})

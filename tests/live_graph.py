@@ -1,0 +1,266 @@
+"""A live graph that a test can harm: start it, wait for contact, do harm, read what happened.
+
+Nothing here decides by the timing of the machine. What must hold is read from the recording, in the
+device's own telemetry; the waits are bounded and only end a test that hangs.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.launch.orders import ask_launcher
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import Event, Telemetry
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.process import topic_endpoint
+from forcebound.recording import Recording, TelemetryColumns, read
+
+PATIENCE = 60.0  # s; a cold start on a busy machine takes its time
+AGE_LIMIT = 0.1  # s, of the shipped launch files
+ENGAGE_TIME = 0.1  # s
+STIFFNESS = 10_000.0  # N/m
+SURFACE = 0.010  # m
+HARD = 1.0  # N; more than this is contact that a hand feels
+SLACK = 0.01  # s from the harm's system call to its effect on the other process
+
+
+class LiveGraph:
+    """``forcebound launch`` as a process of its own, in contact; made by :func:`live_graph`.
+
+    Attributes:
+        process: The launcher.
+        record: The recording, to be read after :meth:`end`.
+        run_dir: The run directory.
+    """
+
+    def __init__(self, folder: Path, words: tuple[str, ...]) -> None:
+        self.folder = folder
+        self.record = folder / "run.mcap"
+        self.log_path = folder / "log"
+        command = [sys.executable, "-m", "forcebound", "launch", *words]
+        with self.log_path.open("wb") as log:
+            self.process = subprocess.Popen(
+                [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
+                env={**os.environ, "TMPDIR": str(folder)},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+            )
+
+    @property
+    def log(self) -> str:
+        """What the launcher and its processes have said."""
+        return self.log_path.read_text(errors="replace")
+
+    @property
+    def run_dir(self) -> Path:
+        [run_dir] = self.folder.glob("forcebound-*")
+        return run_dir
+
+    def until(self, happened: Callable[[], object], what: str) -> None:
+        """Wait until something happened, in bounded time, while the launcher lives."""
+        end = time.monotonic() + PATIENCE
+        while not happened():
+            assert self.process.poll() is None, f"the run ended; its log:\n{self.log}"
+            assert time.monotonic() < end, f"waited {PATIENCE} s for {what}; log:\n{self.log}"
+            sockets.wait((), 10_000_000)
+
+    def status(self) -> dict[str, Any]:
+        """Return what the launcher says of its processes."""
+        return ask_launcher(self.run_dir, {"request": "status"})
+
+    def node(self, name: str) -> dict[str, Any]:
+        """Return state, process id and number of restarts of one process."""
+        node: dict[str, Any] = self.status()["nodes"][name]
+        return node
+
+    def signal(self, name: str, number: int) -> None:
+        """Send a signal to one process of the graph."""
+        os.kill(self.node(name)["pid"], number)
+
+    def wait_until_in_contact(self) -> None:
+        """Wait until the hand presses against a force that is wholly engaged."""
+        self.until(lambda: list(self.folder.glob("forcebound-*/control-launcher")), "the launcher")
+        self.until(lambda: self.status()["phase"] == "running", "an engaged force")
+        self.wait_for_telemetry(
+            lambda t: t.engagement == 1.0 and abs(t.applied_force[0]) > HARD, "contact"
+        )
+
+    def wait_until_released(self) -> None:
+        """Wait until the device says that it has no answer to use."""
+        self.wait_for_telemetry(lambda t: t.device_seq is None, "zero force")
+
+    def wait(self, seconds: float) -> None:
+        """Let some time of the device pass."""
+        begin: list[int] = []
+
+        def passed(telemetry: Telemetry) -> bool:
+            begin.append(telemetry.time_ns)
+            return telemetry.time_ns - begin[0] >= seconds * 1e9
+
+        self.wait_for_telemetry(passed, f"{seconds} s to pass")
+
+    def wait_for_telemetry(self, wanted: Callable[[Telemetry], bool], what: str) -> None:
+        """Wait for telemetry of a certain kind."""
+        with Network() as network:
+            endpoint = topic_endpoint(self.run_dir, "telemetry")
+            subscriber = network.subscriber(endpoint, newest_only=False)
+
+            def came() -> bool:
+                packets = [decode(data) for data in subscriber.receive()]
+                return any(wanted(packet) for packet in packets if isinstance(packet, Telemetry))
+
+            self.until(came, what)
+
+    def end(self) -> "Ended":
+        """Interrupt the run as Ctrl-C does; return what it leaves."""
+        self.process.send_signal(signal.SIGINT)
+        out, _ = self.process.communicate(timeout=PATIENCE)
+        assert "Traceback" not in self.log, self.log
+        return Ended(self.process.returncode, out.decode(), self.log, self.record)
+
+
+class Ended:
+    """What a run has left."""
+
+    def __init__(self, exit_status: int, out: str, log: str, record: Path) -> None:
+        self.exit_status = exit_status
+        self.log = log
+        self.summary: dict[str, Any] = json.loads(out) if exit_status == 0 else {}
+        self.recording: Recording = read(record)
+
+    @property
+    def columns(self) -> TelemetryColumns:
+        return self.recording.telemetry
+
+    @property
+    def faults(self) -> dict[str, int]:
+        faults: dict[str, int] = self.summary["faults"]
+        return faults
+
+    def events(self, kind: str) -> list[Event]:
+        """Return the events of a kind that were recorded."""
+        found = [p for p in self.recording.packets("event") if isinstance(p, Event)]
+        return [event for event in found if event.event == kind]
+
+
+@contextmanager
+def live_graph(*words: str) -> Iterator[LiveGraph]:
+    """Start a graph and wait for contact; afterwards nothing of it is left.
+
+    Args:
+        words: Launch file and arguments.
+    """
+    with tempfile.TemporaryDirectory(prefix="fb-") as folder:
+        graph = LiveGraph(Path(folder), words)
+        try:
+            graph.wait_until_in_contact()
+            yield graph
+        finally:
+            children = children_of(graph.process.pid)
+            graph.process.kill()  # the others die with it
+            graph.process.communicate()
+            for pid in children:
+                with suppress(ProcessLookupError):  # what stands still must go on to end
+                    os.kill(pid, signal.SIGCONT)
+            end = time.monotonic() + PATIENCE
+            while any(map(is_alive, children)):
+                assert time.monotonic() < end, "a process of the run is left"
+                sockets.wait((), 10_000_000)
+
+
+def children_of(pid: int) -> set[int]:
+    """Return the process ids of the living children of a process."""
+    children = set()
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            children.add(int(entry.name))
+    return children
+
+
+def is_alive(pid: int) -> bool:
+    """Return whether a process runs."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def check_always(columns: TelemetryColumns) -> None:
+    """Check what must hold in every sample of every run with a certified law."""
+    force = np.abs(columns.applied_force[:, 0])
+    assert columns.true_energy.min() >= -1e-9
+    answered = columns.device_seq >= 0
+    assert not force[~answered].any(), "force without an answer"
+    assert columns.loop_delay[answered].max() <= AGE_LIMIT, "force from a state that is too old"
+    assert (force <= np.abs(columns.commanded_force[:, 0]) * (1 + 1e-12)).all()
+    assert force[-1] == 0.0
+    for release in np.flatnonzero(answered[1:] & ~answered[:-1]) + 1:
+        check_ramp(columns, int(release))
+
+
+def check_ramp(columns: TelemetryColumns, start: int) -> None:
+    """Check that the force that begins to engage at sample ``start`` comes over the ramp."""
+    rest = slice(start, None)
+    since = (columns.time_ns[rest] - columns.time_ns[start]) * 1e-9
+    window = np.flatnonzero(since < ENGAGE_TIME)
+    engagement = columns.engagement[rest][window]
+    allowed = since[window] / ENGAGE_TIME
+    assert engagement[0] == 0.0
+    assert (engagement <= allowed + 1e-9).all(), "the ramp is too steep"
+    depth = max(
+        0.0, float(columns.position[start - 200 if start > 200 else 0 :, 0].max()) - SURFACE
+    )
+    force = np.abs(columns.applied_force[rest, 0][window])
+    assert (force <= engagement * STIFFNESS * depth + 1e-9).all(), "a jump at the return"
+
+
+def check_silence(columns: TelemetryColumns, harm_ns: int) -> NDArray[np.int64]:
+    """Check that no force outlives a harm by more than the age limit.
+
+    Args:
+        columns: Of the run.
+        harm_ns: When nobody could answer any more, in ns.
+
+    Returns:
+        The samples between force and force.
+    """
+    answered = columns.device_seq >= 0
+    after = np.flatnonzero(columns.time_ns > harm_ns)
+    silent = after[~answered[after]]
+    assert silent.size, "the harm had no effect"
+    first = int(silent[0])
+    returns = after[(after > first) & answered[after]]
+    assert returns.size, "the force did not return"
+    last = int(returns[0])
+    late = columns.time_ns > harm_ns + round((AGE_LIMIT + SLACK) * 1e9)
+    late[last:] = False
+    assert not columns.applied_force[late].any(), "force after the age limit"
+    assert not columns.applied_force[first:last].any()
+    return np.arange(first, last)
+
+
+def check_return(columns: TelemetryColumns, gap: NDArray[np.int64]) -> None:
+    """Check that the hand feels hard contact again after a gap."""
+    after = slice(int(gap[-1]) + 1, None)
+    contact = np.abs(columns.applied_force[after, 0]) > HARD
+    assert (contact & (columns.engagement[after] == 1.0)).any(), "no contact after the return"

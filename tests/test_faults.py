@@ -1,0 +1,146 @@
+"""Faults against live processes, in hard contact, judged by the simulated device's ground truth."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from live_graph import (
+    AGE_LIMIT,
+    PATIENCE,
+    Ended,
+    LiveGraph,
+    check_always,
+    check_return,
+    check_silence,
+    live_graph,
+)
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+
+
+def check_survived(ended: Ended, harm_ns: int) -> float:
+    """Check what every fault has in common; return for how long the device had no answer, in s."""
+    assert ended.exit_status == 0, ended.log
+    columns = ended.columns
+    check_always(columns)
+    gap = check_silence(columns, harm_ns)
+    check_return(columns, gap)
+    assert ended.faults["force_released"] >= 1
+    assert "no answer younger than the age limit of 100 ms: zero force" in ended.log
+    return float(columns.time_ns[gap[-1]] - columns.time_ns[gap[0]]) * 1e-9
+
+
+@pytest.mark.parametrize("victim", ["environment", "controller"])
+def test_a_node_killed_in_contact_is_started_anew_and_the_force_returns(victim: str) -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        graph.signal(victim, signal.SIGKILL)
+        harm_ns = time.monotonic_ns()
+        graph.wait_until_released()
+        graph.until(lambda: graph.node(victim)["state"] == "running", "its successor")
+        graph.wait_until_in_contact()
+        assert graph.node(victim)["restarts"] == 1
+        ended = graph.end()
+    check_survived(ended, harm_ns)
+    assert ended.faults["process_ended"] == 1
+    [death] = ended.events("process_ended")
+    assert death.node == "launcher"
+    assert death.data == {"node": victim, "status": "signal SIGKILL"}
+    [start] = ended.events("process_started")
+    assert not start.is_fault
+    assert f"{victim} ended by itself, with signal SIGKILL" in ended.log
+    assert f"{victim} was started anew" in ended.log
+
+
+@pytest.mark.parametrize("victim", ["environment", "controller"])
+def test_a_node_that_stands_still_for_two_seconds_leaves_no_force(victim: str) -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        graph.signal(victim, signal.SIGSTOP)
+        harm_ns = time.monotonic_ns()
+        graph.wait(2.0)
+        graph.signal(victim, signal.SIGCONT)
+        graph.wait_until_in_contact()
+        assert graph.node(victim)["restarts"] == 0
+        ended = graph.end()
+    assert check_survived(ended, harm_ns) > 2.0 - AGE_LIMIT - 0.1
+    assert "process_ended" not in ended.faults
+    if victim == "environment":
+        assert ended.faults["environment_lost"] >= 1
+
+
+def order(graph: LiveGraph, *words: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-m", "forcebound", *words],
+        env={**os.environ, "TMPDIR": str(graph.folder)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+
+
+def test_an_environment_leaves_and_comes_back_by_command() -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        run = ("--run", str(graph.run_dir))
+        for words, reason in {
+            ("stop", "device"): "without its device a run ends",
+            ("start", "wall"): "no node 'wall' in this graph; its nodes are",
+        }.items():
+            refused = order(graph, *words, *run)
+            assert refused.returncode == 2
+            assert reason in refused.stderr
+        stopped = order(graph, "stop", "environment", *run)
+        assert stopped.returncode == 0, stopped.stderr
+        harm_ns = time.monotonic_ns()
+        assert graph.node("environment") == {"state": "stopped", "pid": None, "restarts": 0}
+        graph.wait(1.5)  # longer than the lease, and than any back-off of a first restart
+        assert graph.node("environment")["state"] == "stopped"
+        started = order(graph, "start", "environment", *run)
+        assert started.returncode == 0, started.stderr
+        graph.wait_until_in_contact()
+        ended = graph.end()
+    check_survived(ended, harm_ns)
+    assert ended.faults["environment_lost"] == 1
+    assert "process_ended" not in ended.faults
+    [end] = ended.events("process_ended")
+    assert end.data == {"node": "environment", "status": "exit status 0"}
+    assert "environment stopped on request" in ended.log
+    names = [event.data["environment"] for event in ended.events("environment_serves")]
+    assert len(set(names)) == 2
+
+
+def test_a_launcher_that_hangs_harms_nobody_and_makes_up_for_it_afterwards() -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        environment = graph.node("environment")["pid"]
+        graph.process.send_signal(signal.SIGSTOP)
+        graph.wait(0.5)
+        os.kill(environment, signal.SIGKILL)
+        harm_ns = time.monotonic_ns()
+        graph.wait_until_released()
+        graph.process.send_signal(signal.SIGCONT)
+        graph.wait_until_in_contact()
+        assert graph.node("environment")["restarts"] == 1
+        ended = graph.end()
+    check_survived(ended, harm_ns)
+    assert ended.faults["process_ended"] == 1
+
+
+def test_a_recorder_that_cannot_write_leaves_a_result_that_says_so() -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        graph.wait(1.0)  # so that there is something to save
+        # As a disk that is full from now on, but for this process alone.
+        size = graph.record.stat().st_size + 20_000
+        resource.prlimit(graph.node("recorder")["pid"], resource.RLIMIT_FSIZE, (size, size))
+        graph.until(lambda: "recording stopped" in graph.log, "the recorder to say so")
+        graph.wait_until_in_contact()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    assert ended.faults["recording_incomplete"] == 1
+    assert ended.summary["samples"] > 0
+    assert not ended.recording.complete
+    assert "recording stopped: File too large; the run goes on" in ended.log
+    assert f"recording incomplete: of {graph.record} is used what can be read" in ended.log
+    assert ended.columns.true_energy.min() >= -1e-9
