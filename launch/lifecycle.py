@@ -17,7 +17,7 @@ not stop in time is killed. The first failure is the one that is told; what foll
 """
 
 import signal
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeAlias
@@ -115,7 +115,7 @@ class Start:
 class Tell:
     """Tell everybody what happened to a process."""
 
-    event: str  # "process_ended" or "process_started"
+    event: str  # "process_ended", "process_started", "environment_awaited"
     node: str
     message: str
     is_fault: bool = False
@@ -151,6 +151,8 @@ class Lifecycle:
         duration_ns: How long to run with an engaged force; None: until interrupted.
         time_ns: Now, in ns.
         limits: How long things may take.
+        from_afar: Topics that come only when an environment on another machine answers. While
+            nothing else is missing, the start takes as long as it takes.
 
     Attributes:
         phase: Where the run is.
@@ -160,9 +162,15 @@ class Lifecycle:
     """
 
     def __init__(
-        self, nodes: Sequence[str], duration_ns: int | None, time_ns: int, limits: Limits
+        self,
+        nodes: Sequence[str],
+        duration_ns: int | None,
+        time_ns: int,
+        limits: Limits,
+        from_afar: Collection[str] = (),
     ) -> None:
         self.phase = Phase.STARTING
+        self._from_afar = frozenset(from_afar)
         self.failure: Failure | None = None
         self.interrupted = False
         self._phase_end_ns: int | None = time_ns + limits.start_ns
@@ -239,11 +247,25 @@ class Lifecycle:
             self.phase = Phase.ENGAGING
             self._phase_end_ns = time_ns + self._limits.engage_ns
             return [Engage()]
+        if self.phase is Phase.STARTING and self._phase_end_ns is not None and self._awaits_afar():
+            self._phase_end_ns = None
+            message = (
+                "all is ready but for an environment on another machine; there: forcebound node"
+                " environment FILE"
+            )
+            return [Tell("environment_awaited", "environment", message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
         if self.phase is Phase.RUNNING:
             return [*self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
+
+    def _awaits_afar(self) -> bool:
+        """Whether nothing is missing but what follows from an answer of another machine."""
+        waiting = [self._waiting[node] for node in self.not_ready]
+        return bool(self._from_afar) and all(
+            topics is not None and self._from_afar.issuperset(topics) for topics in waiting
+        )
 
     def _on_stop_request(self, time_ns: int, node: str) -> list[Action]:
         self._held.add(node)

@@ -13,16 +13,26 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import NODE_KINDS
+from forcebound.launch.changes import Part, timetable
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.lifecycle import Limits
+from forcebound.launch.parameters import differences, holders
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.launch.supervisor import LAUNCHER, Supervisor
-from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
+from forcebound.launch.supervisor import LAUNCHER, Step, Supervisor
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Telemetry,
+)
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import (
     control_endpoint,
@@ -30,6 +40,9 @@ from forcebound.process import (
     remote_endpoint,
     topic_endpoint,
 )
+
+# What an environment's first answer brings.
+FROM_AFAR = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
 PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 
@@ -98,7 +111,15 @@ def run_live(
         commands = {name: node_command(name, run_dir) for name in names}
         cores = realtime.stand_aside(core)
         try:
-            interrupted = Supervisor(commands, run_dir, duration_ns, limits).run()
+            supervisor = Supervisor(
+                commands,
+                run_dir,
+                duration_ns,
+                limits,
+                script=_script(config, run_dir),
+                from_afar=() if config.remote is None else FROM_AFAR,
+            )
+            interrupted = supervisor.run()
         finally:
             os.sched_setaffinity(0, cores)
         try:
@@ -107,6 +128,24 @@ def run_live(
             if interrupted:
                 raise KeyboardInterrupt from None  # before the first sample: there is no result
             raise RunError(str(error)) from error
+
+
+def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
+    """Return what the launcher does at the beginning of each phase."""
+    steps = []
+    before = config
+    for part in timetable(config):
+        # Whom it does not concern is not disturbed: least of all the servo.
+        concerned = holders(differences(before, part.config))
+        begin = partial(_begin, run_dir, part, sorted(concerned))
+        steps.append(Step(part.start_ns, begin, part.message, part.data))
+        before = part.config
+    return steps
+
+
+def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Sequence[str]:
+    write_launch_document(run_dir, part.config)
+    return concerned
 
 
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:

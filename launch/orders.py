@@ -1,4 +1,4 @@
-"""Ask the launcher of a graph that runs: what runs, stop this node, start it again."""
+"""Ask a process of a graph that runs; let its launcher stop a node, and start it again."""
 
 import time
 from collections.abc import Mapping
@@ -17,6 +17,30 @@ START_TIME = 60.0  # s until it answers; a cold start on a busy machine
 POLL_NS = 50_000_000  # between two looks
 
 
+def ask(
+    run_dir: Path, name: str, request: Mapping[str, Any], patience: float = ANSWER_TIME
+) -> dict[str, Any] | None:
+    """Return the answer of a process of a running graph; None if there is none in time.
+
+    Args:
+        run_dir: Of the run.
+        name: Of the process.
+        request: See ``docs/protocol.md``, Control.
+        patience: How long to wait, in s.
+    """
+    with Network() as network:
+        client = network.control_client(control_endpoint(run_dir, name))
+        end = time.monotonic() + patience
+        is_sent = False
+        while time.monotonic() < end:
+            is_sent = is_sent or client.ask(request)
+            answer = client.answer()
+            if answer is not None:
+                return answer
+            sockets.wait((client.descriptor,), POLL_NS)
+    return None
+
+
 def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the launcher's answer to one request; see ``docs/protocol.md``, Control.
 
@@ -29,23 +53,15 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
             f"nobody takes orders in {run_dir}: its launcher starts just now, or this is a node "
             "that was started by hand, and Ctrl-C stops it there"
         )
-    with Network() as network:
-        client = network.control_client(control_endpoint(run_dir, LAUNCHER))
-        end = time.monotonic() + ANSWER_TIME
-        is_sent = False
-        while time.monotonic() < end:
-            is_sent = is_sent or client.ask(request)
-            answer = client.answer()
-            if answer is None:
-                sockets.wait((client.descriptor,), POLL_NS)
-            elif "error" in answer:
-                raise ConfigError(str(answer["error"]))
-            else:
-                return answer
-    raise RunError(
-        f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIME:g} s: "
-        "does it end just now, or is it suspended (Ctrl-Z)?"
-    )
+    answer = ask(run_dir, LAUNCHER, request)
+    if answer is None:
+        raise RunError(
+            f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIME:g} s: "
+            "does it end just now, or is it suspended (Ctrl-Z)?"
+        )
+    if "error" in answer:
+        raise ConfigError(str(answer["error"]))
+    return answer
 
 
 def stop_node(run_dir: Path, node: str) -> None:

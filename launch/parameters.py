@@ -4,13 +4,28 @@ A parameter is named by its place in a launch file: ``links.environment_query.de
 ``environment.compute_delay``, ``environment.stiffness``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from forcebound.launch.config import LINKS, GraphConfig, plain, to_document
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+)
 from forcebound.network.impairment import Impairment
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
+
+
+RECEIVERS = {
+    TOPIC_OF[DeviceState]: "controller",
+    TOPIC_OF[EnvironmentQuery]: "environment",
+    TOPIC_OF[EnvironmentReply]: "controller",
+    TOPIC_OF[ForceCommand]: "device",
+}  # the process that holds the model of a link
 
 
 def parameters(config: GraphConfig) -> dict[str, Any]:
@@ -36,6 +51,15 @@ def differences(old: GraphConfig, new: GraphConfig) -> dict[str, Any]:
         for name, value in parameters(new).items()
         if name not in before or value != before[name]
     }
+
+
+def holders(names: Iterable[str]) -> set[str]:
+    """Return the processes that parameters belong to: of a link, the one that receives."""
+    found = set()
+    for name in names:
+        section, entry, *_ = name.split(".")
+        found.add(RECEIVERS[entry] if section == "links" else "environment")
+    return found
 
 
 def describe(settings: Mapping[str, Any]) -> str:

@@ -19,8 +19,9 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -47,7 +48,7 @@ from forcebound.launch.lifecycle import (
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.nodes.events import EventLog
+from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.process import control_endpoint, event_endpoint
 
 LAUNCHER = "launcher"  # name of who starts the others, where it answers and tells
@@ -164,6 +165,16 @@ def say_on_stderr(name: str, line: str) -> None:
         sys.stderr.write(f"{prefix} {line}\n")
 
 
+@dataclass(frozen=True)
+class Step:
+    """Something to do at a time of the run: the beginning of a phase."""
+
+    start_ns: int  # since the force engaged
+    act: Callable[[], Sequence[str]]  # does it; returns the processes that are to be told
+    message: str
+    data: Mapping[str, str]
+
+
 class Supervisor:
     """Runs the processes of one run to their end.
 
@@ -173,6 +184,8 @@ class Supervisor:
         duration_ns: How long to run with an engaged force, in ns; None: until interrupted.
         limits: How long things may take.
         say: Called with the name and each line of a process.
+        script: What happens when, in order.
+        from_afar: See :class:`forcebound.launch.lifecycle.Lifecycle`.
     """
 
     def __init__(
@@ -182,8 +195,13 @@ class Supervisor:
         duration_ns: int | None,
         limits: Limits | None = None,
         say: Callable[[str, str], None] = say_on_stderr,
+        script: Sequence[Step] = (),
+        from_afar: Collection[str] = (),
     ) -> None:
         self._commands = commands
+        self._from_afar = from_afar
+        self._script = deque(script)
+        self._began_ns: int | None = None  # when the force engaged
         self._run_dir = run_dir
         self._duration_ns = duration_ns
         self._limits = limits or Limits()
@@ -217,7 +235,9 @@ class Supervisor:
                 for name in self._commands
             }
             now_ns = time.monotonic_ns()
-            lifecycle = Lifecycle(list(self._commands), self._duration_ns, now_ns, self._limits)
+            lifecycle = Lifecycle(
+                list(self._commands), self._duration_ns, now_ns, self._limits, self._from_afar
+            )
             self._loop(lifecycle, signals, control)
         if lifecycle.failure is not None:
             raise RunError(self._tell_failure(lifecycle))
@@ -247,6 +267,19 @@ class Supervisor:
             for event in events or [None]:
                 advance(event)
             control.serve(answer)
+            if lifecycle.phase is Phase.RUNNING:
+                self._follow_script(time.monotonic_ns())
+
+    def _follow_script(self, now_ns: int) -> None:
+        if self._began_ns is None:
+            self._began_ns = now_ns
+        while self._script and now_ns >= self._began_ns + self._script[0].start_ns:
+            step = self._script.popleft()
+            for name in step.act():
+                if name in self._clients:  # who is down reads it when it starts anew
+                    self._clients[name].ask({"request": "configure"})
+            told = self._events.tell(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
+            self._publish(encode(told))
 
     def _start(self, name: str) -> None:
         child = Child(name, self._commands[name], self._say)
@@ -275,9 +308,10 @@ class Supervisor:
             return 0.0
         if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING) or self._awaited(lifecycle):
             return ASK_INTERVAL_NS * 1e-9
-        if lifecycle.deadline_ns is None:
-            return None
-        return max(0.0, (lifecycle.deadline_ns - now_ns) * 1e-9)
+        ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
+        if self._script and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
+            ends_ns.append(self._began_ns + self._script[0].start_ns)
+        return max(0.0, (min(ends_ns) - now_ns) * 1e-9) if ends_ns else None
 
     def _ask(self, lifecycle: Lifecycle) -> None:
         if lifecycle.phase is Phase.STARTING:

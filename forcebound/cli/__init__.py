@@ -1,0 +1,45 @@
+"""The command line. Heavy imports happen inside the commands that need them.
+
+Exit status: 0 done, 1 the run failed, 2 the input was wrong. With ``--json`` a command prints one
+JSON document on standard output and nothing else there.
+"""
+
+import logging
+from importlib.metadata import version
+
+import click
+
+from forcebound.cli import check, graph, keys, run, study
+from forcebound.cli.common import print_table
+
+__all__ = ["main", "print_table"]
+
+COMMANDS = (
+    run.launch_graph,
+    run.simulate,
+    run.node,
+    run.plot,
+    run.schema,
+    graph.stop,
+    graph.start,
+    graph.param,
+    graph.delay,
+    study.bench,
+    study.audit,
+    study.reproduce,
+    study.sweep,
+    study.draw_map,
+    keys.keys_group,
+    check.check,
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("forcebound"), prog_name="forcebound")
+def main() -> None:
+    """Force feedback over a network that provably stays passive."""
+    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
+
+
+for _command in COMMANDS:
+    main.add_command(_command)

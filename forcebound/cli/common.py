@@ -1,0 +1,95 @@
+"""What several commands share: options, errors as exit status, tables."""
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import click
+
+from forcebound.errors import ConfigError, ForceboundError
+
+P = ParamSpec("P")
+
+
+ARGUMENTS = "[NAME:=VALUE]..."
+
+
+def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
+    """Turn our own errors into a message and an exit status; leave bugs their traceback."""
+
+    @wraps(command)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except ForceboundError as error:
+            click.echo(f"forcebound: {error}", err=True)
+            sys.exit(2 if isinstance(error, ConfigError) else 1)
+        except KeyboardInterrupt:
+            click.echo("forcebound: interrupted", err=True)
+            sys.exit(130)
+
+    return wrapper
+
+
+def _duration(_: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    if text is None:
+        return None
+    from forcebound.quantities import parse_quantity
+
+    try:
+        seconds = parse_quantity(text, "s")
+    except ConfigError as error:
+        raise click.BadParameter(str(error)) from None
+    if not seconds > 0:
+        raise click.BadParameter(f"must be > 0 s, got {text}")
+    return seconds
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+
+
+duration_option = click.option(
+    "--duration", callback=_duration, metavar="TIME", help="How long to run, such as 5s or 500ms."
+)
+
+
+record_option = click.option(
+    "--record",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="RUN.mcap",
+    help="Keep the recording in this file.",
+)
+
+
+run_option = click.option(
+    "--run",
+    "run_dir",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Run directory of the graph that is meant, if several run.",
+)
+
+
+def print_table(results: list[Any]) -> None:
+    """Print the key figures of some runs, one column each."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from forcebound.analysis.metrics import summary_rows
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    columns = [dict(summary_rows(result.summary)) for result in results]
+    for result in results:
+        table.add_column(result.label, justify="right")
+    for label in columns[0]:
+        table.add_row(label, *(column.get(label, "-") for column in columns))
+    Console().print(table)
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document."""
+    click.echo(json.dumps(document, indent=2, allow_nan=False))

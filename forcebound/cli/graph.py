@@ -1,0 +1,121 @@
+"""Commands that look into a graph that runs, and change it."""
+
+from pathlib import Path
+
+import click
+
+from forcebound.cli.common import (
+    duration_option,
+    json_option,
+    print_json,
+    reports_errors,
+    run_option,
+)
+
+
+@click.command()
+@click.argument("node_name", metavar="NODE")
+@run_option
+@reports_errors
+def stop(node_name: str, run_dir: Path | None) -> None:
+    """Stop NODE (environment or controller) of a running graph, until it is started again."""
+    from forcebound.launch.orders import stop_node
+    from forcebound.launch.runs import find
+
+    stop_node(find(run_dir), node_name)
+    click.echo(f"{node_name} is stopped; the device shows zero force until somebody answers")
+
+
+@click.command()
+@click.argument("node_name", metavar="NODE")
+@run_option
+@reports_errors
+def start(node_name: str, run_dir: Path | None) -> None:
+    """Start NODE (environment or controller) of a running graph again after a stop."""
+    from forcebound.launch.orders import start_node
+    from forcebound.launch.runs import find
+
+    start_node(find(run_dir), node_name)
+    click.echo(f"{node_name} runs")
+
+
+@click.command()
+@click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="TRACE.csv",
+    help="Write the delays as a trace, to be replayed on a link.",
+)
+@duration_option
+@json_option
+@reports_errors
+def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
+    """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
+    from forcebound.launch.delay import measure, summary
+
+    trace = measure(run, duration)
+    if output is not None:
+        trace.write(output)
+    document = {**summary(trace), "trace": None if output is None else str(output)}
+    if as_json:
+        print_json(document)
+        return
+    for name, value in document["loop_delay_ms"].items():
+        click.echo(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
+    click.echo(f"lost {document['lost_share']:>14.1%} of {document['ticks']} ticks")
+    if output is not None:
+        click.echo(f"trace: {output}")
+
+
+@click.group()
+def param() -> None:
+    """Look at the parameters of a running graph, and change them."""
+
+
+@param.command("list")
+@run_option
+@json_option
+@reports_errors
+def list_parameters(run_dir: Path | None, as_json: bool) -> None:
+    """List what can be changed while the graph runs, with its values in SI units."""
+    _show_parameters((), run_dir, as_json)
+
+
+@param.command("get")
+@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@run_option
+@json_option
+@reports_errors
+def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+    """Show parameters, such as environment.stiffness, or a whole section: links."""
+    _show_parameters(names, run_dir, as_json)
+
+
+@param.command("set")
+@click.argument("settings", nargs=-1, required=True, metavar="NAME:=VALUE...")
+@run_option
+@reports_errors
+def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
+    """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
+    from forcebound.launch import tuning
+    from forcebound.launch.runs import find
+
+    changed = tuning.set_parameters(find(run_dir), tuning.read_settings(settings))
+    for name, value in changed.items():
+        click.echo(f"{name} = {value}")
+    if not changed:
+        click.echo("nothing to change: it has these values")
+
+
+def _show_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+    from forcebound.launch import tuning
+    from forcebound.launch.runs import find
+
+    found = tuning.find_parameters(tuning.configuration(find(run_dir)), names)
+    if as_json:
+        print_json(found)
+        return
+    for name, value in found.items():
+        click.echo(f"{name} = {value}")

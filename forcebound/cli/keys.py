@@ -1,0 +1,62 @@
+"""Commands that make and show the keys of links to other machines."""
+
+from dataclasses import asdict
+
+import click
+
+from forcebound.cli.common import (
+    json_option,
+    print_json,
+    reports_errors,
+)
+
+
+@click.group("keys")
+def keys_group() -> None:
+    """Make and show the keys that secure the link to another machine."""
+
+
+@keys_group.command("new")
+@click.argument("name")
+@json_option
+@reports_errors
+def new_keys(name: str, as_json: bool) -> None:
+    """Make the key pair NAME; its secret stays on this machine."""
+    from forcebound.network.keys import key_folder, new_key
+
+    made, folder = new_key(name), key_folder()
+    if as_json:
+        print_json({"name": made.name, "public": made.public, "folder": str(folder)})
+        return
+    click.echo(f"public key: {made.public}")
+    click.echo(f"give {folder / name}.key to the other machine's key folder; the secret stays here")
+
+
+@keys_group.command("list")
+@json_option
+@reports_errors
+def list_all_keys(as_json: bool) -> None:
+    """List the keys on this machine."""
+    from forcebound.network.keys import key_folder, list_keys
+
+    entries = list_keys()
+    if as_json:
+        print_json([asdict(entry) for entry in entries])
+        return
+    for entry in entries:
+        kind = "pair" if entry.has_secret else "public"
+        click.echo(f"{entry.name:<20}{kind:<8}{entry.problem or entry.public}")
+    if not entries:
+        click.echo(f"no keys in {key_folder()}; make one with: forcebound keys new NAME", err=True)
+
+
+@keys_group.command("show")
+@click.argument("name")
+@json_option
+@reports_errors
+def show_key(name: str, as_json: bool) -> None:
+    """Print the public key NAME, to be given to the other machine."""
+    from forcebound.network.keys import public_key
+
+    public = public_key(name)
+    print_json({"name": name, "public": public}) if as_json else click.echo(public)

@@ -1,0 +1,188 @@
+"""Commands that run a graph, and show what came of it."""
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from forcebound.cli.common import (
+    ARGUMENTS,
+    duration_option,
+    json_option,
+    print_json,
+    print_table,
+    record_option,
+    reports_errors,
+)
+
+
+@click.command("launch")
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+@duration_option
+@record_option
+@click.option("--check", is_flag=True, help="Check the launch file and start nothing.")
+@click.option("--show-args", is_flag=True, help="Show the arguments that the file takes.")
+@json_option
+@reports_errors
+def launch_graph(
+    file: str,
+    arguments: tuple[str, ...],
+    duration: float | None,
+    record: Path | None,
+    check: bool,
+    show_args: bool,
+    as_json: bool,
+) -> None:
+    """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
+    from forcebound.launch.loader import load
+
+    if show_args:
+        _show_arguments(file, as_json)
+        return
+    config = load(file, arguments)
+    if check:
+        _print_document(config) if as_json else click.echo(f"{file}: correct")
+        return
+    from forcebound.launch.live import run_live
+
+    _report(run_live(config, duration, record), record, as_json)
+
+
+@click.command()
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+@duration_option
+@record_option
+@click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
+@json_option
+@reports_errors
+def simulate(
+    file: str,
+    arguments: tuple[str, ...],
+    duration: float | None,
+    record: Path | None,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Run the same launch file in virtual time: deterministic, faster than real time."""
+    from dataclasses import replace
+
+    from forcebound.launch.loader import load
+    from forcebound.launch.virtual import run_virtual
+
+    config = load(file, arguments)
+    if seed is not None:
+        config = replace(config, seed=seed)
+    result = run_virtual(config, duration, record)
+    click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    _report(result, record, as_json)
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+@click.option(
+    "--run-dir",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of the run's sockets; every node of a run names the same. Without it, an "
+    "environment serves a graph on another machine, as remote: in FILE says.",
+)
+@click.option(
+    "--supervised",
+    is_flag=True,
+    hidden=True,
+    help="End with the process that started it; engage at its word.",
+)
+@reports_errors
+def node(
+    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
+) -> None:
+    """Run one node of a launch file by hand, on this machine or for a graph on another one."""
+    from forcebound.launch.worker import run_node
+
+    sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write, .png or .svg; beside the first recording by default.",
+)
+@json_option
+@reports_errors
+def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
+    """Draw recordings, side by side: position, forces with the bound, energy, loop delay."""
+    from forcebound.analysis.plots import figure, save
+    from forcebound.launch.results import RunResult
+
+    results = [RunResult.from_recording(Path(run)) for run in runs]
+    if output is None:
+        output = Path(runs[0]).with_suffix(".png")
+    save(figure([(r.label, r.columns, r.document) for r in results]), output)
+    if as_json:
+        print_json({"picture": str(output), "runs": [r.summary for r in results]})
+        return
+    print_table(results)
+    click.echo(f"picture: {output}")
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON schema of launch files, for completion in an editor."""
+    from forcebound.launch.schema import json_schema
+
+    print_json(json_schema())
+
+
+def _show_arguments(file: str, as_json: bool) -> None:
+    from forcebound.launch.loader import arguments_of
+
+    arguments = arguments_of(file)
+    if as_json:
+        print_json([asdict(argument) for argument in arguments])
+        return
+    for argument in arguments:
+        default = "(required)" if argument.default is None else argument.default
+        choices = f" [{', '.join(map(str, argument.choices))}]" if argument.choices else ""
+        click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
+
+
+def _report(result: Any, record: Path | None, as_json: bool) -> None:
+    if result.interrupted:
+        click.echo("forcebound: interrupted; this is the run until then", err=True)
+    if as_json:
+        print_json(result.summary)
+        return
+    print_table([result])
+    if result.summary["phases"]:
+        _print_phases(result.summary["phases"])
+    if record is not None:
+        click.echo(f"recording: {record}")
+
+
+def _print_phases(phases: list[Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from forcebound.analysis.metrics import phase_rows
+
+    head, *rows = phase_rows(phases)
+    table = Table(head[0], box=None, pad_edge=False)
+    for name in head[1:]:
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console().print("", table)
+
+
+def _print_document(config: Any) -> None:
+    from forcebound.launch.config import to_document
+
+    print_json(to_document(config))

@@ -1,0 +1,218 @@
+"""Commands that study laws and machine: benchmarks, audits, the paper, sweeps."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from forcebound.cli.common import (
+    ARGUMENTS,
+    duration_option,
+    json_option,
+    print_json,
+    reports_errors,
+)
+from forcebound.errors import ConfigError, RunError
+
+
+@click.command()
+@click.argument("name")
+@duration_option
+@click.option("--rate", default=1000.0, show_default=True, help="Ticks a second, in Hz.")
+@json_option
+@reports_errors
+def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
+    """Measure NAME (servo, loop, delay or sweep) beside its limit in the same run."""
+    from forcebound.benchmark import BENCHMARKS, tables
+
+    if name not in BENCHMARKS:
+        known = "; ".join(f"{key}: {one.summary}" for key, one in BENCHMARKS.items())
+        raise ConfigError(f"no benchmark {name!r}; known are {known}")
+    if not rate > 0:
+        raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
+    result = BENCHMARKS[name].run(duration, rate, lambda line: click.echo(line, err=True))
+    if as_json:
+        print_json(result)
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    for one in tables(result):
+        table = Table(*one.columns, title=one.title, title_justify="left", box=None)
+        for row in one.rows:
+            table.add_row(*row)
+        Console().print(table)
+
+
+@click.group(invoke_without_command=True)
+@click.option(
+    "--runs",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Random runs of each law.",
+)
+@click.option(
+    "--search",
+    "searched",
+    type=click.IntRange(min=0),
+    default=1000,
+    show_default=True,
+    help="Runs of each law by a search that learns to hurt.",
+)
+@click.option("--law", "laws", multiple=True, help="Only this law; may be repeated.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--workers", type=click.IntRange(min=0), help="Processes; one a core by default; 0: this one."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="REPORT.md",
+    help="Write the result as a page.",
+)
+@json_option
+@click.pass_context
+@reports_errors
+def audit(
+    context: click.Context,
+    runs: int,
+    searched: int,
+    laws: tuple[str, ...],
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Attack the laws; exit with 1 if a certified one gives energy away."""
+    if context.invoked_subcommand is not None:
+        return
+    from forcebound.audit.command import run
+    from forcebound.audit.report import show_energy, verdict
+
+    document = run(laws, runs, searched, seed, workers, out)
+    if as_json:
+        print_json(document)
+    else:
+        for row in document["laws"]:
+            lowest = show_energy(row["loss_and_work_min_j"])
+            click.echo(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
+        click.echo(f"{document['runs']} runs; forcebound audit replay LAW CASE shows one again")
+    sys.exit(0 if all(row["holds"] for row in document["laws"]) else 1)
+
+
+@audit.command()
+@click.argument("law")
+@click.argument("case")
+@duration_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="RUN.png",
+    help="Draw the run, .png or .svg.",
+)
+@json_option
+@reports_errors
+def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
+    """Show a run of an audit again: LAW under CASE, a seed or a code."""
+    from forcebound.audit.command import run_again
+
+    document = run_again(law, case, duration or 2.0, out)
+    if as_json:
+        print_json(document)
+        return
+    for name, value in [*document.pop("case").items(), *document.items()]:
+        click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("results/reproduce"),
+    show_default=True,
+    help="Folder for pictures, numbers and the report.",
+)
+@json_option
+@reports_errors
+def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
+    """Run the paper's experiments again: table1, fig4 to fig21, eq41_42; all without a NAME."""
+    from forcebound.experiments.reproduce import reproduce, tables
+
+    done = reproduce(names, out, lambda line: click.echo(line, err=True))
+    if as_json:
+        print_json(done.document)
+        return
+    from rich.console import Console
+
+    for table in tables(done):
+        Console().print(table)
+    click.echo(f"report: {out / 'report.html'}")
+
+
+@click.command()
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Parquet file to write; named after the sweep file by default.",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; one a core by default.")
+@click.option("--cluster", metavar="ADDRESS", help="Scheduler of a dask cluster to run it on.")
+@click.option("--restart", is_flag=True, help="Begin anew instead of going on.")
+@click.option("--plot", "as_plot", is_flag=True, help="Draw the sweep's map beside the result.")
+@json_option
+@click.pass_context
+@reports_errors
+def sweep(
+    context: click.Context,
+    file: str,
+    arguments: tuple[str, ...],
+    output: Path | None,
+    workers: int | None,
+    cluster: str | None,
+    restart: bool,
+    as_plot: bool,
+    as_json: bool,
+) -> None:
+    """Run a sweep file, such as z_width or stability_map; go on with one that was interrupted.
+
+    The name audit stands for `forcebound audit`, whose cases are attacks and no grid.
+    """
+    if file == "audit":
+        if arguments or cluster or restart or as_plot:
+            raise ConfigError("sweep audit takes --output, --workers and --json; see audit --help")
+        context.invoke(audit, workers=workers, out=output, as_json=as_json)
+        return
+    from forcebound.sweep.command import run
+
+    document = run(file, arguments, output, workers, cluster, restart, as_plot)
+    if as_json:
+        print_json(document)
+    else:
+        for name, value in document.items():
+            if value is not None:
+                click.echo(f"{name.replace('_', ' ')}: {value}")
+    if document["failed"] == document["cases"]:
+        raise RunError(f"every case failed; the first: {document['first_error']}")
+
+
+@click.command("map")
+@click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write, .png or .svg; beside the result by default.",
+)
+@reports_errors
+def draw_map(result: Path, output: Path | None) -> None:
+    """Draw the map of a sweep's RESULT.parquet, with the limits of theory."""
+    from forcebound.sweep.maps import draw
+
+    output = output or result.with_suffix(".png")
+    draw(result, output)
+    click.echo(f"map: {output}")
