@@ -446,3 +446,18 @@ def test_a_live_graph_replays_a_trace(tmp_path: Path) -> None:
     result = run_live(load(path), 0.5)
     delays = result.columns.loop_delay
     assert min(delay for delay in delays if not math.isnan(delay)) >= 0.02
+
+
+def test_a_phase_replays_a_trace(tmp_path: Path) -> None:
+    path = traced(tmp_path, link="delay: 2 ms")
+    settings = "links.environment_query.delay: 0, links.environment_query.trace: wifi.csv"
+    text = path.read_text().replace("duration: 6 s\n", "") + (
+        "phases:\n"
+        "  - { name: fixed, duration: 60 ms }\n"
+        f"  - {{ name: recorded, duration: 60 ms, set: {{ {settings} }} }}\n"
+    )
+    result = run_virtual(load(written(tmp_path, text)))
+    columns = result.columns
+    fixed = (columns.time_ns > 5 * MS) & (columns.time_ns < 60 * MS)
+    assert set(columns.loop_delay[fixed].round(4)) == {0.0024}
+    assert columns.loop_delay[columns.time_ns > 60 * MS].max() > 0.01  # where all is lost
