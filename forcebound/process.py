@@ -11,7 +11,7 @@ Strategy:
 
 1. The path from packet to packet does nothing that could be done before or after it: no exception,
    no logging, no allocation of anything that the collector must visit.
-2. A perfect link costs nothing: the socket keeps only the newest packet, and no link object exists.
+2. A perfect link costs nothing: only the newest packet is taken, and no link object exists.
    A link with an impairment drains its socket into its model.
 3. Packets that are refused are counted by reason, and the servo is told, so that telemetry shows
    them.
@@ -45,9 +45,9 @@ from forcebound.messages.packets import (
 )
 from forcebound.network import sockets
 from forcebound.network.link import Link
-from forcebound.network.newest import NewestSubscriber
 from forcebound.network.remote import RemoteEnd, RemoteStreams
 from forcebound.network.sockets import Network
+from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 
 CONTROL_INTERVAL = 8  # steps of a servo between two looks at its control socket
@@ -57,6 +57,7 @@ FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
 DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
 DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
 COMPLETE = "complete"  # a recording that lacks nothing
+COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two words about refused packets
 FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
 
 _logger = logging.getLogger(__name__)
@@ -165,7 +166,7 @@ class _Inlet:
         self,
         expected: type[Packet],
         link: Link[Packet] | None,
-        subscriber: sockets.Subscriber | NewestSubscriber,
+        subscriber: Subscriber,
         forward: Callable[[bytes], Any] | None = None,
     ) -> None:
         self.topic = TOPIC_OF[expected]
@@ -231,14 +232,13 @@ class Runner:
         self._links: list[Link[Packet]]
         self._descriptors: list[int]
         self._readable: Collection[int] | None  # None: look at everything
-        self._unsettled: list[
-            sockets.Subscriber | NewestSubscriber
-        ] = []  # to be asked before their descriptors are
+        self._unsettled: list[Subscriber] = []  # to be asked before their descriptors are
         self._listen()
         self._stop_requested = False
         self._log: Sequence[str] = ()
         self.steps = 0
         self.rejected: dict[str, int] = {}
+        self._next_complaint_ns = 0
 
     def run(self, stop: Stop, log: Sequence[str] = (), engages_itself: bool = False) -> None:
         """Step the node until ``stop`` is requested; then force zero and the last telemetry.
@@ -330,7 +330,8 @@ class Runner:
                 arrived = subscriber.receive()
             elif subscriber.descriptor in readable:
                 arrived = subscriber.receive_ready()
-                self._unsettled.append(subscriber)
+                if not subscriber.emptied:
+                    self._unsettled.append(subscriber)
             elif link is None:
                 continue
             else:
@@ -378,18 +379,14 @@ class Runner:
         return next((inlet.link for inlet in self._inlets if inlet.topic == topic), None)
 
     def set_link(self, topic: str, link: Link[Packet]) -> None:
-        """Impair a link that was perfect; what is on its way at this moment is lost."""
+        """Impair a link that was perfect."""
         for inlet in self._inlets:
             if inlet.topic == topic:
                 inlet.link = link
-                if isinstance(inlet.subscriber, NewestSubscriber):
-                    inlet.subscriber.newest_only = False
-                else:  # a socket cannot change its mind
-                    self._network.forget(inlet.subscriber)
-                    inlet.subscriber = self._subscribe(topic, newest_only=False)
+                inlet.subscriber.newest_only = False
         self._listen()
 
-    def _subscribe(self, topic: str, newest_only: bool) -> sockets.Subscriber:
+    def _subscribe(self, topic: str, newest_only: bool) -> Subscriber:
         endpoint = topic_endpoint(self._run_dir, topic)
         return self._network.subscriber(endpoint, newest_only=newest_only)
 
@@ -477,12 +474,16 @@ class Runner:
         step, clock = node.step, time.monotonic_ns
         inlets = {inlet.subscriber.descriptor: inlet for inlet in self._inlets}
         waiter = sockets.Waiter([*inlets, self._control.descriptor, stop.descriptor])
+        unsettled: list[int] = []  # a flood on one stream must not keep the others waiting
         with waiter:
             while not (stop.requested or self._stop_requested):
                 wake_ns = node.wake_ns
-                ready = waiter.wait(IDLE_NS if wake_ns is None else wake_ns - clock())
-                while ready:
-                    descriptor = ready.pop()
+                if unsettled:
+                    ready = list({*unsettled, *waiter.wait(0)})
+                    unsettled.clear()
+                else:
+                    ready = waiter.wait(IDLE_NS if wake_ns is None else wake_ns - clock())
+                for descriptor in ready:
                     inlet = inlets.get(descriptor)
                     if inlet is None:
                         self._control.serve(self.answer)
@@ -501,8 +502,8 @@ class Runner:
                             publish[type(sent)](encode(sent))
                         inlet.count += 1
                         self.steps += 1
-                    if inlet.subscriber.pending():
-                        ready.append(descriptor)
+                    if not inlet.subscriber.emptied:
+                        unsettled.append(descriptor)
                 if wake_ns is not None and wake_ns <= clock():
                     for sent in step(clock(), ()):
                         publish[type(sent)](encode(sent))
@@ -535,6 +536,13 @@ class Runner:
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
         if self._servo is not None:
             self._servo.reject(reason)
+        time_ns = time.monotonic_ns()
+        if time_ns >= self._next_complaint_ns:
+            self._next_complaint_ns = time_ns + COMPLAINT_INTERVAL_NS
+            counts = ", ".join(f"{count} {why}" for why, count in self.rejected.items())
+            data = {why: str(count) for why, count in self.rejected.items()}
+            message = f"refused what is no packet of ours, so far: {counts}"
+            self.tell("packets_refused", message, data, is_fault=True)
 
 
 def run(

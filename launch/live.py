@@ -33,6 +33,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Telemetry,
 )
+from forcebound.network.remote import check_address
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import (
     control_endpoint,
@@ -98,7 +99,8 @@ def run_live(
     if record is not None:
         _check_writable(record)
     if config.remote is not None:
-        config.remote.end("graph")  # what is wrong with keys is said here, and not by a dead node
+        # What is wrong with address and keys is said here, and not by a dead node.
+        check_address(config.remote.end("graph"))
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)

@@ -6,8 +6,10 @@ In this order, each stage only ever refusing a packet or making the force smalle
     expected              a force command with one finite number per axis
     newest                by the device's own tick number that the command echoes
     age limit             an answer to a state older than the limit is no answer
-    engage ramp           from 0 to 1 after the start, a fault, a silence
     saturate              the vector, its direction kept
+    engage ramp           from 0 to 1 after the start, a fault, a silence
+
+The ramp comes after the saturation: before it, an absurd force would saturate in its first tick.
 
 The bounder follows in :mod:`forcebound.nodes.device`; nothing follows the bounder.
 
@@ -95,8 +97,8 @@ class SafetyChain:
             self.engagement = scale = since / self._engage_time_ns
         force = command.force
         magnitude = abs(force[0]) if self._axes == 1 else math.hypot(*force)
-        if scale * magnitude > self._saturation:
-            scale = self._saturation / magnitude
+        if magnitude > self._saturation:
+            scale *= self._saturation / magnitude
         return force if scale == 1.0 else tuple([scale * f for f in force])
 
     def disengage(self) -> None:

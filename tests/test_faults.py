@@ -3,16 +3,12 @@
 import os
 import resource
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 from live_graph import (
     AGE_LIMIT,
-    PATIENCE,
     Ended,
-    LiveGraph,
     check_always,
     check_return,
     check_silence,
@@ -71,17 +67,6 @@ def test_a_node_that_stands_still_for_two_seconds_leaves_no_force(victim: str) -
         assert ended.faults["environment_lost"] >= 1
 
 
-def order(graph: LiveGraph, *words: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-m", "forcebound", *words],
-        env={**os.environ, "TMPDIR": str(graph.folder)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-
-
 def test_an_environment_leaves_and_comes_back_by_command() -> None:
     with live_graph("stiff_wall.yaml") as graph:
         run = ("--run", str(graph.run_dir))
@@ -89,16 +74,16 @@ def test_an_environment_leaves_and_comes_back_by_command() -> None:
             ("stop", "device"): "without its device a run ends",
             ("start", "wall"): "no node 'wall' in this graph; its nodes are",
         }.items():
-            refused = order(graph, *words, *run)
+            refused = graph.order(*words, *run)
             assert refused.returncode == 2
             assert reason in refused.stderr
-        stopped = order(graph, "stop", "environment", *run)
+        stopped = graph.order("stop", "environment", *run)
         assert stopped.returncode == 0, stopped.stderr
         harm_ns = time.monotonic_ns()
         assert graph.node("environment") == {"state": "stopped", "pid": None, "restarts": 0}
         graph.wait(1.5)  # longer than the lease, and than any back-off of a first restart
         assert graph.node("environment")["state"] == "stopped"
-        started = order(graph, "start", "environment", *run)
+        started = graph.order("start", "environment", *run)
         assert started.returncode == 0, started.stderr
         graph.wait_until_in_contact()
         ended = graph.end()

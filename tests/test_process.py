@@ -25,6 +25,7 @@ from forcebound.network import sockets
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
+from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings
@@ -316,7 +317,7 @@ def test_a_stopped_servo_writes_zero_and_says_so(
     until(heard_the_last, "the last telemetry")
 
 
-def _spoken(servo: Runner, witness: sockets.Subscriber) -> bool:
+def _spoken(servo: Runner, witness: Subscriber) -> bool:
     servo.turn(time.monotonic_ns())
     return bool(witness.receive())
 

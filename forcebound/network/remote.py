@@ -30,9 +30,9 @@ from forcebound.network.connector import Connector
 from forcebound.network.keys import KeyPair
 from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
-from forcebound.network.newest import NewestSubscriber
 from forcebound.network.notices import Notice, NoticeLimit
 from forcebound.network.sockets import Guard, Network, Publisher
+from forcebound.network.subscriber import Subscriber
 from forcebound.network.zap import ALLOWED, ENDPOINT, REFUSED, Verdict, ZapHandler
 
 DEFAULT_PORT = 7410  # queries; replies use the next one
@@ -156,7 +156,7 @@ class RemoteStreams:
 
     Attributes:
         publisher: What we send goes here: queries of a graph, replies of an environment.
-        subscriber: What comes; see :class:`forcebound.network.newest.NewestSubscriber`.
+        subscriber: What comes; see :class:`forcebound.network.subscriber.Subscriber`.
         descriptors: To wait for, besides that of ``subscriber``; edge-triggered.
         due_ns: When :meth:`watch` wants to be called at the latest, on the clock it is told.
 
@@ -166,7 +166,7 @@ class RemoteStreams:
 
     def __init__(self, network: Network, end: RemoteEnd, newest_only: bool = True) -> None:
         host = resolve(end.address)
-        _check_exposure(end, host)
+        _refuse_exposure(end, host)
         self.end = end
         self.due_ns = 0
         self._limit = NoticeLimit()
@@ -187,7 +187,7 @@ class RemoteStreams:
             self.close()
             raise
         self.publisher = Publisher(opened.pop(sends))
-        self.subscriber = NewestSubscriber(next(iter(opened.values())), newest_only)
+        self.subscriber = Subscriber(next(iter(opened.values())), newest_only)
 
     @property
     def connected(self) -> bool:
@@ -318,7 +318,16 @@ def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> st
     return ours[0] if ours else environment_keys[0]
 
 
-def _check_exposure(end: RemoteEnd, host: Host) -> None:
+def check_address(end: RemoteEnd) -> None:
+    """Look up the address of an end, and whether a link without keys would leave this machine.
+
+    Raises:
+        ConfigError: If there is no such address, or the link would.
+    """
+    _refuse_exposure(end, resolve(end.address))
+
+
+def _refuse_exposure(end: RemoteEnd, host: Host) -> None:
     if host.is_wildcard and not end.listens:
         raise ConfigError(f"cannot connect to {end.address}: write an address of the other machine")
     if end.key is None and not end.insecure and not host.is_loopback:

@@ -3,7 +3,7 @@
 Only this room imports zmq, and only ``make_socket`` opens sockets. What was measured (pyzmq 27.3,
 libzmq 4.3.5) and what is done:
 
-1. CONFLATE works only if set before connect or bind: every option is set before.
+1. Options, CONFLATE above all, work only if set before connect or bind: every one is set before.
 2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
    IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time; and at a SUB,
    IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
@@ -19,8 +19,9 @@ libzmq 4.3.5) and what is done:
    so, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
    cold loop, so only sockets whose descriptor is readable are asked.
 9. A message of several frames aborts a process whose CONFLATE socket reads it between two of them
-   (``Assertion failed: !_more``, fq.cpp). So a socket that strangers reach has no CONFLATE: it is
-   read until it is empty, and the newest kept. Such a message counts as one malformed packet.
+   (``Assertion failed: !_more``, fq.cpp), on ipc too. So no socket has CONFLATE: it is read until
+   it is empty, and the newest kept (:mod:`forcebound.network.subscriber`). Such a message counts
+   as one malformed packet.
 10. A monitor whose queue is full stops the input and output thread, so all sockets: no limit.
 """
 
@@ -28,7 +29,6 @@ import errno
 import select
 import socket as unix
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from zmq.backend import Socket as _CompiledSocket
 from forcebound.errors import ConfigError
 from forcebound.network.control import ControlClient, ControlServer
 from forcebound.network.keys import KeyPair
+from forcebound.network.subscriber import Subscriber
 
 MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
 QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
@@ -49,12 +50,8 @@ RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
 TCP_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream
 TCP_RECONNECT_MAX_MS = 200
 TCP_CONNECT_MS = 1_000  # a lost SYN is sent again by the kernel only after 1, 3, 7 ... s
-DRAIN_LIMIT = 1_000  # messages taken at once from a peer that floods; about 3 ms
 HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
 HEARTBEAT_TIMEOUT_MS = 300
-# Plain integers: arithmetic on Python's enum members costs more than the call that it is for.
-_EVENTS, _DONTWAIT = int(zmq.EVENTS), int(zmq.DONTWAIT)
-_RCVMORE = int(zmq.RCVMORE)
 MONITORED = (
     zmq.EVENT_CONNECTED
     | zmq.EVENT_CONNECT_DELAYED
@@ -66,7 +63,6 @@ MONITORED = (
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
-_POLLIN = int(zmq.POLLIN)
 _COARSE_NS = 100_000_000  # a wait of at least this may end a millisecond late
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
@@ -104,7 +100,6 @@ def make_socket(
     endpoint: str,
     *,
     bind: bool,
-    newest_only: bool = False,
     guard: Guard | None = None,
     monitor: str = "",
 ) -> "zmq.Socket[bytes]":
@@ -115,7 +110,6 @@ def make_socket(
         kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP`` or ``zmq.PAIR``.
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
-        newest_only: Whether a newer message replaces one that was not received yet (CONFLATE).
         guard: Who may be at the other end; None: who can reach the endpoint.
         monitor: ``inproc`` endpoint at which the socket tells what happens to it; empty: none. Its
             reader must have no limit on its queue, and stop the monitor before it leaves.
@@ -142,8 +136,6 @@ def make_socket(
         socket.set(zmq.RCVHWM, 0)  # its writer is the input and output thread: see 10
     if guard is not None:
         _set_guard(socket, guard)
-    if newest_only:
-        socket.set(zmq.CONFLATE, 1)
     if kind == zmq.SUB:
         socket.set(zmq.SUBSCRIBE, b"")
     if kind == zmq.REQ:  # a request without an answer may be followed by another one
@@ -181,51 +173,6 @@ class Publisher:
         return partial(_CompiledSocket.send, self._socket)
 
 
-class Subscriber:
-    """One stream in."""
-
-    def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
-        self._socket = socket
-        self._recv = socket.recv
-        self._newest_only = newest_only
-        self.descriptor = int(socket.FD)
-
-    def pending(self) -> bool:
-        """Whether a packet is there."""
-        return bool(_events(self._socket) & _POLLIN)
-
-    def close(self) -> None:
-        """Receive no more."""
-        self._socket.close()
-
-    def receive(self) -> list[bytes]:
-        """Return what has arrived, oldest first; at most one packet if only the newest counts."""
-        return self.receive_ready() if self.pending() else []
-
-    def take(self) -> bytes | None:
-        """Return one packet, None if there is none; see :meth:`receive_ready` for when."""
-        try:
-            return self._recv(_DONTWAIT)
-        except zmq.Again:
-            return None
-
-    def receive_ready(self) -> list[bytes]:
-        """Do as :meth:`receive`, cheaper if :attr:`descriptor` is known to be readable.
-
-        A message of several frames is returned as ``b""``, which no packet is. If only the newest
-        counts, :meth:`pending` must be asked before the descriptor is waited for
-        again. It is not asked here, because a packet that is here should not wait for the answer.
-        """
-        messages: list[bytes] = []
-        with suppress(zmq.Again):  # the descriptor also reports peers that come and go
-            if self._newest_only:
-                return [self._recv(_DONTWAIT)]
-            messages.append(receive_whole(self._socket))
-            while _events(self._socket) & _POLLIN:
-                messages.append(receive_whole(self._socket))
-        return messages
-
-
 class Network:
     """The sockets of one process; leaving the ``with`` block closes them all.
 
@@ -246,13 +193,7 @@ class Network:
 
     def subscriber(self, endpoint: str, *, newest_only: bool, bind: bool = False) -> Subscriber:
         """Open one stream in; see :func:`make_socket` for errors."""
-        socket = self._open(zmq.SUB, endpoint, bind=bind, newest_only=newest_only)
-        return Subscriber(socket, newest_only)
-
-    def forget(self, subscriber: Subscriber) -> None:
-        """Close one stream in, before the others."""
-        subscriber.close()
-        self._sockets = [socket for socket in self._sockets if not socket.closed]
+        return Subscriber(self._open(zmq.SUB, endpoint, bind=bind), newest_only)
 
     def control_server(self, endpoint: str) -> ControlServer:
         """Open the place where this process answers requests."""
@@ -362,21 +303,6 @@ def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
     return select.select(descriptors, (), (), timeout_ns * 1e-9 if timeout_ns > 0 else 0)[0]
 
 
-def receive_whole(socket: "zmq.Socket[bytes]") -> bytes:
-    """Return a message; ``b""`` in place of one that has several frames.
-
-    Raises:
-        zmq.Again: If there is none.
-    """
-    data = socket.recv(_DONTWAIT)
-    # The compiled method: pyzmq's Python one makes an enum member of the name first.
-    if not _CompiledSocket.get(socket, _RCVMORE):
-        return data
-    while _CompiledSocket.get(socket, _RCVMORE):
-        socket.recv(_DONTWAIT)  # the frames of a message arrive together
-    return b""
-
-
 def _set_guard(socket: "zmq.Socket[bytes]", guard: Guard) -> None:
     if guard.domain:
         socket.set(zmq.ZAP_DOMAIN, guard.domain.encode("ascii"))
@@ -404,9 +330,3 @@ def _refuse_to_steal(endpoint: str) -> None:
         probe.setblocking(False)
         if probe.connect_ex(path) in (0, errno.EAGAIN, errno.EINPROGRESS):
             raise ConfigError(f"cannot bind to {endpoint}: {ADVICE[errno.EADDRINUSE]}")
-
-
-def _events(socket: "zmq.Socket[bytes]") -> int:
-    events = socket.get(_EVENTS)
-    assert isinstance(events, int)
-    return events

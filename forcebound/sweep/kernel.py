@@ -3,7 +3,7 @@
 Nothing is defined here. The plant's step, the encoder, the targets of hands, the environments, the
 low-pass of the device node and the bounding laws are the very function objects that the nodes call,
 compiled. Here is only their order in a tick, which :mod:`forcebound.nodes.device` fixes: move to
-the sample, read, ask; move to the write, read, ramp, saturate, bound, write, settle. When which
+the sample, read, ask; move to the write, read, saturate, ramp, bound, write, settle. When which
 answer arrives is known before (:mod:`forcebound.sweep.timing`).
 
 Layout. One array holds a row of ``WIDTH`` numbers for each quantity, and every loop over the lanes
@@ -270,8 +270,8 @@ def kernel(law: str, environment: str) -> Kernel:
                 saturation = s[SATURATION * WIDTH + i]
                 scale = engagement[k * WIDTH + i]
                 magnitude = abs(asked)
-                if scale * magnitude > saturation:
-                    scale = saturation / magnitude
+                if magnitude > saturation:
+                    scale *= saturation / magnitude
                 traces[out + WIDTH + i] = asked * scale
             if k > 0:
                 older_age += elapsed

@@ -1,0 +1,116 @@
+"""An environment on another machine, for tests: its process, its keys, its launch file."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from live_graph import PATIENCE
+
+from forcebound.network.keys import new_key
+
+
+class RemoteEnvironment:
+    """``forcebound node environment FILE`` as a process of its own; see :func:`serving`."""
+
+    def __init__(
+        self, file: Path, folder: Path, prefix: Sequence[str] = (), keys: Path | None = None
+    ) -> None:
+        self.log_path = folder / "log"
+        self._said = ""
+        with self.log_path.open("wb") as log:
+            self.process = subprocess.Popen(
+                [*prefix, sys.executable, "-m", "forcebound", "node", "environment", str(file)],
+                env={
+                    **os.environ,
+                    "TMPDIR": str(folder),
+                    **({} if keys is None else {"FORCEBOUND_KEYS": str(keys)}),
+                },
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def log(self) -> str:
+        """What it has said."""
+        if self.log_path.exists():
+            self._said = self.log_path.read_text(errors="replace")
+        return self._said
+
+    def end(self) -> None:
+        """Stop it as systemd or Ctrl-C would."""
+        self.process.terminate()
+        assert self.process.wait(PATIENCE) == 0, self.log
+
+
+@contextmanager
+def serving(
+    file: Path, prefix: Sequence[str] = (), keys: Path | None = None
+) -> Iterator[RemoteEnvironment]:
+    """Start an environment that serves a graph elsewhere; afterwards nothing of it is left.
+
+    Args:
+        file: Launch file.
+        prefix: In front of its command line.
+        keys: Its key folder.
+    """
+    with tempfile.TemporaryDirectory(prefix="fe-") as folder:
+        environment = RemoteEnvironment(file, Path(folder), prefix, keys)
+        try:
+            yield environment
+        finally:
+            environment.process.kill()
+            environment.process.wait()
+            assert "Traceback" not in environment.log, environment.log
+
+
+def key_folders(folder: Path, *names: str) -> dict[str, Path]:
+    """Make a key pair for each machine; each machine has its own secret and all public keys."""
+    folders = {name: folder / f"keys-of-{name}" for name in names}
+    for name, own in folders.items():
+        own.mkdir(mode=0o700)
+        new_key(name, own)
+    for name, own in folders.items():
+        for other, theirs in folders.items():
+            if other != name:
+                (theirs / f"{name}.key").write_text((own / f"{name}.key").read_text())
+    return folders
+
+
+# Each time that it comes into the wall it brings energy, so hard contact returns however often it
+# is lost; a hand that leans on the wall has spent what it brought, and the law has none to give.
+HAND = """
+operator:
+  kind: sinusoidal
+  mass: 0.275 kg
+  stiffness: 2 N/mm
+  damping: 5 N s/m
+  centre: 11 mm # the surface is at 10 mm
+  amplitude: 8 mm
+  frequency: 2 Hz
+"""
+
+
+def write_launch_file(
+    folder: Path, name: str, remote: str = "", more: str = "", base: str = "stiff_wall.yaml"
+) -> Path:
+    """Write a launch file of a hand that hits a stiff wall again and again.
+
+    Args:
+        folder: Where.
+        name: Of the file.
+        remote: Entries of its section ``remote``; empty: none.
+        more: Further sections.
+        base: What it includes.
+    """
+    file = folder / name
+    section = f"remote: {{ {remote} }}\n" if remote else ""
+    file.write_text(
+        f"forcebound: 1\ndescription: A hand and a wall.\ninclude: {base}\n"
+        f"realtime: {{ policy: other }}\n{section}{HAND}{more}"
+    )
+    return file

@@ -1,0 +1,522 @@
+"""Attackers in place of a node, against live processes in hard contact, judged by ground truth.
+
+An attacker takes the place of the controller on the run's own ipc endpoint, or that of the
+environment over TCP on loopback. The launcher makes room: ``forcebound stop NODE``.
+"""
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+from live_graph import (
+    AGE_LIMIT,
+    PATIENCE,
+    SATURATION,
+    Ended,
+    LiveGraph,
+    check_always,
+    check_return,
+    check_silence,
+    live_graph,
+)
+from remote_environment import key_folders, serving, write_launch_file
+from tcp_tap import TcpTap
+from test_remote import free_port
+
+from forcebound.launch.orders import ask
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import (
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+    Packet,
+    Telemetry,
+)
+from forcebound.network import sockets
+from forcebound.process import topic_endpoint
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+
+FLOOD = 50  # times the rate of the loop
+MALFORMED = 10_000
+FRAGMENT = bytes.fromhex("dfffffffff")  # a map that claims 4 294 967 295 pairs
+
+
+class Attacker:
+    """A publisher and a subscriber that take every freedom; see :func:`attacker`.
+
+    Attributes:
+        rejected: What the device has refused so far, by reason.
+    """
+
+    def __init__(self, graph: LiveGraph, out: tuple[str, bool], come: str) -> None:
+        self._graph = graph
+        self._context = zmq.Context()
+        endpoint, binds = out
+        self._out = self._context.socket(zmq.PUB)
+        self._in = self._context.socket(zmq.SUB)
+        self._telemetry = self._context.socket(zmq.SUB)
+        for socket in (self._out, self._in, self._telemetry):
+            socket.linger = 0
+        for socket in (self._in, self._telemetry):
+            socket.subscribe(b"")
+        (self._out.bind if binds else self._out.connect)(endpoint)
+        self._in.connect(come)
+        self._telemetry.connect(topic_endpoint(graph.run_dir, "telemetry"))
+        self.rejected: dict[str, int] = {}
+        self._newest: Packet | None = None
+
+    def close(self) -> None:
+        self._context.destroy(0)
+
+    def send(self, *frames: bytes) -> None:
+        self._out.send_multipart(frames)
+
+    def newest(self) -> Packet:
+        """Return the newest of what the graph asks, waiting for the first."""
+        while self._in.poll(0):
+            self._newest = decode(self._in.recv())
+        while self._telemetry.poll(0):
+            packet = decode(self._telemetry.recv())
+            assert isinstance(packet, Telemetry)
+            self.rejected = dict(packet.rejected)
+        if self._newest is None:
+            assert self._in.poll(round(PATIENCE * 1e3)), "the graph asks nothing"
+            return self.newest()
+        return self._newest
+
+    def next(self) -> Packet:
+        """Wait for something that the graph has not asked before."""
+        assert self._in.poll(round(PATIENCE * 1e3)), "the graph asks nothing"
+        return self.newest()
+
+    def until_rejected(self, reason: str, make: Callable[[Packet], bytes]) -> None:
+        """Answer with one kind of packet until the device has refused one for this reason."""
+        before = self.rejected.get(reason, 0)
+
+        def is_rejected() -> bool:
+            self.send(make(self.newest()))
+            return self.rejected.get(reason, 0) > before
+
+        self._graph.until(is_rejected, f"a packet to be refused: {reason}")
+
+
+@contextmanager
+def attacker(graph: LiveGraph, out: tuple[str, bool], come: str) -> Iterator[Attacker]:
+    """Open an attacker.
+
+    Args:
+        graph: What it attacks.
+        out: Where it publishes, and whether it binds there.
+        come: Where it listens.
+    """
+    one = Attacker(graph, out, come)
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+@contextmanager
+def in_place_of_the_controller(graph: LiveGraph) -> Iterator[Attacker]:
+    """Attack the device where it takes force commands; afterwards the controller is back."""
+    run = ("--run", str(graph.run_dir))
+    stopped = graph.order("stop", "controller", *run)
+    assert stopped.returncode == 0, stopped.stderr
+    graph.wait_until_released()
+    out = (topic_endpoint(graph.run_dir, "force_command"), True)
+    with attacker(graph, out, topic_endpoint(graph.run_dir, "device_state")) as one:
+        yield one
+    graph.wait_until_released()
+    started = graph.order("start", "controller", *run)
+    assert started.returncode == 0, started.stderr
+    graph.wait_until_in_contact()
+
+
+@contextmanager
+def in_place_of_the_environment(graph: LiveGraph, port: int) -> Iterator[Attacker]:
+    """Attack the controller over TCP; afterwards the local environment is back."""
+    run = ("--run", str(graph.run_dir))
+    stopped = graph.order("stop", "environment", *run)
+    assert stopped.returncode == 0, stopped.stderr
+    host = "tcp://127.0.0.1"
+    with attacker(graph, (f"{host}:{port + 1}", False), f"{host}:{port}") as one:
+        yield one
+    graph.wait_until_released()
+    started = graph.order("start", "environment", *run)
+    assert started.returncode == 0, started.stderr
+    graph.wait_until_in_contact()
+
+
+def command(state: Packet, force: tuple[float, ...], seq: int = 0, **changed: int) -> bytes:
+    """Return a command that answers a state, but for what is changed."""
+    assert isinstance(state, DeviceState)
+    tick, tick_ns = changed.get("device_seq"), changed.get("device_time_ns")
+    return encode(
+        ForceCommand(
+            seq=seq,
+            time_ns=seq,
+            device_seq=state.seq if tick is None else tick,
+            device_time_ns=state.time_ns if tick_ns is None else tick_ns,
+            force=force,
+        )
+    )
+
+
+def reply(query: Packet, force: tuple[float, ...], seq: int = 0) -> bytes:
+    """Return an environment's answer to a query."""
+    assert isinstance(query, EnvironmentQuery)
+    return encode(
+        EnvironmentReply(
+            seq=seq,
+            time_ns=query.time_ns,
+            device_seq=query.device_seq,
+            device_time_ns=query.device_time_ns,
+            query_seq=query.seq,
+            query_time_ns=query.time_ns,
+            force=force,
+            environment="attacker",
+        )
+    )
+
+
+def malformed(good: bytes, random_: random.Random) -> list[bytes]:
+    """Return one message, by its frames, that no receiver may accept."""
+    fields = msgpack.unpackb(good)
+    kinds: list[Callable[[], list[bytes]]] = [
+        lambda: [random_.randbytes(random_.randrange(200))],
+        lambda: [good[: random_.randrange(len(good))]],
+        lambda: [good + b"\0"],
+        lambda: [msgpack.packb({**fields, "version": random_.choice([0, 1, 3, "2", None])})],
+        lambda: [msgpack.packb({**fields, "force": [1.0] * 7})],
+        lambda: [msgpack.packb({**fields, "force": [1.0] * 500})],
+        lambda: [msgpack.packb({**fields, "force": [True]})],
+        lambda: [msgpack.packb({**fields, "seq": -1})],
+        lambda: [msgpack.packb({**fields, "extra": 1})],
+        lambda: [msgpack.packb({k: v for k, v in fields.items() if k != "force"})],
+        lambda: [FRAGMENT + good],
+        lambda: [b"\x91" * 60_000],
+        lambda: [bytes(60_000)],
+        lambda: [good, good],
+        lambda: [good, b"", good],
+        lambda: [b""],
+    ]
+    return random_.choice(kinds)()
+
+
+def check(ended: Ended) -> None:
+    """Check what must hold after any attack."""
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns, is_attacked=True)
+    assert "process_ended" not in ended.faults, ended.log
+    assert ended.faults["force_released"] >= 1
+
+
+def answered_between(ended: Ended, begin_ns: int, end_ns: int) -> int:
+    """Return in how many samples there was an answer, the last ones before it aside."""
+    columns = ended.columns
+    since = columns.time_ns > begin_ns + round((AGE_LIMIT + 0.05) * 1e9)
+    return int(((columns.device_seq >= 0) & since & (columns.time_ns < end_ns)).sum())
+
+
+def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path) -> None:
+    random_ = random.Random(1)
+    with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
+        device = graph.node("device")["pid"]
+        with in_place_of_the_controller(graph) as one:
+            begin_ns = time.monotonic_ns()
+            for number in range(MALFORMED):
+                if number % FLOOD == 0:
+                    good = command(one.next(), (3.0,))
+                one.send(*malformed(good, random_))
+            for reason in ("malformed", "version", "keys", "value"):
+                frames = {
+                    "malformed": b"\xc1",
+                    "version": msgpack.packb({**msgpack.unpackb(good), "version": 3}),
+                    "keys": msgpack.packb({**msgpack.unpackb(good), "more": 0}),
+                    "value": msgpack.packb({**msgpack.unpackb(good), "force": ["1"]}),
+                }
+                one.until_rejected(reason, lambda _, data=frames[reason]: data)  # type: ignore[misc]
+            malformed_ns = time.monotonic_ns()
+            for tick in range(1000):  # well-formed, at 50 times the rate, of any force
+                state = one.next()
+                for number in range(FLOOD):
+                    one.send(command(state, (random_.uniform(-30.0, 30.0),), tick * FLOOD + number))
+        assert graph.node("device")["pid"] == device
+        ended = graph.end()
+    check(ended)
+    assert answered_between(ended, begin_ns, malformed_ns) == 0
+    assert answered_between(ended, malformed_ns, 2**62) > 0
+    rejected = ended.summary["rejected_packets"]
+    assert {"malformed", "version", "keys", "value"} <= set(rejected)
+    assert ended.faults["packets_refused"] >= 1
+    assert "refused what is no packet of ours, so far: " in ended.log
+
+
+def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> None:
+    nan, inf = float("nan"), float("inf")
+    with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
+        with in_place_of_the_controller(graph) as one:
+            begin_ns = time.monotonic_ns()
+            first = one.newest()
+            assert isinstance(first, DeviceState)
+            for force in ((nan,), (inf,), (-inf,)):
+                one.until_rejected("not_finite", lambda s, force=force: command(s, force))  # type: ignore[misc]
+            one.until_rejected("wrong_length", lambda s: command(s, (1.0, 1.0)))
+            far = 2**62
+            jumps: dict[str, Callable[[DeviceState], dict[str, int]]] = {
+                "from_the_future": lambda s: {"device_seq": s.seq + far},
+                "wrong_echo": lambda s: {"device_time_ns": s.time_ns + 1},
+                "too_old": lambda s: {"device_seq": 0, "device_time_ns": first.time_ns},
+            }
+            for reason, jump in jumps.items():
+
+                def make(state: Packet, jump: Callable[..., dict[str, int]] = jump) -> bytes:
+                    return command(state, (5.0,), seq=far, **jump(state))
+
+                one.until_rejected(reason, make)
+            replayed = command(first, (5.0,))  # a packet that was good once
+            graph.wait(2 * AGE_LIMIT)
+            one.until_rejected("too_old", lambda _: replayed)
+            false_ns = time.monotonic_ns()
+            seq = iter(range(10**9))
+            held: list[bytes] = []
+
+            def doubled(state: Packet) -> bytes:  # each packet again and again: a duplicate
+                if len(held) % 8 == 0:
+                    held.append(command(state, (1e30,), next(seq)))
+                else:
+                    held.append(held[-1])
+                return held[-1]
+
+            one.until_rejected("not_newer", doubled)
+        ended = graph.end()
+    check(ended)
+    assert answered_between(ended, begin_ns, false_ns) == 0
+    assert np.abs(ended.columns.commanded_force).max() <= SATURATION + 1e-9
+    reasons = set(ended.summary["rejected_packets"])
+    assert {"not_finite", "wrong_length", "from_the_future", "wrong_echo", "not_newer"} <= reasons
+
+
+def test_false_forces_floods_and_rubbish_in_place_of_the_environment(tmp_path: Path) -> None:
+    random_ = random.Random(2)
+    nan = float("nan")
+    port = free_port()
+    remote = f"address: 127.0.0.1, port: {port}, local: true"
+    with live_graph(str(write_launch_file(tmp_path, "a.yaml", remote))) as graph:
+        with in_place_of_the_environment(graph, port) as one:
+            seq = iter(range(10**9))
+            one.until_rejected("not_finite", lambda q: reply(q, (nan,), next(seq)))
+            begin_ns = time.monotonic_ns()
+            one.until_rejected("wrong_length", lambda q: reply(q, (1.0, 2.0), next(seq)))
+            for number in range(MALFORMED):
+                if number % FLOOD == 0:
+                    good = reply(one.next(), (3.0,), next(seq))
+                one.send(*malformed(good, random_))
+            refused: dict[str, int] = {}
+
+            def counted() -> bool:
+                one.send(*malformed(good, random_))
+                status = ask(graph.run_dir, "controller", {"request": "status"}) or {}
+                refused.update(status.get("rejected", {}))
+                return {"malformed", "version", "keys", "value"} <= set(refused)
+
+            graph.until(counted, "the controller to count every reason")
+            malformed_ns = time.monotonic_ns()
+            for _ in range(1000):
+                query = one.next()
+                for _ in range(FLOOD):
+                    force = random_.choice([1e30, -1e30, 30.0, -30.0, 0.0])
+                    one.send(reply(query, (force,), next(seq)))
+        assert graph.node("controller")["restarts"] == 0
+        ended = graph.end()
+    check(ended)
+    assert answered_between(ended, begin_ns, malformed_ns) == 0
+    assert {"not_finite", "wrong_length"} <= set(ended.summary["rejected_packets"])
+    assert ended.faults["packets_refused"] >= 1
+
+
+def test_a_wrong_key_gets_no_data_and_the_graph_does_not_feel_it(tmp_path: Path) -> None:
+    keys = key_folders(tmp_path, "device-lab", "server-lab", "stranger")
+    port, friend, foe = free_port(), TcpTap.free_port(), TcpTap.free_port()
+    safe = "graph_key: device-lab, environment_keys: [{}]"
+    files = {
+        name: write_launch_file(
+            tmp_path, f"{name}.yaml", f"address: 127.0.0.1, port: {at}, {safe.format(key)}"
+        )
+        for name, at, key in (
+            ("graph", port, "server-lab"),
+            ("friend", friend, "server-lab"),
+            ("foe", foe, "stranger"),
+        )
+    }
+    with (
+        TcpTap(friend, port) as friendly,
+        TcpTap(foe, port) as hostile,
+        serving(files["friend"], keys=keys["server-lab"]),
+        live_graph(
+            str(files["graph"]), variables={"FORCEBOUND_KEYS": str(keys["device-lab"])}
+        ) as graph,
+    ):
+        begin_ns = time.monotonic_ns()
+        with serving(files["foe"], keys=keys["stranger"]) as stranger:
+            graph.until(lambda: "not in its list" in stranger.log, "the stranger to say so")
+            graph.until(lambda: "is not in the list of who may connect" in graph.log, "the graph")
+            graph.wait(1.0)
+        graph.wait_until_in_contact()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns)
+    # A packet travels as the CURVE command MESSAGE, whose name is not encrypted.
+    assert b"MESSAGE" in friendly.seen
+    assert b"CURVE" in hostile.seen
+    assert b"MESSAGE" not in hostile.seen
+    assert b"READY" not in hostile.seen
+    assert ended.faults["remote_refused_here"] >= 1
+    assert "environment_lost" not in ended.faults
+    assert answered_between(ended, begin_ns, 2**62) > 0
+
+
+def test_a_device_that_stands_still_for_50_ms_is_without_force_by_its_watchdog() -> None:
+    with live_graph("stiff_wall.yaml") as graph:
+        graph.wait(0.5)
+        for _ in range(3):
+            graph.signal("device", signal.SIGSTOP)
+            sockets.wait((), 50_000_000)
+            graph.signal("device", signal.SIGCONT)
+            graph.wait(0.3)
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns)
+    columns = ended.columns
+    assert columns.true_position is not None
+    times = columns.time_ns * 1e-9
+    stalls = np.flatnonzero(np.diff(times) > 0.045)
+    assert stalls.size >= 3
+    assert int(columns.deadline_misses[-1]) >= 3 * 45
+    assert ended.summary["deadline_misses"] >= 3 * 45
+    # With the force held, the leaning hand would rest; without, it sinks in. The energy given
+    # during the stall is that of 1.25 periods of force.
+    first = int(stalls[0])
+    assert columns.applied_force[first, 0] > 0.5
+    assert columns.true_position[first + 1, 0] - columns.true_position[first, 0] > 0.5e-3
+
+
+SHIM = r"""
+#define _GNU_SOURCE
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+/* Every half second the wall clock jumps by an hour, forth or back; no other clock does. */
+static time_t jump(void)
+{
+    struct timespec now;
+    syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
+    return (now.tv_sec * 2 + now.tv_nsec / 500000000) % 2 ? 3600 : 0;
+}
+
+int clock_gettime(clockid_t clock, struct timespec *time)
+{
+    int status = syscall(SYS_clock_gettime, clock, time);
+    if (status == 0 && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE))
+        time->tv_sec += jump();
+    return status;
+}
+
+int gettimeofday(struct timeval *restrict time, void *restrict zone)
+{
+    struct timespec now;
+    (void)zone;
+    clock_gettime(CLOCK_REALTIME, &now);
+    time->tv_sec = now.tv_sec;
+    time->tv_usec = now.tv_nsec / 1000;
+    return 0;
+}
+
+time_t time(time_t *where)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    if (where)
+        *where = now.tv_sec;
+    return now.tv_sec;
+}
+"""
+
+
+@pytest.mark.slow
+def test_a_wall_clock_that_jumps_by_an_hour_is_not_felt(tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("a C compiler (cc) is missing")
+    source, shim = tmp_path / "jump.c", tmp_path / "jump.so"
+    source.write_text(SHIM)
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", shim, source], check=True, timeout=PATIENCE)
+    variables = {"LD_PRELOAD": str(shim)}
+    look = "import time\nend = time.monotonic() + 1.2\nseen = []\nwhile time.monotonic() < end:\n"
+    look += "    seen.append(time.time())\nprint(max(seen) - min(seen))"
+    seen = subprocess.run(
+        [sys.executable, "-c", look],
+        env={**os.environ, **variables},
+        capture_output=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    assert float(seen.stdout) > 3599.0, "the wall clock does not jump"
+    file = write_launch_file(tmp_path, "a.yaml")
+    with live_graph(str(file), variables=variables) as graph:
+        begin_ns = time.monotonic_ns()
+        graph.wait(3.0)
+        graph.wait_until_in_contact()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns)
+    window = ended.columns.time_ns > begin_ns
+    assert (ended.columns.device_seq[window] >= 0).mean() > 0.9
+    assert ended.columns.loop_delay[ended.columns.device_seq >= 0].min() >= 0.0
+    assert "environment_lost" not in ended.faults
+
+
+@pytest.mark.slow
+def test_links_that_reorder_double_and_lose_everything_in_turn(tmp_path: Path) -> None:
+    links = ("device_state", "environment_query", "environment_reply", "force_command")
+    bad = "delay: 5 ms, jitter: 5 ms, reorder: 50 %, duplicate: 50 %"
+    phases = ["phases:", "  - { name: good, duration: 3 s }"]
+    for topic in links:
+        phases += [
+            f"  - name: {topic} is lost",
+            "    duration: 700 ms",
+            f"    set: {{ links.{topic}.loss: 100 % }}",
+            f"  - {{ name: after {topic}, duration: 700 ms }}",
+        ]
+    more = "links:\n" + "".join(f"  {topic}: {{ {bad} }}\n" for topic in links)
+    file = write_launch_file(tmp_path, "a.yaml", more=more + "\n".join(phases) + "\n")
+    with live_graph(str(file)) as graph:
+        begin_ns = time.monotonic_ns()
+        graph.wait(3.0 + 1.4 * len(links))
+        graph.wait_until_in_contact()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    check_always(ended.columns)
+    check_return(ended.columns, check_silence(ended.columns, begin_ns + 3_000_000_000))
+    assert ended.faults["force_released"] >= len(links)
+    told = {phase["name"]: phase for phase in ended.summary["phases"]}
+    for topic in links:
+        assert told[f"{topic} is lost"]["answered_share"] < 0.5
+        assert told[f"{topic} is lost"]["true_energy_min_j"] >= -1e-9
+        assert ended.summary["links"][topic]["lost"] > 0
+        assert ended.summary["links"][topic]["duplicated"] > 0
