@@ -53,7 +53,7 @@ class LiveGraph:
         command = [sys.executable, "-m", "forcebound", "launch", *words]
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(
-                [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
+                [*command, "--duration", "1200 s", "--record", str(self.record), "--json"],
                 env={**os.environ, "TMPDIR": str(folder)},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -125,10 +125,10 @@ class LiveGraph:
 
             self.until(came, what)
 
-    def end(self) -> "Ended":
+    def end(self, patience: float = PATIENCE) -> "Ended":
         """Interrupt the run as Ctrl-C does; return what it leaves."""
         self.process.send_signal(signal.SIGINT)
-        out, _ = self.process.communicate(timeout=PATIENCE)
+        out, _ = self.process.communicate(timeout=patience)
         assert "Traceback" not in self.log, self.log
         return Ended(self.process.returncode, out.decode(), self.log, self.record)
 
