@@ -231,7 +231,6 @@ def test_the_shipped_stress_test_keeps_the_hand_safe() -> None:
     result = run_virtual(load("stress"))
     summary = result.summary
     assert summary["true_energy_min_j"] >= -1e-9
-    assert summary["at_rest"]
     assert summary["faults"]["force_released"] >= 2
     by_name = {phase["name"]: phase for phase in summary["phases"]}
     assert by_name["far away"]["loop_delay_ms"]["p50"] == pytest.approx(200.4, abs=1.0)
@@ -239,3 +238,5 @@ def test_the_shipped_stress_test_keeps_the_hand_safe() -> None:
     assert by_name["slow computation"]["answered_share"] == pytest.approx(1 / 15, abs=0.01)
     assert by_name["nothing comes through"]["answered_share"] < 0.01
     assert by_name["quiet again"]["answered_share"] > 0.99
+    silent = by_name.pop("nothing comes through")
+    assert silent["peak_force_n"] < min(phase["peak_force_n"] for phase in by_name.values())
