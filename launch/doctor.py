@@ -316,7 +316,7 @@ def _links(seen: Observations) -> Iterator[Finding]:
             came = process.growth("links", topic, "sent")
             lost = process.growth("links", topic, "lost")
             corrupted = process.growth("links", topic, "corrupted")
-            if not (lost or corrupted):
+            if not 0 < lost + corrupted < came:  # if it is all, the chain is broken there
                 continue
             text = f"loses {lost} and damages {corrupted} of {came} packets, on purpose"
             action = f"forcebound param list links.{topic}"
