@@ -23,13 +23,9 @@ OF_TIME = {"ticks_lost", "late_loop", "delay_near_age_limit", "force_gaps", "rej
 
 @pytest.fixture
 def calm(tmp_path: Path) -> str:
-    """A graph that leaves the other tests their share of the machine.
-
-    Without a law: late ticks would cost it so much force that nobody feels contact.
-    """
+    """A graph that leaves the other tests their share of the machine."""
     file = tmp_path / "calm.yaml"
-    text = "forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n"
-    file.write_text(text + "device: {law: none}\n")
+    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n")
     return str(file)
 
 
@@ -65,7 +61,6 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         status, found = examine(graph)
         assert problems(found) <= OF_TIME
         assert status == (1 if problems(found) else 0)
-        assert found["no_law"]["severity"] == "note"
 
         pid = graph.node("environment")["pid"]
         graph.signal("environment", signal.SIGSTOP)
