@@ -7,13 +7,13 @@ STAMP := $(VENV)/.installed
 
 FUZZ_SECONDS ?= 60# for each of codec and launch_file
 
-.PHONY: demo test check test-slow audit bench fuzz clean
+.PHONY: demo test check test-slow endurance audit bench fuzz clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow" --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -23,6 +23,9 @@ check: $(STAMP)
 
 test-slow: $(STAMP)
 	$(BIN)/pytest -m slow
+
+endurance: $(STAMP)
+	$(BIN)/pytest -m endurance --junit-xml=results/endurance.xml
 
 audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 6000 --search 6000 --out docs/audit.md

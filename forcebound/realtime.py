@@ -37,6 +37,13 @@ PR_SET_TIMERSLACK = 29  # <linux/prctl.h>
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <asm-generic/mman.h>
 CAP_IPC_LOCK = 14  # <linux/capability.h>
 
+# What to do where it is not permitted.
+PERMIT_FIFO = (
+    "add '@realtime - rtprio 95' to /etc/security/limits.d/ and yourself to that group, "
+    "or give CAP_SYS_NICE"
+)
+PERMIT_LOCK = "add '@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
+
 TIMER_SLACK_NS = 1  # smallest that is not "the default of 50 us"
 
 MAX_SPIN_SHARE = 8  # a wait is spun for at most this fraction of it, 1/8
@@ -176,6 +183,26 @@ def die_with_parent(signal_number: int) -> None:
     _libc.prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number))
 
 
+def permits_fifo() -> bool:
+    """Return whether this process may use SCHED_FIFO, by doing so for an instant."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(PRIORITIES.values())))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, parameters)
+    return True
+
+
+def memory_lock_limit() -> int | None:
+    """Return how much memory this process may lock, in bytes; None: as much as there is."""
+    import resource  # Unix only, and only here and below
+
+    hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+    unlimited = hard == resource.RLIM_INFINITY or _has_capability(CAP_IPC_LOCK)
+    return None if unlimited else hard
+
+
 def _pin(core: int | None) -> str:
     if core is None:
         return "on any core (realtime.cores: none); one core for the chain is about twice as fast"
@@ -196,9 +223,8 @@ def _schedule(settings: Settings, role: str) -> str:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
         return (
-            "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; add "
-            "'@realtime - rtprio 95' to /etc/security/limits.d/ and yourself to that group, "
-            "or give CAP_SYS_NICE"
+            "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; "
+            f"{PERMIT_FIFO}"
         )
     except OSError as error:
         return f"ordinary scheduling, because SCHED_FIFO is refused here: {error.strerror}"
@@ -207,17 +233,17 @@ def _schedule(settings: Settings, role: str) -> str:
 
 def _lock_memory() -> str:
     # With a finite limit the call itself may succeed and a later allocation then fails.
-    import resource  # Unix only, and only here
+    import resource
 
-    limits = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    if limits[0] != resource.RLIM_INFINITY and not _has_capability(CAP_IPC_LOCK):
-        if limits[1] != resource.RLIM_INFINITY:
-            return (
-                "memory not locked, because the limit is "
-                f"{limits[1] // 1024} KiB: expect rare late ticks; add "
-                "'@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
-            )
-        resource.setrlimit(resource.RLIMIT_MEMLOCK, (limits[1], limits[1]))
+    limit = memory_lock_limit()
+    if limit is not None:
+        return (
+            f"memory not locked, because the limit is {limit // 1024} KiB: expect rare late ticks; "
+            f"{PERMIT_LOCK}"
+        )
+    soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if soft != hard == resource.RLIM_INFINITY:
+        resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
     if _libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
         return f"memory not locked: {os.strerror(ctypes.get_errno())}"
     return "memory locked"

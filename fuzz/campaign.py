@@ -7,9 +7,11 @@ found, 1 something was, 2 atheris is missing.
 
 import argparse
 import importlib.util
+import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -59,7 +61,10 @@ def campaign(target: str, seconds: int) -> bool:
         "-print_final_stats=1",
     ]
     program = [sys.executable, str(ROOT / "fuzz" / f"{target}.py")]
-    status = subprocess.run([*program, *options, str(corpus)], check=False).returncode
+    with tempfile.TemporaryDirectory() as scratch:  # libFuzzer ends without cleaning up
+        here = {**os.environ, "TMPDIR": scratch}
+        command = [*program, *options, str(corpus)]
+        status = subprocess.run(command, env=here, check=False).returncode
     for path in sorted(set(folder.glob("found-*")) - before):
         print(f"found by {target}: {path}\n  {path.read_bytes()[:2000]!r}")
         print(f"  again: {sys.executable} fuzz/{target}.py {path}")

@@ -38,8 +38,4 @@ def one(data: bytes) -> None:
 
 if __name__ == "__main__":
     atheris.Setup(sys.argv, one)
-    try:
-        atheris.Fuzz()
-    finally:
-        FILE.unlink(missing_ok=True)
-        FILE.parent.rmdir()
+    atheris.Fuzz()

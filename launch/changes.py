@@ -123,7 +123,8 @@ class Reloader:
             document = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise ConfigError(f"cannot read {self._file}: {error}") from error
-        new = from_document(document)
+        serves = any(isinstance(node, EnvironmentNode) for node in runner.nodes)
+        new = from_document(document, serves)
         changed = apply(self._config, new, runner)
         self._config = new
         return changed

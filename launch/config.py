@@ -124,6 +124,12 @@ class RemoteConfig:
     insecure: bool = False  # without keys beyond this machine
     local: bool = False  # whether the launcher starts the environment here, too
 
+    def __post_init__(self) -> None:
+        if not 1 <= self.port <= 65534:
+            raise ConfigError(
+                f"port must be 1 to 65534, since replies use the next one; got {self.port}"
+            )
+
     def end(self, role: Literal["graph", "environment"]) -> RemoteEnd:
         """Return this machine's end, with its keys read.
 

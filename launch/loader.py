@@ -9,14 +9,12 @@
 Each step notes its problems and passes on what is sound, so that a person sees all of them.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from forcebound.environments.contract import force_fault
 from forcebound.errors import ConfigError
 from forcebound.launch import own
 from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
@@ -32,11 +30,11 @@ from forcebound.launch.config import (
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
-    member_document,
     to_document,
 )
 from forcebound.launch.document import find, missing, read
-from forcebound.launch.fields import Field, Section, check_fields, fields_of
+from forcebound.launch.fields import Field, Section, fields_of
+from forcebound.launch.own_parts import OWN, can_be_written, check_answer, own_class, without_own
 from forcebound.launch.phases import KEY, phase_duration, read_phases
 from forcebound.launch.problems import Place, Problems
 from forcebound.launch.substitution import Substitution
@@ -58,7 +56,6 @@ __all__ = [
 ]
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
-OWN = {"environment": {"force": 3}}  # sections with classes of the user's own; their methods
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
 
@@ -152,13 +149,18 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     return made
 
 
-def from_document(document: Mapping[str, Any]) -> GraphConfig:
+def from_document(document: Mapping[str, Any], serves: bool = True) -> GraphConfig:
     """Return the configuration of a document that :func:`to_document` made.
+
+    Args:
+        document: What was made.
+        serves: Whether the environment will be asked. If not, an environment of the user's own is
+            left out, a wall in its place: its code must not run beside the bounder.
 
     Raises:
         ConfigError: If anything in it is wrong.
     """
-    return _build(from_plain(document, "document"), Problems())
+    return _build(from_plain(document if serves else without_own(document), "document"), Problems())
 
 
 def _read(path: str | Path, problems: Problems) -> Value:
@@ -189,7 +191,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
         _check_axes(device, operator, sections["operator"])
     if device and environment:
         _check_delays(device.servo, environment, links, sections["device"])
-        _check_answer(environment.model, device.model.axes, sections["environment"])
+        check_answer(environment.model, device.model.axes, sections["environment"])
     problems.raise_if_any()
     assert device is not None  # what could not be made was a problem
     assert controller is not None
@@ -230,7 +232,7 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
     value = section.value.entries.get("kind")
     member: type | None
     if section.name in OWN and value is not None and own.names_file(value.text):
-        member = _own_class(section, value, taken)
+        member = own_class(section, value, taken)
     else:
         kind = section.choose(f"{section.name} kind", "kind", table)
         member = None if kind is None else table[kind]
@@ -238,30 +240,7 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
         return None
     section.check_keys({*fields_of(member), *taken})
     made = section.make(member)
-    return made if made is None or _can_be_written(made, section) else None
-
-
-def _own_class(section: Section, value: Value, taken: set[str]) -> type | None:
-    """The class in a user's file; a relative path starts from the file that names it."""
-    beside = Path(value.place.name).parent if value.place.line else Path()
-    try:
-        member = own.load_class(str(value.content), beside, OWN[section.name])
-        check_fields(member, taken)
-    except ConfigError as error:
-        section.add(f"{section.name}: {error}", value)
-        return None
-    return member
-
-
-def _can_be_written(made: object, section: Section) -> bool:
-    """Whether the parameters can be written into the launch documents of processes, recordings."""
-    for name, value in member_document(section.name, made).items():
-        try:
-            json.dumps(value, allow_nan=False)
-        except (TypeError, ValueError) as error:
-            section.add_here(f"{section.name}: {name} cannot be written down: {error}")
-            return False
-    return True
+    return made if made is None or can_be_written(made, section) else None
 
 
 def _device(section: Section) -> DeviceConfig | None:
@@ -336,20 +315,6 @@ def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> N
     wanted, axes = len(operator.target(0.0)), device.model.axes
     if wanted > axes:
         section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
-
-
-def _check_answer(model: Any, axes: int, section: Section) -> None:
-    """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
-    if own.kind_of(type(model)) is None:
-        return
-    still = (0.0,) * axes
-    try:
-        fault = force_fault(model.force(still, still, 0.0), axes)
-    except Exception as error:
-        fault = own.blame(error, type(model))
-    if fault is not None:
-        question = f"force({still}, {still}, 0.0)"
-        section.add(f"environment: {question}: {fault}", section.value.entries["kind"])
 
 
 def _check_delays(

@@ -1,7 +1,7 @@
 """Ask a process of a graph that runs; let its launcher stop a node, and start it again."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +28,33 @@ def ask(
         request: See ``docs/protocol.md``, Control.
         patience: How long to wait, in s.
     """
+    return ask_all(run_dir, (name,), request, patience)[name]
+
+
+def ask_all(
+    run_dir: Path, names: Collection[str], request: Mapping[str, Any], patience: float
+) -> dict[str, dict[str, Any] | None]:
+    """Return the answers of several processes of a running graph, asked at once; see :func:`ask`.
+
+    Args:
+        run_dir: Of the run.
+        names: Of the processes.
+        request: To each of them.
+        patience: How long to wait for them all, in s.
+    """
+    answers: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
     with Network() as network:
-        client = network.control_client(control_endpoint(run_dir, name))
+        clients = {name: network.control_client(control_endpoint(run_dir, name)) for name in names}
+        unsent = set(names)
         end = time.monotonic() + patience
-        is_sent = False
-        while time.monotonic() < end:
-            is_sent = is_sent or client.ask(request)
-            answer = client.answer()
-            if answer is not None:
-                return answer
-            sockets.wait((client.descriptor,), POLL_NS)
-    return None
+        while True:
+            unsent -= {name for name in unsent if clients[name].ask(request)}
+            for name in [name for name in answers if answers[name] is None]:
+                answers[name] = clients[name].answer()
+            waiting = [clients[name].descriptor for name in answers if answers[name] is None]
+            if not waiting or time.monotonic() >= end:
+                return answers
+            sockets.wait(waiting, POLL_NS)
 
 
 def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from forcebound.launch.tree import BROKEN, Value
 from forcebound.quantities import POSITIVE, Time
 
 KEY = "phases"
+MAX_PHASES = 200  # each one is checked as a launch file of its own
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,9 @@ def read_phases(
     entries = listed.content if isinstance(listed.content, tuple) else ()
     if not entries and not listed.is_broken:
         problems.add(f"phases must be a list of mappings, got {listed}", listed.place)
+    if len(entries) > MAX_PHASES:
+        problems.add(f"{len(entries)} phases; at most {MAX_PHASES} can be told apart", listed.place)
+        entries = ()
     plain = {name: value for name, value in root.entries.items() if name != KEY}
     plain.setdefault("duration", Value(1.0, root.place))  # that of a phase is its own
     phases: list[Phase] = []

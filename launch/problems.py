@@ -98,7 +98,8 @@ class Problems:
 
     def extend(self, others: "Problems") -> None:
         """Note problems that were found apart."""
-        self._found += [problem for problem in others._found if problem not in self._found]
+        for problem in others._found:
+            self.add(problem.message, problem.place, problem.related)
 
     def __bool__(self) -> bool:
         return bool(self._found)

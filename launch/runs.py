@@ -12,6 +12,7 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError
 from forcebound.launch.live import RUN_FILE
+from forcebound.launch.supervisor import LAUNCHER
 
 
 def running(folders: Iterable[Path] | None = None) -> list[Path]:
@@ -30,7 +31,8 @@ def find(run: Path | None = None, folders: Iterable[Path] | None = None) -> Path
     """Return the run directory of the graph that is meant.
 
     Args:
-        run: Its run directory, as :func:`running` gives it; None: the only graph that runs.
+        run: Its run directory, as :func:`running` gives it; None: the only graph that runs. A node
+            that was started by hand counts only where no launcher runs a graph.
         folders: As in :func:`running`.
 
     Raises:
@@ -39,6 +41,7 @@ def find(run: Path | None = None, folders: Iterable[Path] | None = None) -> Path
     """
     known = running(folders)
     if run is None:
+        known = list(filter(_is_launched, known)) or known
         if len(known) == 1:
             return known[0]
         if known:
@@ -61,6 +64,10 @@ def _is_own(run_dir: Path) -> bool:
         return run_dir.is_dir() and run_dir.stat().st_uid == os.getuid()
     except OSError:
         return False
+
+
+def _is_launched(run_dir: Path) -> bool:
+    return (run_dir / f"control-{LAUNCHER}").exists()
 
 
 def _runs(run_dir: Path) -> bool:

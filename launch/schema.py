@@ -19,7 +19,8 @@ from forcebound.launch.config import (
     RemoteConfig,
 )
 from forcebound.launch.fields import Field, adapter, fields_of
-from forcebound.launch.loader import OWN, RUN_KEYS
+from forcebound.launch.loader import RUN_KEYS
+from forcebound.launch.own_parts import OWN
 from forcebound.launch.phases import PhaseHead
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings

@@ -84,7 +84,8 @@ def run_node(
         realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
         try:
             if _has_launcher(run):  # it may have died before the line above
-                config = from_document(json.loads(file.read_text(encoding="utf-8")))
+                document = json.loads(file.read_text(encoding="utf-8"))
+                config = from_document(document, serves=kind == "environment")
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
         except ConfigError:
             raise

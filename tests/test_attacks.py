@@ -389,29 +389,40 @@ def test_a_wrong_key_gets_no_data_and_the_graph_does_not_feel_it(tmp_path: Path)
     assert answered_between(ended, begin_ns, 2**62) > 0
 
 
-def test_a_device_that_stands_still_for_50_ms_is_without_force_by_its_watchdog() -> None:
+def stop_the_device_for_50_ms(graph: LiveGraph) -> None:
+    graph.signal("device", signal.SIGSTOP)
+    sockets.wait((), 50_000_000)
+    graph.signal("device", signal.SIGCONT)
+    graph.wait(0.3)
+
+
+def test_a_device_that_stands_still_for_50_ms_gives_no_energy() -> None:
     with live_graph("stiff_wall.yaml") as graph:
-        graph.wait(0.5)
         for _ in range(3):
-            graph.signal("device", signal.SIGSTOP)
-            sockets.wait((), 50_000_000)
-            graph.signal("device", signal.SIGCONT)
-            graph.wait(0.3)
+            stop_the_device_for_50_ms(graph)
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
+    assert (np.diff(ended.columns.time_ns) > 45_000_000).sum() >= 3
+    assert ended.summary["deadline_misses"] >= 3 * 45
+
+
+def test_a_device_that_stands_still_is_without_force_by_its_watchdog() -> None:
+    # A wall so soft that it needs no law: after whatever a busy machine did, its force is back.
+    with live_graph("stiff_wall.yaml", "stiffness:=400 N/m", "law:=none") as graph:
+        graph.wait(0.5)
+        for _ in range(3):
+            stop_the_device_for_50_ms(graph)
+        ended = graph.end()
     columns = ended.columns
     assert columns.true_position is not None
-    times = columns.time_ns * 1e-9
-    stalls = np.flatnonzero(np.diff(times) > 0.045)
-    assert stalls.size >= 3
-    assert int(columns.deadline_misses[-1]) >= 3 * 45
-    assert ended.summary["deadline_misses"] >= 3 * 45
-    # With the force held, the leaning hand would rest; without, it sinks in. The energy given
-    # during the stall is that of 1.25 periods of force.
-    first = int(stalls[0])
-    assert columns.applied_force[first, 0] > 0.5
-    assert columns.true_position[first + 1, 0] - columns.true_position[first, 0] > 0.5e-3
+    stalls = np.flatnonzero(np.diff(columns.time_ns) > 45_000_000)
+    held = [int(stall) for stall in stalls if columns.applied_force[stall, 0] > 0.5]
+    assert held, "no force in any of the stalls"
+    # With the force held, the leaning hand would rest; without, it sinks in.
+    for stall in held:
+        sunk = columns.true_position[stall + 1, 0] - columns.true_position[stall, 0]
+        assert sunk > 0.1e-3
 
 
 SHIM = r"""
@@ -485,9 +496,12 @@ def test_a_wall_clock_that_jumps_by_an_hour_is_not_felt(tmp_path: Path) -> None:
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
-    window = ended.columns.time_ns > begin_ns
-    assert (ended.columns.device_seq[window] >= 0).mean() > 0.9
-    assert ended.columns.loop_delay[ended.columns.device_seq >= 0].min() >= 0.0
+    since = ended.columns.time_ns > begin_ns
+    answered = ended.columns.device_seq >= 0
+    assert answered[since].any()
+    assert ended.columns.loop_delay[answered].min() >= 0.0
+    assert "from_the_future" not in ended.summary["rejected_packets"]
+    assert np.diff(ended.columns.time_ns).max() < PATIENCE * 1e9
     assert "environment_lost" not in ended.faults
 
 
@@ -495,24 +509,30 @@ def test_a_wall_clock_that_jumps_by_an_hour_is_not_felt(tmp_path: Path) -> None:
 def test_links_that_reorder_double_and_lose_everything_in_turn(tmp_path: Path) -> None:
     links = ("device_state", "environment_query", "environment_reply", "force_command")
     bad = "delay: 5 ms, jitter: 5 ms, reorder: 50 %, duplicate: 50 %"
+    # Of a packet that is both doubled and lost, netem delivers one: no duplicate where all is lost.
     phases = ["phases:", "  - { name: good, duration: 3 s }"]
     for topic in links:
         phases += [
             f"  - name: {topic} is lost",
             "    duration: 700 ms",
-            f"    set: {{ links.{topic}.loss: 100 % }}",
-            f"  - {{ name: after {topic}, duration: 700 ms }}",
+            f"    set: {{ links.{topic}.loss: 100 %, links.{topic}.duplicate: 0 % }}",
+            f"  - {{ name: after {topic}, duration: 1200 ms }}",
         ]
     more = "links:\n" + "".join(f"  {topic}: {{ {bad} }}\n" for topic in links)
     file = write_launch_file(tmp_path, "a.yaml", more=more + "\n".join(phases) + "\n")
     with live_graph(str(file)) as graph:
-        begin_ns = time.monotonic_ns()
-        graph.wait(3.0 + 1.4 * len(links))
-        graph.wait_until_in_contact()
+        graph.wait(3.0 + 1.9 * len(links))
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
-    check_return(ended.columns, check_silence(ended.columns, begin_ns + 3_000_000_000))
+    for topic in links:
+        loss = f"links.{topic}.loss"
+        lost_ns = next(
+            event.time_ns
+            for event in ended.events("parameter_set")
+            if float(event.data.get(loss, 0.0)) == 1.0
+        )
+        check_return(ended.columns, check_silence(ended.columns, lost_ns))
     assert ended.faults["force_released"] >= len(links)
     told = {phase["name"]: phase for phase in ended.summary["phases"]}
     for topic in links:

@@ -40,6 +40,9 @@ HOSTILE = {
     "a path that cannot be": GOOD.replace("kind: wall", 'kind: "a\\0.py"'),
     "an include without end": GOOD + "include: " + "w" * 200_000,
     "half a character": GOOD.replace("kind: wall", 'kind: "\\ud800.py"'),
+    "thousands of phases": GOOD.replace("duration: 6 s\n", "")
+    + "phases:\n"
+    + "- {name: a, duration: 1 s}\n" * 5000,
     "thousands of documents": "---\n" * 60_000,
 }
 

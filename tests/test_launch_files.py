@@ -9,7 +9,8 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.launch.config import COMPUTATION, KINDS, LINKS
 from forcebound.launch.document import shipped
 from forcebound.launch.fields import fields_of
-from forcebound.launch.loader import OWN, arguments_of, from_document, load, to_document
+from forcebound.launch.loader import arguments_of, from_document, load, to_document
+from forcebound.launch.own_parts import OWN
 from forcebound.launch.schema import json_schema
 from forcebound.launch.tree import scalar
 from forcebound.nodes.device import ServoSettings

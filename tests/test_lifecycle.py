@@ -451,3 +451,44 @@ def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
 )
 def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
     assert describe_status(status) == words
+
+
+# An environment on another machine
+
+FROM_AFAR = ("environment_reply", "force_command")
+LOCAL = ("controller", "device", "recorder")
+
+
+def waiting_for_afar() -> tuple[Lifecycle, list[Action]]:
+    """A run whose own processes are ready but for what an environment far away brings."""
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
+    lifecycle.advance(1, Reported("recorder", FROM_AFAR))
+    lifecycle.advance(2, Reported("device", ("force_command",)))
+    return lifecycle, lifecycle.advance(3, Reported("controller", ("environment_reply",)))
+
+
+def test_a_graph_waits_for_a_remote_environment_as_long_as_it_takes_and_says_so_once() -> None:
+    lifecycle, actions = waiting_for_afar()
+    (told,) = actions
+    assert isinstance(told, Tell)
+    assert told.event == "environment_awaited"
+    assert not told.is_fault
+    assert lifecycle.deadline_ns is None
+    assert lifecycle.advance(10**12, Reported("device", ("force_command",))) == []
+    for node in LOCAL:
+        actions = lifecycle.advance(10**12, Reported(node, ()))
+    assert actions == [Engage()]
+
+
+def test_what_is_missing_on_this_machine_is_not_waited_for_without_end() -> None:
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
+    lifecycle.advance(1, Reported("controller", ("environment_reply", "device_state")))
+    lifecycle.advance(2, Reported("device", ("force_command",)))
+    lifecycle.advance(3, Reported("recorder", ()))
+    assert lifecycle.advance(100, None) == [Terminate("device")]
+    assert lifecycle.failure is not None
+
+
+def test_a_graph_that_waits_for_a_remote_environment_can_be_interrupted() -> None:
+    lifecycle, _ = waiting_for_afar()
+    assert lifecycle.advance(4, Interrupted()) == [Terminate("device")]

@@ -379,6 +379,24 @@ class Broken:
         raise ZeroDivisionError
 
 
+class OneAxisShort:
+    """Another one: it forgets an axis."""
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        return position[1:]
+
+
+def test_an_answer_with_another_number_of_axes_is_none_and_is_counted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    node = EnvironmentNode(OneAxisShort())
+    (event,) = node.step(0, [query(0)])
+    assert isinstance(event, Event)
+    assert event.event == "environment_failed"
+    assert node.faults == 1
+    assert "expected 1 entries, got 0" in caplog.text
+
+
 def test_an_environment_that_raises_is_silent_and_counted(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -11,7 +11,9 @@ from click.testing import CliRunner, Result
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.cli import main
+from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
+from forcebound.launch.changes import change
 from forcebound.launch.config import member_document
 from forcebound.launch.loader import from_document, load, member_of, to_document
 from forcebound.launch.results import run_metadata
@@ -62,15 +64,11 @@ def test_the_document_names_file_and_class_and_makes_an_equal_configuration(
 ) -> None:
     config = load(own(tmp_path))
     document = json.loads(json.dumps(to_document(config)))
-    own_part = {
-        name: value
-        for name, value in document["environment"].items()
-        if not name.startswith("compute_")
-    }
-    assert own_part == {
+    assert document["environment"] == document["environment"] | {
         "kind": f"{tmp_path / 'my_spring.py'}:MySpring",
         "stiffness": 10_000.0,
         "rest": 0.0,
+        "compute_delay": 0.0,
     }
     assert from_document(document) == config
 
@@ -85,6 +83,32 @@ def test_the_recording_holds_path_and_source(tmp_path: Path) -> None:
 def test_it_runs_in_virtual_time(tmp_path: Path) -> None:
     result = run_virtual(load(own(tmp_path)), duration=0.5)
     assert result.summary["peak_force_n"] > 0.0
+
+
+def test_its_parameters_can_be_changed_as_those_of_any_other(tmp_path: Path) -> None:
+    config = load(own(tmp_path))
+    changed = change(config, {"environment.stiffness": "3 N/mm"})
+    assert changed.environment.model.force((0.001,), (0.0,), 0.0) == (3.0,)
+    with pytest.raises(ConfigError, match="must be >= 0 N/m, got -1 N/m"):
+        change(config, {"environment.stiffness": -1})
+
+
+def test_its_code_does_not_run_in_the_process_of_the_device(tmp_path: Path) -> None:
+    document = to_document(load(own(tmp_path)))
+    document["phases"] = [
+        {"name": "late", "duration": 1.0, "set": {"environment.compute_delay": 0.002}},
+        {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},
+    ]
+    del document["duration"]
+    document["environment"] |= {"kind": str(tmp_path / "not_read.py"), "compute_delay": 0.001}
+    config = from_document(document, serves=False)
+    assert type(config.environment.model) is Wall
+    assert config.environment.compute_delay == 0.001
+    late, soft = config.phases
+    assert dict(late.settings) == {"environment.compute_delay": 0.002}
+    assert dict(soft.settings) == {}
+    with pytest.raises(ConfigError, match=r"not_read\.py does not exist"):
+        from_document(document)
 
 
 def test_another_process_knows_it_again(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from forcebound.analysis.plots import DEFAULT_PANELS, PANELS, Run, figure, save
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Telemetry
+from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.recording import TelemetryColumns
 
 WALL = 0.010  # m
@@ -250,3 +251,20 @@ def test_a_figure_needs_a_run_and_a_panel() -> None:
     for runs, panels in [([], DEFAULT_PANELS), ([run], [])]:
         with pytest.raises(ValueError, match="at least one run and one panel"):
             figure(runs, panels)
+
+
+def test_faults_are_lines_and_phases_bands_with_their_names() -> None:
+    run = run_of(telemetry())
+    log = EventLog("device")
+    start_ns = int(run[1].time_ns[0])
+    events = [
+        log.tell(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
+        log.tell(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
+        log.tell(start_ns + 3_000_000, "force_released", "", is_fault=True),
+        log.tell(start_ns + 3_000_000, "parameter_set", ""),
+    ]
+    axes = panel(figure([run], events=[events]), 0)
+    assert sum(line.get_label() == "fault" for line in axes.lines) == 1
+    assert [text.get_text() for text in axes.texts] == ["quiet", "lossy"]
+    assert len(axes.patches) == 1
+    assert not panel(figure([run]), 0).texts

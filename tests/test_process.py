@@ -20,6 +20,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
     Telemetry,
+    Vector,
 )
 from forcebound.network import sockets
 from forcebound.network.impairment import Impairment
@@ -29,6 +30,7 @@ from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
 
@@ -437,3 +439,17 @@ def test_the_device_node_is_a_servo_and_the_controller_is_not() -> None:
     assert isinstance(node, process.Servo)
     assert not isinstance(ControllerNode(DirectController()), process.Servo)
     assert Telemetry in node.publishes
+
+
+def test_an_environment_says_its_name_and_how_often_its_code_failed(
+    network: Network, run_dir: Path
+) -> None:
+    class Failing:
+        def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+            raise ArithmeticError
+
+    node = EnvironmentNode(Failing(), name="here/1/a")
+    answering = runner(node, "environment", run_dir, network)
+    assert (answering.status()["name"], answering.status()["failures"]) == ("here/1/a", 0)
+    node.step(5, [query(1)])
+    assert answering.status()["failures"] == 1

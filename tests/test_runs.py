@@ -87,3 +87,12 @@ def test_by_default_it_looks_where_the_launcher_makes_its_directories(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     run_dir = make_run(tmp_path, "a")
     assert run_dir in running()
+
+
+def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
+    tmp_path: Path,
+) -> None:
+    by_hand, launched = make_run(tmp_path, "a"), make_run(tmp_path, "b")
+    (launched / "control-launcher").touch()
+    assert find(None, [tmp_path]) == launched
+    assert find(by_hand, [tmp_path]) == by_hand

@@ -251,7 +251,8 @@ def test_a_live_run_leaves_its_samples_and_nothing_else(
     result = run_live(load("stiff_wall.yaml"), 0.5)
     assert result.summary["samples"] > 100
     assert result.summary["law"] == "certified"
-    assert result.summary["rejected_packets"] == {}
+    # Too old is an answer after the machine stood still for the age limit; nothing else may be.
+    assert set(result.summary["rejected_packets"]) <= {"too_old"}
     assert list(folder.iterdir()) == []
 
 

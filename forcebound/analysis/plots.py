@@ -17,6 +17,8 @@ import numpy as np
 
 from forcebound.analysis.metrics import Floats, Surface, law, penetration, surface
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import PHASE_BEGINS
 from forcebound.recording import TelemetryColumns
 
 if TYPE_CHECKING:
@@ -159,7 +161,11 @@ PANELS: dict[str, Panel] = {
 DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 
 
-def figure(runs: Sequence[Run], panels: Sequence[str] = DEFAULT_PANELS) -> Figure:
+def figure(
+    runs: Sequence[Run],
+    panels: Sequence[str] = DEFAULT_PANELS,
+    events: Sequence[Sequence[Event]] = (),
+) -> Figure:
     """Return a figure with one column per run and one row per panel.
 
     A row has one scale, so that runs can be compared by eye. Where their ranges differ more than
@@ -169,6 +175,7 @@ def figure(runs: Sequence[Run], panels: Sequence[str] = DEFAULT_PANELS) -> Figur
     Args:
         runs: Label, telemetry, and launch file as resolved, of each run; at least one.
         panels: Keys of ``PANELS``, from top to bottom.
+        events: Of each run: faults are drawn as lines over time, phases as bands.
 
     Raises:
         ConfigError: If a panel is unknown, or a launch file does not fit its run.
@@ -189,12 +196,45 @@ def figure(runs: Sequence[Run], panels: Sequence[str] = DEFAULT_PANELS) -> Figur
         grid[0, column].set_title(_title(run), fontsize=11)
         for row, name in enumerate(panels):
             PANELS[name].draw(grid[row, column], view)
+            if column < len(events) and PANELS[name].x_label == Panel.x_label:
+                _mark(grid[row, column], run, events[column], names=row == 0)
     for name, row_axes in zip(panels, grid, strict=True):
         _arrange_row(name, list(row_axes))
     for column_axes in grid.T:
         _share_time(panels, list(column_axes))
     drawing.align_ylabels(list(grid[:, 0]))
     return drawing
+
+
+def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
+    """Draw what happened to the graph: a line for a fault, a band for every other phase."""
+    columns = run[1]
+    if not columns.time.size:
+        return
+    zero_ns = int(columns.time_ns[0]) - round(float(columns.time[0]) * 1e9)
+    end = float(columns.time[-1])
+    for event in events:
+        if event.is_fault and event.time_ns >= zero_ns:
+            time = (event.time_ns - zero_ns) * 1e-9
+            axes.axvline(time, color=FORBIDDEN, linestyle=":", linewidth=0.8, label="fault")
+    begins = [event for event in events if event.event == PHASE_BEGINS]
+    starts = [(event.time_ns - zero_ns) * 1e-9 for event in begins]
+    for number, (event, start) in enumerate(zip(begins, starts, strict=True)):
+        stop = starts[number + 1] if number + 1 < len(starts) else end
+        if number % 2:
+            axes.axvspan(start, stop, color=NEUTRAL, alpha=0.10, linewidth=0.0)
+        if names:
+            axes.text(
+                (start + stop) / 2.0,
+                0.02,
+                event.data.get("name", ""),
+                transform=axes.get_xaxis_transform(),
+                fontsize=5,
+                rotation=90,
+                ha="center",
+                va="bottom",
+                color=NEUTRAL,
+            )
 
 
 def _title(run: Run) -> str:

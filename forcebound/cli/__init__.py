@@ -24,6 +24,7 @@ COMMANDS = (
     graph.start,
     graph.param,
     graph.delay,
+    graph.doctor,
     study.bench,
     study.audit,
     study.reproduce,

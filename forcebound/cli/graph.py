@@ -1,6 +1,9 @@
 """Commands that look into a graph that runs, and change it."""
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +14,11 @@ from forcebound.cli.common import (
     reports_errors,
     run_option,
 )
+
+if TYPE_CHECKING:
+    from forcebound.launch.findings import Finding
+
+COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
 @click.command()
@@ -119,3 +127,40 @@ def _show_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool
         return
     for name, value in found.items():
         click.echo(f"{name} = {value}")
+
+
+@click.command()
+@run_option
+@json_option
+@reports_errors
+def doctor(run_dir: Path | None, as_json: bool) -> None:
+    """Say what is wrong with the graph that runs, and what to do; without one: with this machine.
+
+    Exit status 0: no problem; 1: at least one; 2: there is no such graph.
+    """
+    from forcebound.launch import doctor, machine, runs
+    from forcebound.launch.observation import observe
+
+    graph = None if run_dir is None and not runs.running() else runs.find(run_dir)
+    findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))
+    is_well = all(finding.severity != "problem" for finding in findings)
+    if as_json:
+        from dataclasses import asdict
+
+        found = [asdict(finding) for finding in findings]
+        name = None if graph is None else str(graph)
+        print_json({"graph": name, "is_well": is_well, "findings": found})
+    else:
+        click.echo("this machine; no graph runs" if graph is None else f"graph in {graph}")
+        _show_findings(findings)
+        if is_well:
+            click.echo("no problem found")
+    sys.exit(0 if is_well else 1)
+
+
+def _show_findings(findings: "Sequence[Finding]") -> None:
+    for finding in findings:
+        severity = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
+        click.echo(f"{severity} {finding.where}: {finding.seen}")
+        if finding.advice:
+            click.echo(f"{'':8} -> {finding.advice}")

@@ -125,7 +125,8 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     results = [RunResult.from_recording(Path(run)) for run in runs]
     if output is None:
         output = Path(runs[0]).with_suffix(".png")
-    save(figure([(r.label, r.columns, r.document) for r in results]), output)
+    drawn = [(r.label, r.columns, r.document) for r in results]
+    save(figure(drawn, events=[r.events for r in results]), output)
     if as_json:
         print_json({"picture": str(output), "runs": [r.summary for r in results]})
         return

@@ -94,6 +94,11 @@ class Guard:
     listener_key: str = ""
 
 
+def library() -> tuple[str, bool]:
+    """Return the version of libzmq, and whether it can encrypt (CURVE)."""
+    return zmq.zmq_version(), bool(zmq.has("curve"))
+
+
 def make_socket(
     context: "zmq.Context[zmq.Socket[bytes]]",
     kind: int,

@@ -24,20 +24,16 @@ what happens to it as events.
 """
 
 import logging
-import os
-import signal
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     TOPIC_OF,
-    TOPICS,
     EnvironmentQuery,
     EnvironmentReply,
     Event,
@@ -49,14 +45,17 @@ from forcebound.network.remote import RemoteEnd, RemoteStreams
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
+from forcebound.process.endpoints import (
+    control_endpoint,
+    event_endpoint,
+    remote_endpoint,
+    topic_endpoint,
+)
+from forcebound.process.readiness import readiness
+from forcebound.process.stop import Stop
 
 CONTROL_INTERVAL = 8  # steps of a servo between two looks at its control socket
 IDLE_NS = 500_000_000  # longest sleep of a node to which nothing happens
-RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would cost half a core
-FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
-DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
-DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
-COMPLETE = "complete"  # a recording that lacks nothing
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two words about refused packets
 FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
 
@@ -78,85 +77,6 @@ class Servo(Node, Protocol):
     def reject(self, reason: str) -> None:
         """Count a packet that was refused before it reached the node."""
         ...
-
-
-class Sink(Protocol):
-    """Where a recorder puts packets; :class:`forcebound.recording.Recorder` is one."""
-
-    def write(self, packet: Packet) -> None:
-        """Record one packet."""
-        ...
-
-    def flush(self) -> None:
-        """Make everything written so far survive the death of this process."""
-        ...
-
-
-def topic_endpoint(run_dir: Path, topic: str) -> str:
-    """Return where the packets of a topic are published in a run on one machine."""
-    return f"ipc://{run_dir}/{topic}"
-
-
-def remote_endpoint(run_dir: Path, topic: str) -> str:
-    """Return where packets of a topic that come from another machine are passed on."""
-    return f"ipc://{run_dir}/{topic}-remote"
-
-
-def event_endpoint(run_dir: Path, name: str) -> str:
-    """Return where the process ``name`` of a run publishes what happens to it."""
-    return f"ipc://{run_dir}/{TOPIC_OF[Event]}-{name}"
-
-
-def control_endpoint(run_dir: Path, name: str) -> str:
-    """Return where the process ``name`` of a run answers requests."""
-    return f"ipc://{run_dir}/control-{name}"
-
-
-class Stop:
-    """A request to end the loop, from a signal or from anyone who holds it.
-
-    Within the ``with`` block SIGTERM and SIGINT set :attr:`requested` and make
-    :attr:`descriptor` readable, also when they come just before a sleep.
-    """
-
-    _SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
-    def __init__(self) -> None:
-        self.requested = False
-        self.descriptor, self._wake_descriptor = os.pipe()
-        os.set_blocking(self._wake_descriptor, False)
-        self._before: dict[int, Any] = {}
-        self._wake_before = -1
-
-    def request(self) -> None:
-        """Ask the loop to end."""
-        self.requested = True
-        os.write(self._wake_descriptor, b"\0")
-
-    def __enter__(self) -> Self:
-        self._wake_before = signal.set_wakeup_fd(self._wake_descriptor, warn_on_full_buffer=False)
-        for number in self._SIGNALS:
-            self._before[number] = signal.signal(number, self._caught)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        signal.set_wakeup_fd(self._wake_before)
-        self.close()
-
-    def close(self) -> None:
-        """Close the descriptors."""
-        os.close(self.descriptor)
-        os.close(self._wake_descriptor)
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
 
 
 class _Inlet:
@@ -439,17 +359,20 @@ class Runner:
 
         ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
         ``received``, ``rejected``: counts by topic, by reason. ``engaged`` and
-        ``deadline_misses``: of a servo.
+        ``deadline_misses``: of a servo. ``environment``: of a controller, who serves. ``name``
+        and ``failures``: of an environment, its own and how many queries its code failed to answer.
         """
         received = dict.fromkeys((inlet.topic for inlet in self._inlets), 0)
         for inlet in self._inlets:
             received[inlet.topic] += inlet.count
         return {
-            **_readiness(received),
+            **readiness(received),
             "rejected": {**self.rejected, **getattr(self._node, "rejected", {})},
             "steps": self.steps,
             "links": self._counts(),
             "environment": getattr(self._node, "environment", None),
+            "name": getattr(self._node, "name", None),
+            "failures": int(getattr(self._node, "faults", 0)),
             "remote": None if self._remote is None else self._remote.status(),
             "engaged": bool(getattr(self._node, "is_engaged", False)),
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
@@ -580,112 +503,3 @@ def run(
         realtime.freeze_garbage()
         runner.run(stop, said, engages_itself)
         return runner.status()
-
-
-def record(
-    sink: Sink,
-    name: str,
-    run_dir: Path,
-    streams: Sequence[tuple[str, str]],
-    core: int | None,
-    stop: Stop,
-) -> dict[str, Any]:
-    """Record every packet of some streams until asked to stop; return the last status.
-
-    Told to stop it takes what is still on its way, so stop the publishers before. When nothing can
-    be written any more (a full disk) it says so, and goes on taking packets, so that a run does not
-    end for want of a recording.
-
-    Args:
-        sink: Where the packets go; the caller closes it.
-        name: Of the process; its control socket is named after it.
-        run_dir: Directory of the run's ``ipc`` sockets.
-        streams: Topic and endpoint of each.
-        core: The chain's core, where the recorder does not run if there is another one.
-        stop: Ends the loop.
-    """
-    realtime.enter(realtime.Settings(core=core), name)
-    sink = _Patient(sink)
-    counts = {topic: 0 for topic, _ in streams}
-    rejected: dict[str, int] = {}
-    with Network() as network:
-        subscribers = [
-            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
-        ]
-        control = network.control_server(control_endpoint(run_dir, name))
-
-        def answer(request: Mapping[str, Any]) -> dict[str, Any]:
-            if request.get("request") == "stop":
-                stop.request()
-            return _recorder_status(counts, rejected, sink)
-
-        def take() -> bool:
-            any_came = False
-            for topic, subscriber in subscribers:
-                for data in subscriber.receive():
-                    any_came = True
-                    try:
-                        packet = decode(data, TOPICS[topic])
-                    except PacketError as error:
-                        rejected[error.reason] = rejected.get(error.reason, 0) + 1
-                        continue
-                    counts[topic] += 1
-                    sink.write(packet)
-            return any_came
-
-        flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
-        while not stop.requested:
-            sockets.wait((stop.descriptor,), RECORDER_PERIOD_NS)
-            control.serve(answer)
-            take()
-            if time.monotonic_ns() >= flush_ns:
-                sink.flush()
-                flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
-        limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
-        silent_ns = 0
-        while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
-            silent_ns = 0 if take() else silent_ns + RECORDER_PERIOD_NS
-            sockets.wait((), RECORDER_PERIOD_NS)
-        sink.flush()
-    return _recorder_status(counts, rejected, sink)
-
-
-class _Patient:
-    """A sink that says once that it cannot write, and then throws away what it gets.
-
-    Attributes:
-        state: :data:`COMPLETE`, or why the recording is not.
-    """
-
-    def __init__(self, sink: Sink) -> None:
-        self._sink = sink
-        self.state = COMPLETE
-
-    def write(self, packet: Packet) -> None:
-        self._try(self._sink.write, packet)
-
-    def flush(self) -> None:
-        self._try(self._sink.flush)
-
-    def _try(self, act: Callable[..., None], *packet: Packet) -> None:
-        if self.state != COMPLETE:
-            return
-        try:
-            act(*packet)
-        except OSError as error:
-            self.state = f"stopped: {error.strerror or error}"
-            _logger.error("recording %s; the run goes on", self.state)
-
-
-def _recorder_status(
-    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
-) -> dict[str, Any]:
-    readiness = _readiness(counts)
-    return {**readiness, "rejected": dict(rejected), "recording": sink.state, "log": []}
-
-
-def _readiness(received: Mapping[str, int]) -> dict[str, Any]:
-    waiting_for = [
-        topic for topic, count in received.items() if count == 0 and topic != TOPIC_OF[Event]
-    ]
-    return {"ready": not waiting_for, "waiting_for": waiting_for, "received": dict(received)}

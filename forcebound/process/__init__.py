@@ -1,0 +1,29 @@
+"""Live processes: the loop that drives a node, the one that records, how they end and meet.
+
+:mod:`~forcebound.process.runner` drives one node over ZeroMQ, :mod:`~forcebound.process.recorder`
+records; :mod:`~forcebound.process.endpoints` says where the processes of a run meet.
+"""
+
+from forcebound.process.endpoints import (
+    control_endpoint,
+    event_endpoint,
+    remote_endpoint,
+    topic_endpoint,
+)
+from forcebound.process.recorder import COMPLETE, Sink, record
+from forcebound.process.runner import Runner, Servo, run
+from forcebound.process.stop import Stop
+
+__all__ = [
+    "COMPLETE",
+    "Runner",
+    "Servo",
+    "Sink",
+    "Stop",
+    "control_endpoint",
+    "event_endpoint",
+    "record",
+    "remote_endpoint",
+    "run",
+    "topic_endpoint",
+]

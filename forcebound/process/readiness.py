@@ -1,0 +1,17 @@
+"""What a process has heard, and what it still waits for."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    Event,
+)
+
+
+def readiness(received: Mapping[str, int]) -> dict[str, Any]:
+    """Return ``ready``, ``waiting_for`` and ``received`` of a status, for counts by topic."""
+    waiting_for = [
+        topic for topic, count in received.items() if count == 0 and topic != TOPIC_OF[Event]
+    ]
+    return {"ready": not waiting_for, "waiting_for": waiting_for, "received": dict(received)}

@@ -1,0 +1,140 @@
+"""The process that records: every packet of some streams, until it is told to stop."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from forcebound import realtime
+from forcebound.errors import PacketError
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import (
+    TOPICS,
+    Packet,
+)
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.process.endpoints import control_endpoint
+from forcebound.process.readiness import readiness
+from forcebound.process.stop import Stop
+
+COMPLETE = "complete"  # a recording that lacks nothing
+RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would cost half a core
+FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
+DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
+DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
+_logger = logging.getLogger(__name__)
+
+
+class Sink(Protocol):
+    """Where a recorder puts packets; :class:`forcebound.recording.Recorder` is one."""
+
+    def write(self, packet: Packet) -> None:
+        """Record one packet."""
+        ...
+
+    def flush(self) -> None:
+        """Make everything written so far survive the death of this process."""
+        ...
+
+
+def record(
+    sink: Sink,
+    name: str,
+    run_dir: Path,
+    streams: Sequence[tuple[str, str]],
+    core: int | None,
+    stop: Stop,
+) -> dict[str, Any]:
+    """Record every packet of some streams until asked to stop; return the last status.
+
+    Told to stop it takes what is still on its way, so stop the publishers before. When nothing can
+    be written any more (a full disk) it says so, and goes on taking packets, so that a run does not
+    end for want of a recording.
+
+    Args:
+        sink: Where the packets go; the caller closes it.
+        name: Of the process; its control socket is named after it.
+        run_dir: Directory of the run's ``ipc`` sockets.
+        streams: Topic and endpoint of each.
+        core: The chain's core, where the recorder does not run if there is another one.
+        stop: Ends the loop.
+    """
+    realtime.enter(realtime.Settings(core=core), name)
+    sink = _Patient(sink)
+    counts = {topic: 0 for topic, _ in streams}
+    rejected: dict[str, int] = {}
+    with Network() as network:
+        subscribers = [
+            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
+        ]
+        control = network.control_server(control_endpoint(run_dir, name))
+
+        def answer(request: Mapping[str, Any]) -> dict[str, Any]:
+            if request.get("request") == "stop":
+                stop.request()
+            return _recorder_status(counts, rejected, sink)
+
+        def take() -> bool:
+            any_came = False
+            for topic, subscriber in subscribers:
+                for data in subscriber.receive():
+                    any_came = True
+                    try:
+                        packet = decode(data, TOPICS[topic])
+                    except PacketError as error:
+                        rejected[error.reason] = rejected.get(error.reason, 0) + 1
+                        continue
+                    counts[topic] += 1
+                    sink.write(packet)
+            return any_came
+
+        flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+        while not stop.requested:
+            sockets.wait((stop.descriptor,), RECORDER_PERIOD_NS)
+            control.serve(answer)
+            take()
+            if time.monotonic_ns() >= flush_ns:
+                sink.flush()
+                flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
+        limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
+        silent_ns = 0
+        while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
+            silent_ns = 0 if take() else silent_ns + RECORDER_PERIOD_NS
+            sockets.wait((), RECORDER_PERIOD_NS)
+        sink.flush()
+    return _recorder_status(counts, rejected, sink)
+
+
+class _Patient:
+    """A sink that says once that it cannot write, and then throws away what it gets.
+
+    Attributes:
+        state: :data:`COMPLETE`, or why the recording is not.
+    """
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self.state = COMPLETE
+
+    def write(self, packet: Packet) -> None:
+        self._try(self._sink.write, packet)
+
+    def flush(self) -> None:
+        self._try(self._sink.flush)
+
+    def _try(self, act: Callable[..., None], *packet: Packet) -> None:
+        if self.state != COMPLETE:
+            return
+        try:
+            act(*packet)
+        except OSError as error:
+            self.state = f"stopped: {error.strerror or error}"
+            _logger.error("recording %s; the run goes on", self.state)
+
+
+def _recorder_status(
+    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
+) -> dict[str, Any]:
+    return {**readiness(counts), "rejected": dict(rejected), "recording": sink.state, "log": []}

@@ -1,0 +1,76 @@
+"""Where a launch file names a file of the user's own: its class, and what is checked of it.
+
+:mod:`forcebound.launch.own` loads the file.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from forcebound.environments.contract import force_fault
+from forcebound.errors import ConfigError
+from forcebound.launch import own
+from forcebound.launch.config import COMPUTATION, member_document
+from forcebound.launch.fields import Section, check_fields
+from forcebound.launch.phases import KEY
+from forcebound.launch.tree import Value
+
+OWN = {"environment": {"force": 3}}  # sections with classes of the user's own; their methods
+
+
+def own_class(section: Section, value: Value, taken: set[str]) -> type | None:
+    """Return the class in a user's file; a relative path starts from the file that names it."""
+    beside = Path(value.place.name).parent if value.place.line else Path()
+    try:
+        member = own.load_class(str(value.content), beside, OWN[section.name])
+        check_fields(member, taken)
+    except ConfigError as error:
+        section.add(f"{section.name}: {error}", value)
+        return None
+    return member
+
+
+def can_be_written(made: object, section: Section) -> bool:
+    """Return whether the parameters can be written into documents and recordings."""
+    for name, value in member_document(section.name, made).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            section.add_here(f"{section.name}: {name} cannot be written down: {error}")
+            return False
+    return True
+
+
+def check_answer(model: Any, axes: int, section: Section) -> None:
+    """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
+    if own.kind_of(type(model)) is None:
+        return
+    still = (0.0,) * axes
+    try:
+        fault = force_fault(model.force(still, still, 0.0), axes)
+    except Exception as error:
+        fault = own.blame(error, type(model))
+    if fault is not None:
+        question = f"force({still}, {still}, 0.0)"
+        section.add(f"environment: {question}: {fault}", section.value.entries["kind"])
+
+
+def without_own(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the document with a wall in place of a user's own environment, in its phases too."""
+    environment = document.get("environment")
+    if not isinstance(environment, Mapping) or not own.names_file(str(environment.get("kind"))):
+        return document
+    kept = {name: value for name, value in environment.items() if name in COMPUTATION}
+    changed: dict[str, Any] = {**document, "environment": {"kind": "wall", **kept}}
+    if KEY in document:
+        changed[KEY] = [{**phase, "set": _without_own_set(phase)} for phase in document[KEY]]
+    return changed
+
+
+def _without_own_set(phase: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: value
+        for name, value in phase.get("set", {}).items()
+        if not name.startswith("environment.") or name.removeprefix("environment.") in COMPUTATION
+    }

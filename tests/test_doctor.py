@@ -1,0 +1,445 @@
+"""What the doctor says of what was seen: case by case, without processes."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from forcebound.launch.advice import NOTICES, REASONS
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.doctor import CHAIN, examine
+from forcebound.launch.findings import Finding
+from forcebound.launch.loader import load
+from forcebound.launch.observation import Observations, ProcessSeen, RecordingSeen
+from forcebound.messages.packets import Telemetry
+from forcebound.network.remote import KINDS
+from forcebound.recording import TelemetryColumns
+
+PERIOD_NS = 1_000_000
+TICKS = 2000
+SERVING = "here/1/a"
+FIFO_LOG = ["on core 1", "SCHED_FIFO priority 50", "memory locked"]
+
+
+def telemetry(
+    ticks: int = TICKS,
+    unanswered: range = range(0),
+    loop_delay: float = 1.4e-3,
+    lost_every: int = 0,
+    asked: float = 8.0,
+    applied: float = 8.0,
+) -> TelemetryColumns:
+    """Return telemetry in which ``unanswered`` ticks have no force."""
+    packets = []
+    for tick in range(ticks):
+        is_answered = tick not in unanswered
+        packets.append(
+            Telemetry(
+                seq=tick,
+                time_ns=tick * PERIOD_NS,
+                elapsed=1.0 + tick * 1e-3,
+                position=(0.0,),
+                commanded_force=(asked if is_answered else 0.0,),
+                applied_force=(applied if is_answered else 0.0,),
+                force_limit=applied,
+                estimated_energy=0.0,
+                true_energy=None,
+                true_position=None,
+                hand_force=None,
+                engagement=1.0,
+                device_seq=max(0, tick - 1) if is_answered else None,
+                loop_delay=loop_delay if is_answered else None,
+                deadline_misses=tick // lost_every if lost_every else 0,
+                rejected={},
+            )
+        )
+    return TelemetryColumns.from_packets(packets)
+
+
+HEALTHY = telemetry()
+
+
+def process(*topics: str, grown: int = TICKS, pid: int = 7, **status: Any) -> ProcessSeen:
+    """Return a process that has received ``grown`` packets of each topic between two answers."""
+    first = {"received": dict.fromkeys(topics, 5), "rejected": {}, "links": {}, "log": FIFO_LOG}
+    last = {**first, "received": dict.fromkeys(topics, 5 + grown), **status}
+    return ProcessSeen("running", pid, 0, "S", first, last, 2.0)
+
+
+def silent(state: str, kernel_state: str = "", pid: int | None = 7) -> ProcessSeen:
+    return ProcessSeen(state, pid, 0, kernel_state, None, None)
+
+
+PROCESSES: Mapping[str, ProcessSeen] = {
+    "device": process("force_command"),
+    "controller": process("device_state", "environment_reply", environment=SERVING),
+    "environment": process("environment_query", name=SERVING, failures=0),
+    "recorder": process("telemetry", recording="complete"),
+}
+LAUNCHER = ProcessSeen("running", 6, 0, "S", {"phase": "running"}, {"phase": "running"}, 2.0)
+
+
+def graph(*words: str) -> GraphConfig:
+    return load("stiff_wall.yaml", words)
+
+
+def healthy(config: GraphConfig | None = None, **processes: ProcessSeen) -> Observations:
+    """Return a graph in which all is well but for some processes."""
+    return Observations(
+        config=graph() if config is None else config,
+        processes={**PROCESSES, **processes},
+        telemetry=HEALTHY,
+        phase="running",
+        launcher=LAUNCHER,
+        recording=RecordingSeen("/data/run.mcap", 300_000.0, 50_000_000_000),
+        core=1,
+        cores=2,
+    )
+
+
+def with_processes(processes: Mapping[str, ProcessSeen]) -> Observations:
+    return replace(healthy(), processes={**PROCESSES, **processes})
+
+
+def kinds(findings: list[Finding]) -> list[str]:
+    return [finding.kind for finding in findings]
+
+
+def only(seen: Observations) -> Finding:
+    """Return the only finding."""
+    findings = examine(seen)
+    assert len(findings) == 1, findings
+    return findings[0]
+
+
+def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:
+    assert examine(healthy()) == []
+
+
+def test_a_suspended_process_is_named_with_what_wakes_it() -> None:
+    finding = only(healthy(environment=silent("running", "T", 4711)))
+    assert (finding.severity, finding.kind, finding.where) == (
+        "problem",
+        "suspended",
+        "environment",
+    )
+    assert "SIGSTOP" in finding.seen
+    assert finding.advice == "kill -CONT 4711"
+
+
+def test_a_process_that_lives_and_does_not_answer_is_busy() -> None:
+    finding = only(healthy(controller=silent("running", "R")))
+    assert (finding.kind, finding.where) == ("no_answer", "controller")
+    assert "process 7 is in state R" in finding.seen
+
+
+def test_without_a_launcher_nobody_knows_what_became_of_a_silent_process() -> None:
+    seen = replace(healthy(device=silent("unknown", pid=None)), launcher=None, phase=None)
+    assert kinds(examine(seen)) == ["no_answer", "no_launcher"]
+
+
+@pytest.mark.parametrize(
+    ("state", "severity", "kind"),
+    [
+        ("starting", "note", "process_starting"),
+        ("restarting", "problem", "process_dead"),
+        ("ended", "problem", "process_dead"),
+        ("stopped", "problem", "process_stopped"),
+    ],
+)
+def test_the_launcher_knows_why_a_process_is_silent(state: str, severity: str, kind: str) -> None:
+    controller = replace(silent(state, pid=None), restarts=3)
+    finding = only(healthy(controller=controller))
+    assert (finding.severity, finding.kind, finding.where) == (severity, kind, "controller")
+    assert ("3 times" in finding.seen) == (state != "stopped")
+
+
+def test_a_stopped_environment_is_no_problem_while_another_one_serves() -> None:
+    finding = only(healthy(environment=silent("stopped", pid=None)))
+    assert (finding.severity, finding.kind) == ("note", "process_stopped")
+    assert finding.advice == "forcebound start environment"
+
+
+def test_restarts_are_told_when_all_is_well_again() -> None:
+    finding = only(healthy(environment=replace(PROCESSES["environment"], restarts=2)))
+    assert (finding.severity, finding.kind) == ("note", "restarts")
+
+
+def test_a_suspended_launcher_is_a_problem() -> None:
+    seen = replace(healthy(), launcher=silent("running", "T", 6), phase=None)
+    finding = only(seen)
+    assert (finding.kind, finding.where) == ("suspended", "launcher")
+
+
+@pytest.mark.parametrize("phase", ["starting", "engaging", "stopping"])
+def test_a_run_that_begins_or_ends_is_no_problem(phase: str) -> None:
+    finding = only(replace(healthy(), phase=phase))
+    assert finding.severity == "note"
+
+
+@pytest.mark.parametrize(("topic", "sender", "receiver"), CHAIN)
+def test_of_a_broken_chain_only_the_first_broken_hop_is_named(
+    topic: str, sender: str, receiver: str
+) -> None:
+    behind = [hop[0] for hop in CHAIN][[hop[0] for hop in CHAIN].index(topic) :]
+    processes = {}
+    for name, whole in PROCESSES.items():
+        assert whole.last is not None
+        received = {t: 5 if t in behind else n for t, n in whole.last["received"].items()}
+        processes[name] = replace(whole, last={**whole.last, "received": received})
+    finding = only(with_processes(processes))
+    assert (finding.severity, finding.kind) == ("problem", "hop_broken")
+    assert finding.where == f"link {topic}"
+    assert finding.seen.startswith(f"{receiver} has received nothing now (0 packets in 2.0 s)")
+    assert sender in finding.advice or topic == "environment_reply"
+
+
+def without_replies(**environment: Any) -> Observations:
+    """Return a graph whose environment gets queries and answers none."""
+    quiet = {
+        "controller": process("device_state", environment=SERVING),
+        "device": process("force_command", grown=0),
+        "environment": process("environment_query", name=SERVING, **environment),
+    }
+    return with_processes(quiet)
+
+
+def test_an_environment_that_never_answered_is_told_from_one_that_stopped_to() -> None:
+    finding = only(without_replies(failures=0))
+    assert "has received nothing so far" in finding.seen
+    assert "1e+03 queries/s" in finding.seen
+    assert "compute_delay" in finding.advice
+
+
+def test_an_environment_whose_code_fails_is_named_with_its_failures() -> None:
+    finding = only(without_replies(failures=12))
+    assert "failed to answer 12 times" in finding.seen
+    assert "forcebound check environment" in finding.advice
+
+
+def counts(sent: int, lost: int, delivered: int) -> dict[str, int]:
+    return {"sent": sent, "lost": lost, "corrupted": 0, "delivered": delivered}
+
+
+def test_a_link_that_loses_everything_on_purpose_is_named() -> None:
+    link = {"environment_query": counts(2000, 2000, 0)}
+    finding = only(
+        healthy(
+            environment=process("environment_query", name=SERVING, links=link),
+            controller=process("device_state", environment=SERVING),
+            device=process("force_command", grown=0),
+        )
+    )
+    assert (finding.kind, finding.where) == ("hop_broken", "link environment_query")
+    assert "1e+03/s are lost on purpose" in finding.seen
+    assert "param set links.environment_query.loss:=0" in finding.advice
+
+
+def test_losses_that_were_asked_for_are_no_fault() -> None:
+    link = {"force_command": counts(2000, 200, 1800)}
+    finding = only(healthy(device=process("force_command", links=link)))
+    assert (finding.severity, finding.kind) == ("note", "injected_loss")
+    assert "loses 200 and damages 0 of 2000 packets" in finding.seen
+
+
+def test_a_second_environment_is_named_with_the_one_that_serves() -> None:
+    controller = process(
+        "device_state",
+        "environment_reply",
+        environment="there/2/b",
+        rejected={"second_environment": 2},
+    )
+    finding = only(healthy(controller=controller))
+    assert (finding.severity, finding.kind) == ("problem", "second_environment")
+    assert "there/2/b serves" in finding.seen
+    assert SERVING in finding.seen
+
+
+def test_that_another_environment_serves_is_a_note() -> None:
+    controller = process("device_state", "environment_reply", environment="there/2/b")
+    finding = only(healthy(controller=controller))
+    assert (finding.severity, finding.kind) == ("note", "other_environment")
+
+
+@pytest.mark.parametrize("reason", [*sorted(REASONS), "of_tomorrow"])
+def test_each_reason_for_a_refusal_has_an_explanation_and_advice(reason: str) -> None:
+    who = "controller" if reason == "second_environment" else "device"
+    whole = PROCESSES[who]
+    assert whole.last is not None
+    refusing = replace(whole, last={**whole.last, "rejected": {reason: 20}})
+    finding = only(with_processes({who: refusing}))
+    assert finding.severity == "problem"
+    assert "10" in finding.seen
+    assert finding.advice
+
+
+def test_refusals_of_the_past_are_not_told() -> None:
+    device = PROCESSES["device"]
+    assert device.first is not None
+    assert device.last is not None
+    old = {"rejected": {"too_old": 9}}
+    seen = replace(device, first={**device.first, **old}, last={**device.last, **old})
+    assert examine(healthy(device=seen)) == []
+
+
+def test_overtaken_answers_are_usual_with_jitter() -> None:
+    config = graph()
+    jitter = replace(config.links["environment_query"], jitter=1e-3)
+    config = replace(config, links={**config.links, "environment_query": jitter})
+    device = process("force_command", rejected={"not_newer": 20})
+    assert [f.severity for f in examine(healthy(config, device=device))] == ["note"]
+
+
+def test_counts_of_a_process_that_was_started_anew_have_grown_from_zero() -> None:
+    seen = ProcessSeen(first={"received": {"a": 900}}, last={"received": {"a": 50}}, interval=2.0)
+    assert seen.growth("received", "a") == 50
+    assert seen.rate("received", "a") == 25.0
+    assert seen.growth("links", "a", "lost") == 0
+
+
+def remote(connected: bool, **notices: int) -> dict[str, Any]:
+    return {
+        "listens": True,
+        "address": "127.0.0.1",
+        "port": 7410,
+        "connected": connected,
+        "counts": notices,
+    }
+
+
+def with_remote(state: dict[str, Any], grown: int) -> Observations:
+    seen = healthy(
+        controller=process(
+            "device_state", environment=SERVING, remote=state, received={"device_state": TICKS}
+        ),
+        device=process("force_command", grown=grown),
+    )
+    processes = {name: p for name, p in seen.processes.items() if name != "environment"}
+    return replace(seen, processes=processes)
+
+
+def test_a_remote_environment_that_is_not_there_is_a_problem_and_the_only_one() -> None:
+    finding = only(with_remote(remote(connected=False), grown=0))
+    assert (finding.severity, finding.kind) == ("problem", "remote_not_connected")
+    assert "listens at 127.0.0.1 port 7410 and 7411" in finding.seen
+    assert "forcebound node environment FILE" in finding.advice
+
+
+def test_while_another_one_serves_a_remote_environment_may_be_away() -> None:
+    finding = only(with_remote(remote(connected=False), grown=TICKS))
+    assert (finding.severity, finding.kind) == ("note", "remote_not_connected")
+
+
+def test_a_remote_environment_that_is_there_and_silent_is_a_broken_hop() -> None:
+    finding = only(with_remote(remote(connected=True), grown=0))
+    assert (finding.kind, finding.where) == ("hop_broken", "link environment_reply")
+    assert "not on this machine" in finding.advice
+
+
+def test_refused_peers_are_told_while_they_knock() -> None:
+    finding = only(with_remote(remote(connected=True, refused_here=3), grown=TICKS))
+    assert (finding.severity, finding.kind) == ("problem", "remote_refused_here")
+    assert "3 times, 3 just now" in finding.seen
+    assert "environment_keys" in finding.advice
+
+
+def test_each_notice_that_is_a_problem_has_advice() -> None:
+    assert set(NOTICES) == set(KINDS) - {"connected", "disconnected"}
+
+
+def test_no_force_now_is_told_with_the_age_limit() -> None:
+    finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, TICKS))))
+    assert (finding.severity, finding.kind) == ("problem", "no_force")
+    assert "for 1.5 s and more no answer younger than the age limit of 100 ms" in finding.seen
+
+
+def test_gaps_of_force_are_told_with_their_share() -> None:
+    finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, 700))))
+    assert finding.kind == "force_gaps"
+    assert "10.0% of 2000 ticks" in finding.seen
+
+
+def test_a_device_that_answers_without_telemetry_is_a_problem() -> None:
+    seen = replace(healthy(recorder=process("telemetry", grown=0)), telemetry=telemetry(0))
+    assert only(seen).kind == "no_telemetry"
+
+
+def test_a_delay_near_the_age_limit_is_a_problem() -> None:
+    finding = only(replace(healthy(), telemetry=telemetry(loop_delay=0.08)))
+    assert finding.kind == "delay_near_age_limit"
+    assert "p50 80.0 ms" in finding.seen
+    assert "100 ms" in finding.seen
+
+
+def test_a_loop_that_is_late_with_no_delay_injected_is_a_problem() -> None:
+    late = replace(healthy(), telemetry=telemetry(loop_delay=0.01))
+    finding = only(late)
+    assert (finding.severity, finding.kind) == ("problem", "late_loop")
+    assert "0.0 ms at most are injected; the period is 1 ms" in finding.seen
+    assert finding.advice == "cause unknown; forcebound bench servo shows what this machine can do"
+    asked_for = healthy(graph("delay:=5 ms"))
+    assert examine(replace(asked_for, telemetry=telemetry(loop_delay=0.01))) == []
+
+
+def test_late_ticks_are_told_with_their_likely_causes() -> None:
+    log = ["on core 1", "ordinary scheduling, because SCHED_FIFO is not permitted: ..."]
+    seen = healthy(device=process("force_command", log=log))
+    seen = replace(
+        seen, telemetry=telemetry(lost_every=20), load=5.0, neighbours=("/tmp/forcebound-b",)
+    )
+    finding = only(seen)
+    assert (finding.severity, finding.kind) == ("problem", "ticks_lost")
+    assert "ticks/s, 4.7% of all" in finding.seen
+    causes = finding.advice.split("; ")
+    assert causes[0] == log[1]
+    assert causes[1].startswith("core 1 is shared with /tmp/forcebound-b")
+    assert causes[2].startswith("the load is 5.0 on 2 cores")
+
+
+def test_a_tick_lost_now_and_then_is_a_note() -> None:
+    finding = only(replace(healthy(), telemetry=telemetry(lost_every=1999)))
+    assert (finding.severity, finding.kind) == ("note", "ticks_lost")
+
+
+def test_a_recorder_that_cannot_write_is_a_problem() -> None:
+    stopped = "stopped: No space left on device"
+    finding = only(healthy(recorder=process("telemetry", recording=stopped)))
+    assert (finding.severity, finding.kind) == ("problem", "not_recording")
+    assert "No space left on device" in finding.seen
+
+
+@pytest.mark.parametrize(
+    ("rate", "free", "words"),
+    [(0.0, 100_000_000, "100 MB are left"), (5e6, 1_200_000_000, "full in 4 min")],
+)
+def test_a_disk_that_is_soon_full_is_a_problem(rate: float, free: int, words: str) -> None:
+    seen = replace(healthy(), recording=RecordingSeen("/data/run.mcap", rate, free))
+    finding = only(seen)
+    assert finding.kind == "disk_nearly_full"
+    assert words in finding.seen
+
+
+def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
+    assert only(healthy(recorder=process("telemetry", grown=0))).kind == "recorder_deaf"
+
+
+def test_a_law_that_limits_most_of_the_time_is_information() -> None:
+    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0))
+    finding = only(seen)
+    assert (finding.severity, finding.kind) == ("note", "law_limits")
+    assert "in 100% of the ticks with one: of 8 N asked it shows 2 N" in finding.seen
+    assert "not certified" not in finding.advice
+    other = replace(seen, config=graph("law:=tdpa"))
+    assert "not certified" in only(other).advice
+
+
+def test_without_a_law_nothing_protects_the_hand() -> None:
+    finding = only(healthy(graph("law:=none")))
+    assert (finding.severity, finding.kind) == ("note", "no_law")
+
+
+def test_problems_come_first() -> None:
+    config = graph("law:=none")
+    findings = examine(healthy(config, recorder=process("telemetry", recording="stopped: x")))
+    assert kinds(findings) == ["not_recording", "no_law"]

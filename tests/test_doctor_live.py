@@ -1,0 +1,110 @@
+"""The doctor at live graphs: healthy, with a suspended node, with a link that loses everything.
+
+How punctual a graph is depends on the machine that runs the tests, so findings that are of nothing
+but time are not looked at.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_graph import LiveGraph, live_graph
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+
+PATIENCE = 60.0  # s
+OF_TIME = {"ticks_lost", "late_loop", "delay_near_age_limit", "force_gaps", "rejected_too_old"}
+
+
+@pytest.fixture
+def calm(tmp_path: Path) -> str:
+    """A graph that leaves the other tests their share of the machine."""
+    file = tmp_path / "calm.yaml"
+    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {policy: other}\n")
+    return str(file)
+
+
+def run(graph: LiveGraph, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "forcebound", *words],
+        env={**os.environ, "TMPDIR": str(graph.folder)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+
+
+def examine(graph: LiveGraph) -> tuple[int, dict[str, dict[str, Any]]]:
+    """Return the exit status of ``forcebound doctor``, and what it found by kind."""
+    done = run(graph, "doctor", "--run", str(graph.run_dir), "--json")
+    assert done.stderr == ""
+    document = json.loads(done.stdout)
+    assert document["graph"] == str(graph.run_dir.resolve())
+    assert document["is_well"] == (done.returncode == 0)
+    return done.returncode, {finding["kind"]: finding for finding in document["findings"]}
+
+
+def problems(found: dict[str, dict[str, Any]]) -> set[str]:
+    return {kind for kind, finding in found.items() if finding["severity"] == "problem"}
+
+
+def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all(
+    calm: str,
+) -> None:
+    with live_graph(calm) as graph:
+        status, found = examine(graph)
+        assert problems(found) <= OF_TIME
+        assert status == (1 if problems(found) else 0)
+
+        pid = graph.node("environment")["pid"]
+        graph.signal("environment", signal.SIGSTOP)
+        graph.wait_until_released()
+        status, found = examine(graph)
+        assert status == 1
+        assert problems(found) - OF_TIME == {"suspended", "no_force"}
+        assert found["suspended"]["where"] == "environment"
+        assert found["suspended"]["advice"] == f"kill -CONT {pid}"
+        graph.signal("environment", signal.SIGCONT)
+        graph.wait_until_in_contact()
+
+        done = run(
+            graph, "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=1"
+        )
+        assert done.returncode == 0, done.stderr
+        graph.wait_until_released()
+        status, found = examine(graph)
+        assert status == 1
+        assert problems(found) - OF_TIME == {"hop_broken", "no_force"}
+        assert found["hop_broken"]["where"] == "link environment_query"
+        assert "lost on purpose" in found["hop_broken"]["seen"]
+
+        done = run(
+            graph, "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=0"
+        )
+        assert done.returncode == 0, done.stderr
+        graph.wait_until_in_contact()
+        done = run(graph, "stop", "environment", "--run", str(graph.run_dir))
+        assert done.returncode == 0, done.stderr
+        done = run(graph, "doctor", "--run", str(graph.run_dir))
+        assert done.returncode == 1
+        assert "problem  environment: is stopped on request" in done.stdout
+        assert "-> forcebound start environment" in done.stdout
+        assert graph.end().exit_status == 0
+
+
+def test_a_directory_of_no_graph_is_an_input_error(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "forcebound", "doctor", "--run", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "is not the run directory of a graph that runs" in done.stderr

@@ -1,0 +1,37 @@
+"""The campaign of ``make fuzz``: without atheris it says so, with it it runs."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CAMPAIGN = Path(__file__).parent.parent / "fuzz" / "campaign.py"
+
+
+def campaign(*words: str) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, *words]
+    return subprocess.run(program, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_without_atheris_it_says_so_and_fails() -> None:
+    done = campaign("-S", "-I", str(CAMPAIGN))  # without site-packages
+    assert done.returncode == 2
+    assert "atheris is not installed: make fuzz installs it" in done.stdout
+
+
+def test_an_unknown_target_is_refused_with_the_known_ones() -> None:
+    done = campaign(str(CAMPAIGN), "codecs")
+    assert done.returncode == 2
+    assert "expected TARGETs of codec, launch_file" in done.stderr
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("atheris") is None, reason="atheris is missing: make fuzz"
+)
+@pytest.mark.parametrize("target", ["codec", "launch_file"])
+def test_a_short_campaign_finds_nothing(target: str) -> None:
+    done = campaign(str(CAMPAIGN), target, "--seconds", "2")
+    assert done.returncode == 0, done.stdout + done.stderr[-3000:]
+    assert f"{target}: nothing found" in done.stdout

@@ -1,0 +1,293 @@
+"""A runner with a link to another machine, and runners whose parameters change while they run."""
+
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fakes import MS
+
+from forcebound.environments.wall import Wall
+from forcebound.errors import ConfigError
+from forcebound.launch.config import to_document
+from forcebound.launch.loader import from_document, load
+from forcebound.launch.worker import run_node
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import (
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+    Packet,
+)
+from forcebound.network import sockets
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link
+from forcebound.network.remote import RemoteEnd, RemoteStreams
+from forcebound.network.sockets import Network, Publisher
+from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
+
+PATIENCE = 20.0  # s; a test that waits longer fails
+
+
+@pytest.fixture
+def run_dir() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="fb-") as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    with Network() as network:
+        yield network
+
+
+def free_pair() -> int:
+    """A port that is free, and the next one, too."""
+    for port in range(20_000, 30_000, 2):
+        with closing(socket.socket()) as one, closing(socket.socket()) as two:
+            try:
+                one.bind(("127.0.0.1", port))
+                two.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no two ports are free")
+
+
+def until(happened: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
+        sockets.wait((), MS)
+
+
+def state(seq: int) -> DeviceState:
+    return DeviceState(seq, seq * MS, 0.0, (0.011,), (0.0,), (0.0,))
+
+
+class Pair:
+    """A controller and an environment that meet over TCP, each with a run directory of its own."""
+
+    def __init__(self, folder: Path, listens: str) -> None:
+        port = free_pair()
+        self.folders = {name: folder / name for name in ("here", "there")}
+        for one in self.folders.values():
+            one.mkdir()
+        self.here, self.there = Network(), Network()
+        graph = RemoteStreams(self.here, RemoteEnd("graph", listens == "graph", "127.0.0.1", port))
+        environment = RemoteStreams(
+            self.there, RemoteEnd("environment", listens != "graph", "127.0.0.1", port)
+        )
+        self.controller = Runner(
+            ControllerNode(DirectController()),
+            "controller",
+            self.folders["here"],
+            {},
+            self.here,
+            remote=graph,
+        )
+        self.environment = Runner(
+            EnvironmentNode(Wall(stiffness=1000.0), name="far"),
+            "environment",
+            self.folders["there"],
+            {},
+            self.there,
+            remote=environment,
+        )
+        self.device = self.here.publisher(topic_endpoint(self.folders["here"], "device_state"))
+        self._at_once, other = socket.socketpair()  # readable: it ends a wait at once
+        other.close()
+        self.seq = 0
+
+    def turn(self) -> None:
+        self.seq += 1
+        self.device.send(encode(state(self.seq)))
+        for runner in (self.controller, self.environment):
+            runner.turn(runner.wait(self._at_once.fileno()))
+
+    def close(self) -> None:
+        self.here.close()
+        self.there.close()
+        self._at_once.close()
+
+
+@pytest.fixture(params=["graph", "environment"])
+def pair(request: pytest.FixtureRequest, run_dir: Path) -> Iterator[Pair]:
+    pair = Pair(run_dir, request.param)
+    yield pair
+    pair.close()
+
+
+def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -> None:
+    here = pair.folders["here"]
+    commands = pair.here.subscriber(topic_endpoint(here, "force_command"), newest_only=False)
+    replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"), newest_only=False)
+    queries = pair.here.subscriber(topic_endpoint(here, "environment_query"), newest_only=False)
+    heard: dict[str, list[bytes]] = {"commands": [], "replies": [], "queries": []}
+
+    def all_came() -> bool:
+        pair.turn()
+        heard["commands"] += commands.receive()
+        heard["replies"] += replies.receive()
+        heard["queries"] += queries.receive()
+        return all(heard.values())
+
+    until(all_came, "a force from far away, and what a recorder here listens to")
+    command = decode(heard["commands"][0], ForceCommand)
+    assert isinstance(command, ForceCommand)
+    assert command.force == pytest.approx((1.0,))
+    reply = decode(heard["replies"][0], EnvironmentReply)
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.environment == "far"
+    assert pair.controller.status()["environment"] == "far"
+    assert pair.controller.status()["remote"]["connected"]
+    assert pair.controller.status()["received"]["environment_reply"] >= 1
+
+
+def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
+    endpoint = event_endpoint(pair.folders["here"], "controller")
+    events = pair.here.subscriber(endpoint, newest_only=False)
+    told: list[str] = []
+
+    def connected() -> bool:
+        pair.turn()
+        for data in events.receive():
+            packet = decode(data, Event)
+            assert isinstance(packet, Event)
+            told.append(packet.event)
+        return "environment_serves" in told
+
+    until(connected, "an environment that serves")
+    status = pair.controller.status()["remote"]["counts"]
+    assert status["connected"] >= 2  # one for each stream
+
+
+def perfect(
+    run_dir: Path, network: Network, configure: Callable[[Runner], Mapping[str, Any]] | None = None
+) -> tuple[Runner, Publisher]:
+    node = EnvironmentNode(Wall())
+    runner = Runner(node, "environment", run_dir, {}, network, configure=configure)
+    return runner, network.publisher(topic_endpoint(run_dir, "environment_query"))
+
+
+def query(seq: int) -> bytes:
+    zero = (0.0,)
+    return encode(EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, zero, zero, None))
+
+
+def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
+    network: Network, run_dir: Path
+) -> None:
+    runner, publisher = perfect(run_dir, network)
+    assert runner.link("environment_query") is None
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    runner.set_link("environment_query", link)
+    seq = 0
+
+    def lost() -> bool:
+        nonlocal seq
+        seq += 1
+        publisher.send(query(seq))
+        runner.turn(time.monotonic_ns())
+        return link.lost >= 3
+
+    until(lost, "three queries that are lost")
+    assert runner.steps == 0
+    assert runner.status()["links"]["environment_query"]["lost"] == link.lost
+
+
+def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
+    network: Network, run_dir: Path
+) -> None:
+    runner, _ = perfect(run_dir, network, lambda runner: {"environment.stiffness": 5.0})
+    events = network.subscriber(event_endpoint(run_dir, "environment"), newest_only=False)
+    told: list[Packet] = []
+
+    def came() -> bool:
+        assert runner.answer({"request": "configure"}) == {"configured": True}
+        told.extend(decode(data, Event) for data in events.receive())
+        return bool(told)
+
+    until(came, "an event")
+    event = told[0]
+    assert isinstance(event, Event)
+    assert event.event == "parameter_set"
+    assert event.data == {"environment.stiffness": "5.0"}
+
+
+def test_a_change_that_cannot_be_read_is_answered_and_the_process_goes_on(
+    network: Network, run_dir: Path
+) -> None:
+    def broken(runner: Runner) -> dict[str, Any]:
+        raise ConfigError("no such file")
+
+    runner, _ = perfect(run_dir, network, broken)
+    assert runner.answer({"request": "configure"}) == {"error": "no such file"}
+
+
+# --- Launch files and the command ----------------------------------------------------------------
+
+
+def remote_file(folder: Path, remote: str) -> Path:
+    file = folder / "remote.yaml"
+    file.write_text(f"forcebound: 1\ninclude: stiff_wall.yaml\nremote: {remote}\n")
+    return file
+
+
+def test_a_launch_file_says_where_graph_and_environment_meet(tmp_path: Path) -> None:
+    config = load(remote_file(tmp_path, "{address: '::1', port: 8000, listens: environment}"))
+    assert config.remote is not None
+    assert config.remote.end("graph").listens is False
+    assert config.remote.end("environment").listens is True
+    assert config.remote.end("environment").port == 8000
+
+
+def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
+    config = load(remote_file(tmp_path, "{address: 127.0.0.1, environment_keys: [a, b]}"))
+    assert from_document(to_document(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("remote", "message"),
+    [
+        ("{}", "remote needs 'address'"),
+        ("{address: a, port: 70000}", "port"),
+        ("{address: a, listens: nobody}", "listens"),
+        ("{address: a, adress: b}", "did you mean 'address'"),
+        ("{address: a, environment_keys: 3}", "environment_keys"),
+    ],
+)
+def test_a_wrong_section_is_a_problem_of_the_launch_file(
+    tmp_path: Path, remote: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load(remote_file(tmp_path, remote))
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "message"),
+    [
+        ("environment", "forcebound: 1\ninclude: stiff_wall.yaml\n", "no section remote"),
+        ("controller", "forcebound: 1\ninclude: stiff_wall.yaml\n", "--run-dir"),
+        (
+            "environment",
+            "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 192.0.2.1}\n",
+            "without keys",
+        ),
+    ],
+)
+def test_a_node_that_cannot_meet_anybody_says_what_is_missing(
+    tmp_path: Path, kind: str, text: str, message: str
+) -> None:
+    file = tmp_path / "graph.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        run_node(kind, file, None, supervised=False)
