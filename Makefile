@@ -7,13 +7,13 @@ STAMP := $(VENV)/.installed
 
 FUZZ_SECONDS ?= 60# for each of codec and launch_file
 
-.PHONY: demo test check test-slow endurance audit bench fuzz clean
+.PHONY: demo test check test-slow examples endurance audit bench fuzz clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance and not examples" --cov --cov-report=term:skip-covered
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -26,6 +26,10 @@ test-slow: $(STAMP)
 
 endurance: $(STAMP)
 	$(BIN)/pytest -m endurance --junit-xml=results/endurance.xml
+
+examples: $(STAMP)
+	examples/build.sh
+	$(BIN)/pytest -m examples
 
 audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 6000 --search 6000 --out docs/audit.md
@@ -58,3 +62,4 @@ $(STAMP): pyproject.toml constraints.txt
 
 clean:
 	rm -rf $(VENV) build *.egg-info results .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf examples/cpp/wall examples/javascript/node_modules examples/rust/target examples/rust/Cargo.lock

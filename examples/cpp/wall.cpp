@@ -1,0 +1,119 @@
+// A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
+//
+// `wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
+// N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <iostream>
+#include <msgpack.hpp>
+#include <optional>
+#include <random>
+#include <zmq.hpp>
+using Text = std::string;
+using Refused = std::invalid_argument;
+constexpr int64_t SECOND = 1'000'000'000;  // ns
+volatile std::sig_atomic_t stopped = 0;
+
+struct Query {
+  uint64_t seq, time_ns, device_seq, device_time_ns;
+  double elapsed;
+  std::vector<double> position;
+  Text environment;  // empty: nobody serves
+};
+int64_t now() { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); }
+
+// Return a key: the characters themselves, or the one named `kind` in a key file.
+Text key_of(const Text& text, const Text& kind) {
+  std::ifstream file(text);
+  if (!file && text.size() == 40) return text;
+  const Text content{std::istreambuf_iterator<char>(file), {}}, before = kind + " = \"";
+  if (const auto at = content.find(before); at != Text::npos) return content.substr(at + before.size(), 40);
+  throw std::runtime_error(text + " is no file with a " + kind);
+}
+
+// Return the query in a message, or throw the reason why there is none.
+Query read(const zmq::message_t& frame) {
+  std::size_t end = 0;
+  if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
+  const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
+  if (end != frame.size()) throw Refused("malformed: trailing bytes");
+  const auto map = whole->as<std::map<Text, msgpack::object>>();
+  if (map.at("version").as<uint64_t>() != 2) throw Refused("version: this program speaks 2");
+  if (whole->via.map.size != 10 || map.at("packet").as<Text>() != "environment_query") throw Refused("keys");
+  const auto count = [&](const char* key) { return map.at(key).as<uint64_t>(); };
+  const auto vector = [&](const char* key) { return map.at(key).as<std::vector<double>>(); };
+  Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
+              map.at("elapsed").as<double>(), vector("position"), ""};
+  const auto axes = query.position.size(), speeds = vector("velocity").size();
+  const auto& environment = map.at("environment");
+  if (!environment.is_nil()) query.environment = environment.as<Text>();
+  if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns) >> 63 || axes < 1 || axes > 6 ||
+      speeds != axes || environment.is_nil() != query.environment.empty())
+    throw Refused("value: out of range");
+  return query;
+}
+
+int main(int argc, char** argv) try {
+  if (argc < 3 || argc > 7 || argc % 2 == 0) throw Refused("ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
+  const double stiffness = argc > 4 ? std::stod(argv[3]) : 10'000, surface = argc > 4 ? std::stod(argv[4]) : 0.01;
+  const Text name = "cpp-wall-" + std::to_string(std::random_device{}()) + "-" + std::to_string(std::random_device{}());
+  const auto say = [&](const auto&... words) { ((std::cout << name << ": ") << ... << words) << std::endl; };
+  const Text host = "tcp://" + Text(argv[1]) + ":", next_port = std::to_string(std::stoi(argv[2]) + 1);
+  zmq::context_t context;
+  zmq::socket_t queries(context, zmq::socket_type::sub), replies(context, zmq::socket_type::pub);
+  const std::pair<zmq::socket_t&, Text> links[] = {{queries, host + argv[2]}, {replies, host + next_port}};
+  queries.set(zmq::sockopt::subscribe, "");
+  for (const auto& [socket, endpoint] : links) {
+    socket.set(zmq::sockopt::linger, 0), socket.set(zmq::sockopt::immediate, true);
+    socket.set(zmq::sockopt::ipv6, true), socket.set(zmq::sockopt::maxmsgsize, int64_t{65536});
+    if (argc == 7) {
+      socket.set(zmq::sockopt::curve_serverkey, key_of(argv[6], "public-key"));
+      socket.set(zmq::sockopt::curve_publickey, key_of(argv[5], "public-key"));
+      socket.set(zmq::sockopt::curve_secretkey, key_of(argv[5], "secret-key"));
+    }
+    socket.connect(endpoint);  // after all of these
+  }
+  for (int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stopped = 1; });
+  say("a wall of ", stiffness, " N/m at ", surface, " m, for the graph at ", links[0].second);
+  int64_t answered = 0, dropped = 0, heard_at = now(), answered_at = 0;
+  std::optional<Text> serving;
+  while (!stopped) {
+    zmq_pollitem_t item{queries.handle(), 0, ZMQ_POLLIN, 0};
+    zmq_poll(&item, 1, 200);  // ms; a signal ends it early
+    std::optional<Query> newest;  // the last readable one of all that wait; a flood cannot keep us taking
+    for (int taken = 0; taken < 1000; taken++) try {
+        zmq::message_t frame, further;
+        if (zmq_msg_recv(frame.handle(), queries.handle(), ZMQ_DONTWAIT) < 0) break;  // none, or a signal
+        for (bool more = frame.more(); more; more = further.more()) (void)queries.recv(further);
+        newest = read(frame);
+      } catch (const std::exception& reason) {
+        if (++dropped % 1000 == 1) say("dropped ", dropped, " so far: ", reason.what());
+      }
+    if (!newest && now() - heard_at > 3 * SECOND) {  // once refused, ZeroMQ does not try again
+      say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
+      for (const auto& [socket, endpoint] : links) socket.disconnect(endpoint), socket.connect(endpoint);
+      heard_at = now();
+    }
+    if (!newest) continue;
+    const auto& [seq, time_ns, device_seq, device_time_ns, elapsed, position, environment] = *newest;
+    const bool refused = !environment.empty() && environment != name;
+    if (environment != serving)
+      say(refused ? "refused: " : "", environment.empty() ? "nobody" : environment, " serves the graph");
+    serving = environment, heard_at = now();
+    if (refused && heard_at - answered_at < SECOND) continue;
+    // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
+    std::vector<double> force(position.size(), 0.0);
+    force[0] = position[0] > surface ? stiffness * (position[0] - surface) : 0.0;
+    msgpack::sbuffer bytes;
+    msgpack::packer<msgpack::sbuffer> packer(bytes);
+    const auto pack = [&](auto key, const auto& value) { packer.pack(key), packer.pack(value); };
+    packer.pack_map(10), pack("packet", "environment_reply"), pack("version", 2), pack("seq", answered++);
+    pack("time_ns", now()), pack("force", force), pack("environment", name), pack("query_seq", seq);
+    pack("query_time_ns", time_ns), pack("device_seq", device_seq), pack("device_time_ns", device_time_ns);
+    replies.send(zmq::buffer(bytes.data(), bytes.size()), zmq::send_flags::dontwait), answered_at = now();
+  }
+  say(answered, " answered, ", dropped, " dropped");
+} catch (const std::exception& error) {
+  return std::cerr << "wall: " << error.what() << std::endl, 2;
+}

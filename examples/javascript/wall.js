@@ -1,0 +1,111 @@
+// A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
+//
+// `node wall.js ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
+// N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
+import { randomBytes } from "node:crypto";
+import { existsSync, readFileSync } from "node:fs";
+import { decode, encode } from "@msgpack/msgpack";
+import { Publisher, Subscriber } from "zeromq";
+
+const SECOND = 1_000_000_000n; // ns
+const BIG = { useBigInt64: true }; // 64-bit integers as BigInt: a Number spoils the echo
+const KEYS = ["packet", "version", "seq", "time_ns", "device_seq", "device_time_ns", "elapsed", "position",
+  "velocity", "environment"];
+
+const [address, port, stiffness = 10000, surface = 0.01, key, graphKey] = process.argv.slice(2);
+const numbers = [port, stiffness, surface].every((text) => isFinite(text));
+if (![4, 6, 8].includes(process.argv.length) || !numbers) {
+  console.error("usage: node wall.js ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
+  process.exit(2);
+}
+const name = `javascript-wall-${randomBytes(8).toString("hex")}`;
+const say = (text) => console.log(`${name}: ${text}`);
+const now = () => process.hrtime.bigint();
+
+/** Return a key: the characters themselves, or the one named `kind` in a key file. */
+function keyOf(text, kind) {
+  if (text.length === 40 && !existsSync(text)) return text;
+  const found = readFileSync(text, "utf8").match(`${kind} = "(.{40})"`);
+  if (!found) throw new Error(`${text} has no ${kind}`);
+  return found[1];
+}
+
+const common = { linger: 0, immediate: true, ipv6: true, maxMessageSize: 65536 };
+if (key) {
+  common.curveServerKey = keyOf(graphKey, "public-key");
+  common.curvePublicKey = keyOf(key, "public-key");
+  common.curveSecretKey = keyOf(key, "secret-key");
+}
+const [queries, replies] = [new Subscriber(common), new Publisher({ ...common, sendTimeout: 0 })];
+const links = [[queries, `tcp://${address}:${port}`], [replies, `tcp://${address}:${Number(port) + 1}`]];
+queries.subscribe();
+for (const [socket, endpoint] of links) socket.connect(endpoint);
+
+const isCount = (value) => typeof value === "bigint" ? value >= 0n && value < 2n ** 63n
+  : Number.isSafeInteger(value) && value >= 0;
+const isNumber = (value) => typeof value === "number" || typeof value === "bigint";
+const isVector = (value) => Array.isArray(value) && value.length >= 1 && value.length <= 6 && value.every(isNumber);
+const isName = (value) => value === null || (typeof value === "string" && value !== "");
+
+/** Return the query in a message, or throw the reason why there is none. */
+function read(frames) {
+  const [bytes] = frames;
+  if (frames.length !== 1 || bytes.length > 4096) throw new Error("malformed: several frames, or over 4096 bytes");
+  const query = decode(bytes, BIG); // throws at cut and at trailing bytes
+  const pairs = (bytes[0] & 0xf0) === 0x80 ? bytes[0] & 15 // as the head of a map says it, in three ways
+    : bytes[0] === 0xde ? bytes.readUInt16BE(1) : bytes[0] === 0xdf ? bytes.readUInt32BE(1) : -1;
+  if (pairs < 0) throw new Error("malformed: not a map");
+  if (!isCount(query.version) || Number(query.version) !== 2) throw new Error(`version ${query.version}: this program speaks 2`);
+  if (pairs !== KEYS.length || !KEYS.every((word) => Object.hasOwn(query, word)) // one twice: a pair less in the object
+    || query.packet !== "environment_query") throw new Error("keys: not those of a query");
+  const { seq, time_ns, device_seq, device_time_ns, elapsed, position, velocity, environment } = query;
+  if (![seq, time_ns, device_seq, device_time_ns].every(isCount) || ![position, velocity].every(isVector)
+    || !isNumber(elapsed) || position.length !== velocity.length || !isName(environment)) {
+    throw new Error("value: of another type, or out of range");
+  }
+  return query;
+}
+
+let stopped = false;
+for (const signal of ["SIGINT", "SIGTERM"]) process.on(signal, () => { stopped = true; });
+let [answered, dropped, serving, heardAt, answeredAt] = [0, 0, undefined, now(), 0n];
+
+/** Wait for a query; take all that wait, and return the last readable one, or nothing. */
+async function newest() {
+  let query;
+  for (let taken = 0; taken < 1000; taken++) { // a flood cannot keep us taking
+    queries.receiveTimeout = taken === 0 ? 200 : 0; // ms
+    const frames = await queries.receive().catch((error) => { if (error.code !== "EAGAIN") throw error; });
+    if (!frames) break;
+    try {
+      query = read(frames);
+    } catch (reason) {
+      if (++dropped % 1000 === 1) say(`dropped ${dropped} so far: ${reason.message}`);
+    }
+  }
+  return query;
+}
+
+say(`a wall of ${stiffness} N/m at ${surface} m, for the graph at ${links[0][1]}`);
+while (!stopped) {
+  const query = await newest();
+  if (!query && now() - heardAt > 3n * SECOND) { // once refused, ZeroMQ does not try again
+    say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
+    for (const [socket, endpoint] of links) socket.disconnect(endpoint), socket.connect(endpoint);
+    heardAt = now();
+  }
+  if (!query) continue;
+  heardAt = now();
+  const { environment, position, seq, time_ns, device_seq, device_time_ns } = query;
+  const refused = environment !== null && environment !== name;
+  if (environment !== serving) say(`${refused ? "refused: " : ""}${environment ?? "nobody"} serves the graph`);
+  serving = environment;
+  if (refused && heardAt - answeredAt < SECOND) continue;
+  // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
+  const force = position.map((x, axis) => axis === 0 && x > surface ? stiffness * (Number(x) - surface) : 0);
+  await replies.send(encode({ packet: "environment_reply", version: 2, seq: answered++, time_ns: now(), device_seq,
+    device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name }, BIG));
+  answeredAt = now();
+}
+say(`${answered} answered, ${dropped} dropped`);
+queries.close(), replies.close();

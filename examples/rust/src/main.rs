@@ -1,0 +1,119 @@
+//! A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
+//!
+//! `wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
+//! N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
+use serde::{Deserialize, Serialize};
+use std::hash::{BuildHasher, Hasher};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::{fs::read_to_string, path::Path, time::Instant};
+type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+const SECOND: u64 = 1_000_000_000; // ns
+static STOPPED: AtomicBool = AtomicBool::new(false);
+
+#[derive(Deserialize)] struct Header { version: u64 }
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)] // elapsed: this wall does not vary with time
+struct Query {
+    packet: String, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64, elapsed: f64,
+    position: Vec<f64>, velocity: Vec<f64>,
+    #[serde(deserialize_with = "Option::deserialize")] // nil, but not missing
+    environment: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Reply<'a> {
+    packet: &'a str, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,
+    query_seq: u64, query_time_ns: u64, force: Vec<f64>, environment: &'a str,
+}
+
+/// Return the query in a message, or the reason why there is none.
+fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
+    let frame = &frames[0];
+    if frames.len() != 1 || frame.len() > 4096 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
+        return Err("malformed: not one map of at most 4096 bytes".into());
+    }
+    if rmp_serde::from_slice::<Header>(frame)?.version != 2 { return Err("version: this program speaks 2".into()) }
+    let mut rest = frame.as_slice();
+    let query: Query = rmp_serde::from_read(&mut rest)?;
+    let axes = query.position.len();
+    let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns;
+    if !rest.is_empty() || query.packet != "environment_query" || largest >> 63 != 0 || axes < 1 || axes > 6
+        || query.velocity.len() != axes || query.environment.as_deref() == Some("") {
+        return Err("trailing bytes, another packet, or a value out of range".into());
+    }
+    Ok(query)
+}
+
+/// Return a key: the characters themselves, or the one named `kind` in a key file.
+fn key_of(text: &str, kind: &str) -> Fallible<Vec<u8>> {
+    if text.len() == 40 && !Path::new(text).exists() { return Ok(text.into()) }
+    let content = read_to_string(text).map_err(|error| format!("{text}: {error}"))?;
+    let line = content.lines().find_map(|line| line.trim().strip_prefix(kind));
+    Ok(line.and_then(|line| line.split('"').nth(1)).ok_or(format!("{text} has no {kind}"))?.into())
+}
+extern "C" fn stop(_: libc::c_int) { STOPPED.store(true, Ordering::Relaxed) }
+
+fn main() -> Fallible<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if ![2, 4, 6].contains(&arguments.len()) {
+        return Err("usage: wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]".into());
+    }
+    let (address, port): (&str, u16) = (&arguments[0], arguments[1].parse()?);
+    let number = |index: usize, default| arguments.get(index).map_or(Ok(default), |text| text.parse::<f64>());
+    let (stiffness, surface) = (number(2, 10_000.0)?, number(3, 0.01)?);
+    let name = format!("rust-wall-{:016x}", std::collections::hash_map::RandomState::new().build_hasher().finish());
+    let context = zmq::Context::new();
+    let (queries, replies) = (context.socket(zmq::SUB)?, context.socket(zmq::PUB)?);
+    let links = [(&queries, format!("tcp://{address}:{port}")), (&replies, format!("tcp://{address}:{}", port + 1))];
+    queries.set_subscribe(b"")?;
+    for (socket, endpoint) in &links {
+        (socket.set_linger(0)?, socket.set_immediate(true)?, socket.set_ipv6(true)?, socket.set_maxmsgsize(65536)?);
+        if let [_, _, _, _, key, graph_key] = &arguments[..] {
+            socket.set_curve_serverkey(&key_of(graph_key, "public-key")?)?;
+            socket.set_curve_publickey(&key_of(key, "public-key")?)?;
+            socket.set_curve_secretkey(&key_of(key, "secret-key")?)?;
+        }
+        socket.connect(endpoint)?; // after all of these
+    }
+    let handler = stop as extern "C" fn(libc::c_int) as libc::sighandler_t;
+    unsafe { (libc::signal(libc::SIGINT, handler), libc::signal(libc::SIGTERM, handler)) };
+    println!("{name}: a wall of {stiffness} N/m at {surface} m, for the graph at {}", links[0].1);
+    let start = Instant::now();
+    let now = || start.elapsed().as_nanos() as u64;
+    let (mut answered, mut dropped, mut serving, mut heard_at, mut answered_at) = (0, 0, None, 0, 0);
+    while !STOPPED.load(Ordering::Relaxed) {
+        let _ = queries.poll(zmq::POLLIN, 200); // ms; a signal ends it early
+        let mut newest = None; // the last readable one of all that wait; a flood cannot keep us taking
+        for frames in std::iter::from_fn(|| queries.recv_multipart(zmq::DONTWAIT).ok()).take(1000) {
+            newest = read(&frames).map_err(|reason| {
+                dropped += 1;
+                if dropped % 1000 == 1 { println!("{name}: dropped {dropped} so far: {reason}") }
+            }).ok().or(newest);
+        }
+        if newest.is_none() && now() - heard_at > 3 * SECOND { // once refused, ZeroMQ does not try again
+            println!("{name}: no query for 3 s; is the graph there, and does it let our key in? Its log tells");
+            for (socket, endpoint) in &links { (socket.disconnect(endpoint)?, socket.connect(endpoint)?); }
+            heard_at = now();
+        }
+        let query = match newest { Some(query) => query, None => continue };
+        heard_at = now();
+        let refused = matches!(&query.environment, Some(other) if *other != name);
+        if serving.as_ref() != Some(&query.environment) {
+            let serves = query.environment.as_deref().unwrap_or("nobody");
+            println!("{name}: {}{serves} serves the graph", if refused { "refused: " } else { "" });
+            serving = Some(query.environment);
+        }
+        if refused && heard_at - answered_at < SECOND { continue }
+        // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
+        let mut force = vec![0.0; query.position.len()];
+        force[0] = stiffness * (query.position[0] - surface).max(0.0);
+        let reply = Reply { packet: "environment_reply", version: 2, seq: answered, time_ns: now(), force,
+            device_seq: query.device_seq, device_time_ns: query.device_time_ns,
+            query_seq: query.seq, query_time_ns: query.time_ns, environment: &name };
+        replies.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT)?;
+        (answered, answered_at) = (answered + 1, now());
+    }
+    println!("{name}: {answered} answered, {dropped} dropped");
+    Ok(())
+}

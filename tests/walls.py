@@ -1,0 +1,151 @@
+"""The walls in other languages as processes, and a graph of bytes that asks them."""
+
+import itertools
+import random
+import re
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zmq
+
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / "examples"
+PATIENCE = 60.0  # s; a test that waits longer fails
+LANGUAGES = {  # the command, and what a build leaves
+    "cpp": ([str(EXAMPLES / "cpp/wall")], EXAMPLES / "cpp/wall"),
+    "javascript": (
+        ["node", str(EXAMPLES / "javascript/wall.js")],
+        EXAMPLES / "javascript/node_modules/zeromq",
+    ),
+    "rust": (
+        [str(EXAMPLES / "rust/target/release/wall")],
+        EXAMPLES / "rust/target/release/wall",
+    ),
+}
+
+
+class Wall:
+    """One of the programs, running."""
+
+    def __init__(self, language: str, log: Path, *words: str) -> None:
+        command, built = LANGUAGES[language]
+        if not built.exists():
+            pytest.skip(f"examples/{language} is not built: make examples")
+        self._log = log
+        with log.open("wb") as stream:
+            self.process = subprocess.Popen(
+                [*command, *words], stdin=subprocess.DEVNULL, stdout=stream, stderr=stream
+            )
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    @property
+    def name(self) -> str:
+        return self.log.partition(":")[0]
+
+    def until(self, said: str) -> None:
+        wait_until(lambda: said in self.log, said, self)
+
+    def end(self, number: int = signal.SIGTERM) -> tuple[int, int]:
+        """Ask it to end; return how many queries it has answered and how many packets dropped."""
+        self.process.send_signal(number)
+        assert self.process.wait(PATIENCE) == 0, self.log
+        counts = re.search(r"(\d+) answered, (\d+) dropped\n$", self.log)
+        assert counts is not None, self.log
+        return int(counts[1]), int(counts[2])
+
+
+def wait_until(happened: Callable[[], object], what: str, *walls: Wall) -> None:
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        logs = "\n".join(wall.log for wall in walls)
+        assert all(wall.process.poll() is None for wall in walls), f"it ended:\n{logs}"
+        assert time.monotonic() < end, f"waited {PATIENCE} s for: {what}\n{logs}"
+        time.sleep(0.01)
+
+
+@contextmanager
+def walls_started() -> Iterator[Callable[..., Wall]]:
+    with tempfile.TemporaryDirectory(prefix="fb-") as folder:
+        walls: list[Wall] = []
+
+        def start(language: str, *words: str) -> Wall:
+            walls.append(Wall(language, Path(folder) / f"log{len(walls)}", *words))
+            return walls[-1]
+
+        try:
+            yield start
+        finally:
+            for wall in walls:
+                wall.process.kill()
+                wall.process.wait()
+
+
+class FakeGraph:
+    """Stands in for a controller: sends any bytes on one port, takes what comes on the next."""
+
+    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]") -> None:
+        self.queries, self.replies = context.socket(zmq.PUB), context.socket(zmq.SUB)
+        self.queries.linger = self.replies.linger = 0
+        self.replies.subscribe(b"")
+        for _ in range(100):
+            self.port = 2 * random.SystemRandom().randrange(5_000, 15_000)
+            try:
+                self.queries.bind(f"tcp://127.0.0.1:{self.port}")
+            except zmq.ZMQError:
+                continue
+            try:
+                self.replies.bind(f"tcp://127.0.0.1:{self.port + 1}")
+            except zmq.ZMQError:
+                self.queries.unbind(f"tcp://127.0.0.1:{self.port}")
+                continue
+            return
+        pytest.skip("no two free ports in a row")
+
+    def send(self, *frames: bytes) -> None:
+        self.queries.send_multipart(frames)
+
+    def reply(self, timeout: float = PATIENCE) -> EnvironmentReply | None:
+        """Return the next reply, or None if none comes in time."""
+        if not self.replies.poll(round(timeout * 1e3)):
+            return None
+        packet = decode(self.replies.recv())  # refuses what is not of version 2 in every key
+        assert isinstance(packet, EnvironmentReply)
+        return packet
+
+    def ask(self, query: EnvironmentQuery) -> EnvironmentReply:
+        """Send a query once and return what comes next."""
+        self.send(encode(query))
+        reply = self.reply()
+        assert reply is not None, f"no answer within {PATIENCE} s"
+        return reply
+
+    def meet(self) -> None:
+        """Ask until answers come, and take them all."""
+        end = time.monotonic() + PATIENCE
+        for seq in itertools.count():
+            self.send(encode(query(seq)))
+            if self.reply(0.05) is not None:
+                break
+            assert time.monotonic() < end, f"no answer within {PATIENCE} s"
+        reply = self.ask(query(seq + 1))
+        while reply.query_seq != seq + 1:
+            late = self.reply()
+            assert late is not None, f"no answer within {PATIENCE} s"
+            reply = late
+
+
+def query(seq: int, *position: float, environment: str | None = None) -> EnvironmentQuery:
+    place = position or (0.0,)
+    return EnvironmentQuery(seq, 2, 3, 4, 0.5, place, (0.0,) * len(place), environment)
