@@ -92,7 +92,7 @@ def machines() -> Iterator[Machines]:
         pytest.param(GRAPH_IPV4, "graph", marks=pytest.mark.slow),
         pytest.param(ENVIRONMENT_IPV4, "environment", marks=pytest.mark.slow),
         pytest.param(f"'[{GRAPH_IPV6}]'", "graph", marks=pytest.mark.slow),
-        pytest.param(f"'[{ENVIRONMENT_IPV6}]'", "environment", marks=pytest.mark.slow),
+        (f"'[{ENVIRONMENT_IPV6}]'", "environment"),
     ],
 )
 def test_an_environment_on_another_machine_serves(
@@ -118,7 +118,6 @@ def test_an_environment_on_another_machine_serves(
     assert len(ended.events("environment_serves")) >= 1
 
 
-@pytest.mark.slow
 def test_delay_loss_and_an_outage_far_away_are_stable_and_told(
     machines: Machines, tmp_path: Path
 ) -> None:
