@@ -126,7 +126,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             double saturation = AT(SATURATION), scale = engagement[k * WIDTH + i];
             double magnitude = fabs(asked);
             double shortened = saturation / magnitude;
-            scale = scale * magnitude > saturation ? shortened : scale;
+            scale = magnitude > saturation ? scale * shortened : scale;
             out[WIDTH + i] = asked * scale;
         }
         if (k > 0) {
