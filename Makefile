@@ -13,7 +13,7 @@ demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance and not examples" --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered
 
 check: $(STAMP)
 	$(BIN)/ruff check .
