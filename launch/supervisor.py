@@ -23,8 +23,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any
 
 from forcebound.errors import RunError
 from forcebound.launch.lifecycle import (
@@ -49,7 +48,7 @@ from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.process import control_endpoint, event_endpoint
+from forcebound.process import SignalPipe, control_endpoint, event_endpoint
 
 LAUNCHER = "launcher"  # name of who starts the others, where it answers and tells
 
@@ -63,35 +62,13 @@ NOT_STARTED = 126  # exit status of a process that could not be made, as a shell
 COLOURS = {"device": 36, "controller": 33, "environment": 35, "recorder": 32}  # ANSI
 
 
-class Signals:
+class Signals(SignalPipe):
     """Catches what ends a run, and the death of children, as bytes on a descriptor."""
 
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
     def __init__(self) -> None:
-        self.descriptor, self._wake_descriptor = os.pipe()
-        os.set_blocking(self.descriptor, False)
-        os.set_blocking(self._wake_descriptor, False)
-        self._before: dict[int, Any] = {}
-        self._wake_before = -1
-
-    def __enter__(self) -> Self:
-        self._wake_before = signal.set_wakeup_fd(self._wake_descriptor, warn_on_full_buffer=False)
-        for number in (*self.ENDING, signal.SIGCHLD):
-            self._before[number] = signal.signal(number, self._caught)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        signal.set_wakeup_fd(self._wake_before)
-        os.close(self.descriptor)
-        os.close(self._wake_descriptor)
+        super().__init__((*self.ENDING, signal.SIGCHLD))
 
     def take(self) -> bool:
         """Forget what has come; return whether something that ends the run was among it."""
@@ -100,9 +77,6 @@ class Signals:
         except BlockingIOError:
             return False
         return any(number in self.ENDING for number in numbers)
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
-        """Let the byte on the descriptor do the work."""
 
 
 class Child:

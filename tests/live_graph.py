@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.launch.orders import ask_launcher
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Event, Telemetry
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import topic_endpoint
 from forcebound.recording import Recording, TelemetryColumns, read
+from forcebound.running.orders import ask_launcher
 
 PATIENCE = 60.0  # s; a cold start on a busy machine takes its time
 AGE_LIMIT = 0.1  # s, of the shipped launch files

@@ -34,7 +34,6 @@ from remote_environment import key_folders, serving, write_launch_file
 from tcp_tap import TcpTap
 from test_remote import free_port
 
-from forcebound.launch.orders import ask
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
@@ -46,6 +45,7 @@ from forcebound.messages.packets import (
 )
 from forcebound.network import sockets
 from forcebound.process import topic_endpoint
+from forcebound.running.orders import ask
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 

@@ -12,14 +12,14 @@ from launch_texts import problems_of, written
 
 from forcebound.analysis.metrics import phase_rows
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch import orders, tuning
 from forcebound.launch.changes import Reloader, change, timetable
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.parameters import differences, holders, parameters
-from forcebound.launch.tuning import find_parameters, read_settings, set_parameters
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
+from forcebound.running import orders, tuning
+from forcebound.running.tuning import find_parameters, read_settings, set_parameters
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from forcebound.launch.advice import NOTICES, REASONS
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.doctor import CHAIN, examine
-from forcebound.launch.findings import Finding
 from forcebound.launch.loader import load
-from forcebound.launch.observation import Observations, ProcessSeen, RecordingSeen
 from forcebound.messages.packets import Telemetry
 from forcebound.network.remote import KINDS
 from forcebound.recording import TelemetryColumns
+from forcebound.running.advice import NOTICES, REASONS
+from forcebound.running.doctor import CHAIN, examine
+from forcebound.running.findings import Finding
+from forcebound.running.observation import Observations, ProcessSeen, RecordingSeen
 
 PERIOD_NS = 1_000_000
 TICKS = 2000

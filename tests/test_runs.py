@@ -8,7 +8,7 @@ import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.launch.live import RUN_FILE, RunDocument
-from forcebound.launch.runs import find, running
+from forcebound.running.runs import find, running
 
 
 def make_run(folder: Path, name: str, launcher: int | None = None) -> Path:

@@ -19,17 +19,17 @@ import pytest
 from live_graph import children_of, is_alive
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch import orders
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
 from forcebound.launch.loader import load
-from forcebound.launch.orders import ask_launcher, start_node, stop_node
 from forcebound.launch.supervisor import Supervisor
 from forcebound.messages.packets import Telemetry
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint
 from forcebound.recording import read
+from forcebound.running import orders
+from forcebound.running.orders import ask_launcher, start_node, stop_node
 
 NODES = ("environment", "controller", "device", "recorder")
 PATIENCE = 60.0  # s; a cold start on a busy machine takes its time

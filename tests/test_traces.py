@@ -17,7 +17,6 @@ from test_impairment import MS, Packet
 from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import build_links
-from forcebound.launch.delay import measure, summary, watch
 from forcebound.launch.live import RunDocument, run_live
 from forcebound.launch.loader import from_document, load, to_document
 from forcebound.launch.traces import loop_delays, read_trace, shortest_of
@@ -30,6 +29,7 @@ from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns
+from forcebound.running.delay import measure, summary, watch
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
 

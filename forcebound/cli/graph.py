@@ -16,7 +16,7 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.launch.findings import Finding
+    from forcebound.running.findings import Finding
 
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
@@ -27,8 +27,8 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 @reports_errors
 def stop(node_name: str, run_dir: Path | None) -> None:
     """Stop NODE (environment or controller) of a running graph, until it is started again."""
-    from forcebound.launch.orders import stop_node
-    from forcebound.launch.runs import find
+    from forcebound.running.orders import stop_node
+    from forcebound.running.runs import find
 
     stop_node(find(run_dir), node_name)
     click.echo(f"{node_name} is stopped; the device shows zero force until somebody answers")
@@ -40,8 +40,8 @@ def stop(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def start(node_name: str, run_dir: Path | None) -> None:
     """Start NODE (environment or controller) of a running graph again after a stop."""
-    from forcebound.launch.orders import start_node
-    from forcebound.launch.runs import find
+    from forcebound.running.orders import start_node
+    from forcebound.running.runs import find
 
     start_node(find(run_dir), node_name)
     click.echo(f"{node_name} runs")
@@ -61,7 +61,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
     """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
-    from forcebound.launch.delay import measure, summary
+    from forcebound.running.delay import measure, summary
 
     trace = measure(run, duration)
     if output is not None:
@@ -107,8 +107,8 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
     """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
-    from forcebound.launch import tuning
-    from forcebound.launch.runs import find
+    from forcebound.running import tuning
+    from forcebound.running.runs import find
 
     changed = tuning.set_parameters(find(run_dir), tuning.read_settings(settings))
     for name, value in changed.items():
@@ -118,8 +118,8 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
 
 
 def _show_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
-    from forcebound.launch import tuning
-    from forcebound.launch.runs import find
+    from forcebound.running import tuning
+    from forcebound.running.runs import find
 
     found = tuning.find_parameters(tuning.configuration(find(run_dir)), names)
     if as_json:
@@ -138,8 +138,8 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
 
     Exit status 0: no problem; 1: at least one; 2: there is no such graph.
     """
-    from forcebound.launch import doctor, machine, runs
-    from forcebound.launch.observation import observe
+    from forcebound.running import doctor, machine, runs
+    from forcebound.running.observation import observe
 
     graph = None if run_dir is None and not runs.running() else runs.find(run_dir)
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))

@@ -12,12 +12,13 @@ from forcebound.process.endpoints import (
 )
 from forcebound.process.recorder import COMPLETE, Sink, record
 from forcebound.process.runner import Runner, Servo, run
-from forcebound.process.stop import Stop
+from forcebound.process.stop import SignalPipe, Stop
 
 __all__ = [
     "COMPLETE",
     "Runner",
     "Servo",
+    "SignalPipe",
     "Sink",
     "Stop",
     "control_endpoint",

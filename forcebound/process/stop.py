@@ -1,35 +1,35 @@
-"""How the loop of a process is ended: by a signal, or by anyone who holds a request."""
+"""How the loop of a process hears of signals, and is ended: by one, or by who holds a request."""
 
 import os
 import signal
+from collections.abc import Iterable
 from types import FrameType, TracebackType
 from typing import Any, Self
 
 
-class Stop:
-    """A request to end the loop, from a signal or from anyone who holds it.
+class SignalPipe:
+    """Makes a descriptor readable when one of some signals comes, also just before a sleep.
 
-    Within the ``with`` block SIGTERM and SIGINT set :attr:`requested` and make
-    :attr:`descriptor` readable, also when they come just before a sleep.
+    Within the ``with`` block the signals do nothing else, but for what a subclass makes of them.
+
+    Args:
+        signals: Which ones.
+
+    Attributes:
+        descriptor: Gives a byte for each signal, its number. Not blocking.
     """
 
-    _SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
-    def __init__(self) -> None:
-        self.requested = False
+    def __init__(self, signals: Iterable[int]) -> None:
+        self._signals = tuple(signals)
         self.descriptor, self._wake_descriptor = os.pipe()
+        os.set_blocking(self.descriptor, False)
         os.set_blocking(self._wake_descriptor, False)
         self._before: dict[int, Any] = {}
         self._wake_before = -1
 
-    def request(self) -> None:
-        """Ask the loop to end."""
-        self.requested = True
-        os.write(self._wake_descriptor, b"\0")
-
     def __enter__(self) -> Self:
         self._wake_before = signal.set_wakeup_fd(self._wake_descriptor, warn_on_full_buffer=False)
-        for number in self._SIGNALS:
+        for number in self._signals:
             self._before[number] = signal.signal(number, self._caught)
         return self
 
@@ -48,6 +48,26 @@ class Stop:
         """Close the descriptors."""
         os.close(self.descriptor)
         os.close(self._wake_descriptor)
+
+    def _caught(self, number: int, frame: FrameType | None) -> None:
+        """Let the byte on the descriptor do the work."""
+
+
+class Stop(SignalPipe):
+    """A request to end the loop, from SIGTERM, SIGINT or from anyone who holds it.
+
+    Attributes:
+        requested: Whether it was made; :attr:`descriptor` is readable then.
+    """
+
+    def __init__(self) -> None:
+        super().__init__((signal.SIGTERM, signal.SIGINT))
+        self.requested = False
+
+    def request(self) -> None:
+        """Ask the loop to end."""
+        self.requested = True
+        os.write(self._wake_descriptor, b"\0")
 
     def _caught(self, number: int, frame: FrameType | None) -> None:
         self.requested = True

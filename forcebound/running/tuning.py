@@ -15,10 +15,10 @@ from forcebound.launch.changes import change
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import LAUNCH_FILE, write_launch_document
 from forcebound.launch.loader import from_document
-from forcebound.launch.orders import ask
 from forcebound.launch.parameters import differences, holders, parameters
 from forcebound.launch.problems import Problems, unknown
 from forcebound.launch.tree import parse
+from forcebound.running.orders import ask
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 

@@ -10,7 +10,6 @@ import numpy as np
 from forcebound import realtime
 from forcebound.errors import PacketError, RunError
 from forcebound.launch.live import RUN_FILE, TELEMETRY, RunDocument
-from forcebound.launch.runs import find
 from forcebound.launch.traces import loop_delays
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
@@ -19,6 +18,7 @@ from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns, read
+from forcebound.running.runs import find
 
 DURATION = 5.0  # s, how long a running graph is watched
 _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph

@@ -1,7 +1,7 @@
 """What can be seen of a running graph from outside: the material of ``forcebound doctor``.
 
 Each process is asked twice, with about two seconds of telemetry between, so that rates are known
-besides counts. Nothing here judges; that is :mod:`forcebound.launch.doctor`.
+besides counts. Nothing here judges; that is :mod:`forcebound.running.doctor`.
 """
 
 import os
@@ -14,13 +14,13 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.delay import watch
 from forcebound.launch.live import PROCESSES, RunDocument
-from forcebound.launch.orders import ask_all
-from forcebound.launch.runs import running
 from forcebound.launch.supervisor import LAUNCHER
-from forcebound.launch.tuning import configuration
 from forcebound.recording import TelemetryColumns
+from forcebound.running.delay import watch
+from forcebound.running.orders import ask_all
+from forcebound.running.runs import running
+from forcebound.running.tuning import configuration
 
 DURATION = 2.0  # s between the two answers of a process
 PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
@@ -124,7 +124,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """Look at a running graph for some time.
 
     Args:
-        run_dir: Of the run, as :func:`forcebound.launch.runs.find` gives it.
+        run_dir: Of the run, as :func:`forcebound.running.runs.find` gives it.
         duration: How long, in s.
 
     Raises:

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.launch.findings import Finding
 from forcebound.network import keys, sockets
+from forcebound.running.findings import Finding
 
 OLDEST_PYTHON = (3, 11)
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
