@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from waiting import PATIENCE
 
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Event, Telemetry
@@ -27,7 +28,6 @@ from forcebound.process import topic_endpoint
 from forcebound.recording import Recording, TelemetryColumns, read
 from forcebound.running.orders import ask_launcher
 
-PATIENCE = 60.0  # s; a cold start on a busy machine takes its time
 AGE_LIMIT = 0.1  # s, of the shipped launch files
 ENGAGE_TIME = 0.1  # s
 STIFFNESS = 10_000.0  # N/m

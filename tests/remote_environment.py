@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from live_graph import PATIENCE
+from waiting import PATIENCE
 
 from forcebound.network.keys import new_key
 

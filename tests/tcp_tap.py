@@ -7,7 +7,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from test_remote import free_port
+from waiting import free_port
 
 
 class TcpTap:

@@ -21,7 +21,6 @@ import pytest
 import zmq
 from live_graph import (
     AGE_LIMIT,
-    PATIENCE,
     SATURATION,
     Ended,
     LiveGraph,
@@ -32,7 +31,7 @@ from live_graph import (
 )
 from remote_environment import key_folders, serving, write_launch_file
 from tcp_tap import TcpTap
-from test_remote import free_port
+from waiting import PATIENCE, free_port
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 from live_graph import LiveGraph, live_graph
+from waiting import PATIENCE
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 
-PATIENCE = 60.0  # s
 OF_TIME = {"ticks_lost", "late_loop", "delay_near_age_limit", "force_gaps", "rejected_too_old"}
 
 

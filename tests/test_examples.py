@@ -19,7 +19,8 @@ import msgpack
 import pytest
 import zmq
 from live_graph import STIFFNESS, SURFACE, Ended, live_graph
-from walls import LANGUAGES, PATIENCE, ROOT, FakeGraph, Wall, query, walls_started
+from waiting import PATIENCE
+from walls import LANGUAGES, ROOT, FakeGraph, Wall, query, walls_started
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry

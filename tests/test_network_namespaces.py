@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from live_graph import PATIENCE, check_always, check_return, check_silence, live_graph
+from live_graph import check_always, check_return, check_silence, live_graph
 from remote_environment import key_folders, serving, write_launch_file
+from waiting import PATIENCE
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 

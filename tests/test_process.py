@@ -2,14 +2,14 @@
 
 import os
 import signal
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
 from fakes import DISSIPATION, MS, FakeDevice, device_node
+from waiting import PATIENCE, until
 
 from forcebound import process, realtime
 from forcebound.messages.codec import decode, encode
@@ -33,8 +33,6 @@ from forcebound.nodes.device import DeviceNode, ServoSettings
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
-
-PATIENCE = 10.0  # s; a test that waits longer fails
 
 
 class ListeningNode:
@@ -94,28 +92,9 @@ class ListSink:
 
 
 @pytest.fixture
-def run_dir() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="fb-") as path:
-        yield Path(path)
-
-
-@pytest.fixture
-def network() -> Iterator[Network]:
-    with Network() as network:
-        yield network
-
-
-@pytest.fixture
 def stop() -> Iterator[Stop]:
     with Stop() as stop:
         yield stop
-
-
-def until(happened: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
-        sockets.wait((), MS)
 
 
 def query(seq: int, time_ns: int = 0) -> EnvironmentQuery:

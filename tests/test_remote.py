@@ -1,7 +1,6 @@
 """The link to another machine: real sockets on loopback, friends, strangers and rubbish."""
 
 import os
-import random
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import zmq
+from waiting import PATIENCE, free_port
 
 from forcebound.errors import ConfigError
 from forcebound.network import listener, remote, sockets
@@ -19,8 +19,6 @@ from forcebound.network.notices import BURST, WINDOW_NS, Notice, NoticeLimit
 from forcebound.network.remote import RemoteEnd, RemoteStreams, Role, end_of
 from forcebound.network.sockets import Network
 
-PATIENCE = 15.0  # s; a test that waits longer fails
-
 
 def pair(name: str) -> KeyPair:
     public, secret = (key.decode() for key in zmq.curve_keypair())
@@ -28,27 +26,6 @@ def pair(name: str) -> KeyPair:
 
 
 GRAPH, SERVER, STRANGER = pair("device-lab"), pair("server-lab"), pair("stranger")
-
-
-def free_port(host: str = "127.0.0.1") -> int:
-    """Return a port that is free, as is the next one.
-
-    Below those that the kernel gives to connections, such as those of a test beside this one.
-    """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    if family == socket.AF_INET6 and not Path("/proc/net/if_inet6").exists():
-        pytest.skip("this machine has no IPv6")
-    for _ in range(100):
-        port = 2 * random.SystemRandom().randrange(5_000, 15_000)
-        try:
-            with (
-                socket.create_server((host, port), family=family),
-                socket.create_server((host, port + 1), family=family),
-            ):
-                return port
-        except OSError:
-            continue
-    pytest.skip(f"no two free ports in a row at {host}")
 
 
 class Peer:

@@ -1,15 +1,14 @@
 """A runner with a link to another machine, and runners whose parameters change while they run."""
 
 import socket
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fakes import MS
+from waiting import free_port, until
 
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
@@ -25,7 +24,6 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
-from forcebound.network import sockets
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteEnd, RemoteStreams
@@ -33,40 +31,6 @@ from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
-
-PATIENCE = 20.0  # s; a test that waits longer fails
-
-
-@pytest.fixture
-def run_dir() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="fb-") as path:
-        yield Path(path)
-
-
-@pytest.fixture
-def network() -> Iterator[Network]:
-    with Network() as network:
-        yield network
-
-
-def free_pair() -> int:
-    """A port that is free, and the next one, too."""
-    for port in range(20_000, 30_000, 2):
-        with closing(socket.socket()) as one, closing(socket.socket()) as two:
-            try:
-                one.bind(("127.0.0.1", port))
-                two.bind(("127.0.0.1", port + 1))
-            except OSError:
-                continue
-            return port
-    raise AssertionError("no two ports are free")
-
-
-def until(happened: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
-        sockets.wait((), MS)
 
 
 def state(seq: int) -> DeviceState:
@@ -77,7 +41,7 @@ class Pair:
     """A controller and an environment that meet over TCP, each with a run directory of its own."""
 
     def __init__(self, folder: Path, listens: str) -> None:
-        port = free_pair()
+        port = free_port()
         self.folders = {name: folder / name for name in ("here", "there")}
         for one in self.folders.values():
             one.mkdir()

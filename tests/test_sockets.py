@@ -2,43 +2,18 @@
 
 import os
 import socket
-import tempfile
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgpack
 import pytest
 import zmq
+from waiting import PATIENCE, until
 
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
 from forcebound.network.control import ControlClient
 from forcebound.network.sockets import Network, Publisher
 from forcebound.network.subscriber import Subscriber
-
-PATIENCE = 10.0  # s; a test that waits longer fails
-
-
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    """A folder whose path is short enough for ipc."""
-    with tempfile.TemporaryDirectory(prefix="fb-") as path:
-        yield Path(path)
-
-
-@pytest.fixture
-def network() -> Iterator[Network]:
-    with Network() as network:
-        yield network
-
-
-def until(happened: Callable[[], bool], what: str) -> None:
-    """Wait for something, in bounded time."""
-    end = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
-        sockets.wait((), 1_000_000)
 
 
 def meet(publisher: Publisher, *subscribers: Subscriber) -> None:
@@ -74,8 +49,8 @@ def take(subscriber: Subscriber, last: bytes) -> list[bytes]:
     return got
 
 
-def test_only_the_newest_packet_is_left_after_a_pause(network: Network, folder: Path) -> None:
-    endpoint = f"ipc://{folder}/a"
+def test_only_the_newest_packet_is_left_after_a_pause(network: Network, run_dir: Path) -> None:
+    endpoint = f"ipc://{run_dir}/a"
     publisher = network.publisher(endpoint)
     newest = network.subscriber(endpoint, newest_only=True)
     everything = network.subscriber(endpoint, newest_only=False)
@@ -90,9 +65,9 @@ def test_only_the_newest_packet_is_left_after_a_pause(network: Network, folder: 
 
 @pytest.mark.parametrize("newest_only", [True, False])
 def test_a_message_of_several_frames_is_one_malformed_packet(
-    network: Network, folder: Path, newest_only: bool
+    network: Network, run_dir: Path, newest_only: bool
 ) -> None:
-    endpoint = f"ipc://{folder}/a"
+    endpoint = f"ipc://{run_dir}/a"
     raw = zmq.Context()
     publisher = raw.socket(zmq.PUB, socket_class=zmq.Socket)
     try:
@@ -115,8 +90,8 @@ def test_a_message_of_several_frames_is_one_malformed_packet(
         raw.destroy()
 
 
-def test_what_has_arrived_outlives_its_sender(network: Network, folder: Path) -> None:
-    endpoint = f"ipc://{folder}/a"
+def test_what_has_arrived_outlives_its_sender(network: Network, run_dir: Path) -> None:
+    endpoint = f"ipc://{run_dir}/a"
     with Network() as leaving:
         publisher = leaving.publisher(endpoint)
         subscriber = network.subscriber(endpoint, newest_only=False)
@@ -126,15 +101,15 @@ def test_what_has_arrived_outlives_its_sender(network: Network, folder: Path) ->
     assert len(take(subscriber, b"49")) == 50
 
 
-def test_an_empty_socket_gives_nothing_and_raises_nothing(network: Network, folder: Path) -> None:
-    subscriber = network.subscriber(f"ipc://{folder}/nobody", newest_only=True)
+def test_an_empty_socket_gives_nothing_and_raises_nothing(network: Network, run_dir: Path) -> None:
+    subscriber = network.subscriber(f"ipc://{run_dir}/nobody", newest_only=True)
     assert not subscriber.pending()
     assert subscriber.receive() == []
     assert subscriber.receive_ready() == []
 
 
-def test_the_descriptor_speaks_for_every_packet(network: Network, folder: Path) -> None:
-    endpoint = f"ipc://{folder}/a"
+def test_the_descriptor_speaks_for_every_packet(network: Network, run_dir: Path) -> None:
+    endpoint = f"ipc://{run_dir}/a"
     publisher = network.publisher(endpoint)
     subscriber = network.subscriber(endpoint, newest_only=True)
     meet(publisher, subscriber)
@@ -149,8 +124,8 @@ def test_the_descriptor_speaks_for_every_packet(network: Network, folder: Path) 
         assert got == [b"%d" % number]
 
 
-def test_an_ipc_endpoint_in_use_is_refused_and_not_stolen(network: Network, folder: Path) -> None:
-    endpoint = f"ipc://{folder}/a"
+def test_an_ipc_endpoint_in_use_is_refused_and_not_stolen(network: Network, run_dir: Path) -> None:
+    endpoint = f"ipc://{run_dir}/a"
     publisher = network.publisher(endpoint)
     with pytest.raises(ConfigError, match=r"cannot bind to ipc://.*/a: the address is in use"):
         network.publisher(endpoint)
@@ -158,12 +133,12 @@ def test_an_ipc_endpoint_in_use_is_refused_and_not_stolen(network: Network, fold
 
 
 def test_an_ipc_file_that_a_killed_process_left_is_taken_over(
-    network: Network, folder: Path
+    network: Network, run_dir: Path
 ) -> None:
     with socket.socket(socket.AF_UNIX) as dead:
-        dead.bind(str(folder / "a"))
-    publisher = network.publisher(f"ipc://{folder}/a")
-    meet(publisher, network.subscriber(f"ipc://{folder}/a", newest_only=True))
+        dead.bind(str(run_dir / "a"))
+    publisher = network.publisher(f"ipc://{run_dir}/a")
+    meet(publisher, network.subscriber(f"ipc://{run_dir}/a", newest_only=True))
 
 
 def test_a_port_in_use_is_refused(network: Network) -> None:
@@ -180,7 +155,7 @@ def test_a_port_in_use_is_refused(network: Network) -> None:
         ("nonsense", "write it like"),
         ("pigeon://roof", "use tcp:// or ipc://"),
         ("tcp://192.0.2.1:5000", "no network interface"),
-        ("ipc:///no/such/folder/a", "directory does not exist"),
+        ("ipc:///no/such/run_dir/a", "directory does not exist"),
         (f"ipc:///tmp/{'a' * 120}", "at most 107 characters"),
     ],
 )
@@ -208,15 +183,15 @@ def test_tcp_works_with_both_families(network: Network, host: str) -> None:
     meet(publisher, network.subscriber(f"tcp://{host}:{port}", newest_only=True))
 
 
-def test_either_end_may_bind(network: Network, folder: Path) -> None:
-    endpoint = f"ipc://{folder}/a"
+def test_either_end_may_bind(network: Network, run_dir: Path) -> None:
+    endpoint = f"ipc://{run_dir}/a"
     subscriber = network.subscriber(endpoint, newest_only=True, bind=True)
     meet(network.publisher(endpoint, bind=False), subscriber)
 
 
-def test_a_frame_that_is_too_large_does_not_arrive(network: Network, folder: Path) -> None:
+def test_a_frame_that_is_too_large_does_not_arrive(network: Network, run_dir: Path) -> None:
     # libzmq ends such a connection; the end that connected never tries again, so the test binds.
-    endpoint = f"ipc://{folder}/a"
+    endpoint = f"ipc://{run_dir}/a"
     subscriber = network.subscriber(endpoint, newest_only=False, bind=True)
     publisher = network.publisher(endpoint, bind=False)
     meet(publisher, subscriber)
@@ -232,9 +207,9 @@ def test_a_frame_that_is_too_large_does_not_arrive(network: Network, folder: Pat
     assert set(got) == {b"after"}
 
 
-def test_a_request_is_answered(network: Network, folder: Path) -> None:
-    server = network.control_server(f"ipc://{folder}/control")
-    client = network.control_client(f"ipc://{folder}/control")
+def test_a_request_is_answered(network: Network, run_dir: Path) -> None:
+    server = network.control_server(f"ipc://{run_dir}/control")
+    client = network.control_client(f"ipc://{run_dir}/control")
     until(lambda: client.ask({"request": "status"}), "a connection")
     assert client.answer() is None
     until(server.pending, "the request")
@@ -243,9 +218,9 @@ def test_a_request_is_answered(network: Network, folder: Path) -> None:
     assert client.answer() == {"heard": "status"}
 
 
-def test_a_request_may_follow_one_without_an_answer(network: Network, folder: Path) -> None:
-    server = network.control_server(f"ipc://{folder}/control")
-    client = network.control_client(f"ipc://{folder}/control")
+def test_a_request_may_follow_one_without_an_answer(network: Network, run_dir: Path) -> None:
+    server = network.control_server(f"ipc://{run_dir}/control")
+    client = network.control_client(f"ipc://{run_dir}/control")
     until(lambda: client.ask({"request": 1}), "a connection")
     assert client.ask({"request": 2})
     answers: list[object] = []
@@ -261,22 +236,22 @@ def test_a_request_may_follow_one_without_an_answer(network: Network, folder: Pa
     assert answers == [2]
 
 
-def test_nobody_to_ask_is_no_error(network: Network, folder: Path) -> None:
-    client = network.control_client(f"ipc://{folder}/nobody")
+def test_nobody_to_ask_is_no_error(network: Network, run_dir: Path) -> None:
+    client = network.control_client(f"ipc://{run_dir}/nobody")
     assert not client.ask({"request": "status"})
     assert client.answer() is None
 
 
 @pytest.mark.parametrize("junk", [b"", b"\xc1", msgpack.packb([1, 2]), b"\x81" * 500])
 def test_a_request_that_is_no_map_gets_an_error(
-    network: Network, folder: Path, junk: bytes
+    network: Network, run_dir: Path, junk: bytes
 ) -> None:
-    server = network.control_server(f"ipc://{folder}/control")
+    server = network.control_server(f"ipc://{run_dir}/control")
     raw = zmq.Context()
     request = raw.socket(zmq.REQ, socket_class=zmq.Socket)
     try:
         request.linger = 0
-        request.connect(f"ipc://{folder}/control")
+        request.connect(f"ipc://{run_dir}/control")
         request.send(junk)
         until(server.pending, "the request")
         server.serve(lambda request: pytest.fail("asked the node"))
@@ -286,13 +261,13 @@ def test_a_request_that_is_no_map_gets_an_error(
         raw.destroy()
 
 
-def test_an_answer_that_is_no_map_is_no_answer(network: Network, folder: Path) -> None:
+def test_an_answer_that_is_no_map_is_no_answer(network: Network, run_dir: Path) -> None:
     raw = zmq.Context()
     reply = raw.socket(zmq.REP, socket_class=zmq.Socket)
     try:
         reply.linger = 0
-        reply.bind(f"ipc://{folder}/control")
-        client: ControlClient = network.control_client(f"ipc://{folder}/control")
+        reply.bind(f"ipc://{run_dir}/control")
+        client: ControlClient = network.control_client(f"ipc://{run_dir}/control")
         until(lambda: client.ask({}), "a connection")
         assert reply.poll(round(PATIENCE * 1000))
         reply.recv()
@@ -303,10 +278,10 @@ def test_an_answer_that_is_no_map_is_no_answer(network: Network, folder: Path) -
         raw.destroy()
 
 
-def test_closing_does_not_hang_on_a_peer_that_never_came(folder: Path) -> None:
+def test_closing_does_not_hang_on_a_peer_that_never_came(run_dir: Path) -> None:
     network = Network(farewell_ms=50)
-    network.publisher(f"ipc://{folder}/nobody", bind=False).send(b"lost")
-    client = network.control_client(f"ipc://{folder}/nobody-either")
+    network.publisher(f"ipc://{run_dir}/nobody", bind=False).send(b"lost")
+    client = network.control_client(f"ipc://{run_dir}/nobody-either")
     client.ask({"request": "status"})
     network.close()  # hangs for ever with ZeroMQ's defaults
 

@@ -10,13 +10,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from live_graph import children_of, is_alive
+from waiting import PATIENCE, until
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.lifecycle import Limits
@@ -32,7 +32,6 @@ from forcebound.running import orders
 from forcebound.running.orders import ask_launcher, start_node, stop_node
 
 NODES = ("environment", "controller", "device", "recorder")
-PATIENCE = 60.0  # s; a cold start on a busy machine takes its time
 
 FAKE_NODE = """
 import os, signal, sys
@@ -65,13 +64,6 @@ QUICK = Limits(
 )
 
 
-def until(happened: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < end, f"waited {PATIENCE} s for {what}"
-        sockets.wait((), 10_000_000)
-
-
 @pytest.fixture(autouse=True)
 def no_child_is_left() -> Iterator[None]:
     before = children_of(os.getpid())
@@ -81,72 +73,65 @@ def no_child_is_left() -> Iterator[None]:
     assert os.sched_getaffinity(0) == cores
 
 
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    """A temporary folder with a short path, since ipc endpoints live in it."""
-    with tempfile.TemporaryDirectory(prefix="fb-") as path:
-        yield Path(path)
-
-
 def supervise(
-    folder: Path,
+    run_dir: Path,
     modes: dict[str, str],
     limits: Limits = QUICK,
     duration_ns: int | None = 50_000_000,
 ) -> tuple[bool, list[tuple[str, str]]]:
     said: list[tuple[str, str]] = []
     commands = {
-        name: [sys.executable, "-c", FAKE_NODE, name, str(folder), mode]
+        name: [sys.executable, "-c", FAKE_NODE, name, str(run_dir), mode]
         for name, mode in modes.items()
     }
-    supervisor = Supervisor(commands, folder, duration_ns, limits, lambda *line: said.append(line))
+    supervisor = Supervisor(commands, run_dir, duration_ns, limits, lambda *line: said.append(line))
     return supervisor.run(), said
 
 
 @pytest.mark.live
-def test_processes_are_started_engaged_and_stopped(folder: Path) -> None:
-    interrupted, said = supervise(folder, {"device": "good", "controller": "good"})
+def test_processes_are_started_engaged_and_stopped(run_dir: Path) -> None:
+    interrupted, said = supervise(run_dir, {"device": "good", "controller": "good"})
     assert not interrupted
     assert set(said) == {("device", "device is there"), ("controller", "controller is there")}
 
 
 @pytest.mark.live
-def test_the_message_of_a_death_holds_the_last_words(folder: Path) -> None:
+def test_the_message_of_a_death_holds_the_last_words(run_dir: Path) -> None:
     with pytest.raises(RunError, match=r"(?s)controller ended by itself.*status 3.*out of order"):
-        supervise(folder, {"device": "good", "controller": "dies"})
+        supervise(run_dir, {"device": "good", "controller": "dies"})
 
 
 @pytest.mark.live
-def test_who_dies_again_and_again_ends_the_run_with_its_last_words(folder: Path) -> None:
+def test_who_dies_again_and_again_ends_the_run_with_its_last_words(run_dir: Path) -> None:
     message = r"(?s)environment ended by itself 5 times within 10 s.*status 3.*out of order"
     # Slower than five deaths in ten seconds it may be on a machine that hangs; not for ever.
     with pytest.raises(RunError, match=message):
-        supervise(folder, {"device": "good", "environment": "dies later"}, duration_ns=None)
+        supervise(run_dir, {"device": "good", "environment": "dies later"}, duration_ns=None)
 
 
 @pytest.mark.live
-def test_a_run_ends_in_time_while_a_node_is_down_or_starting(folder: Path) -> None:
-    interrupted, said = supervise(folder, {"device": "good", "environment": "dies later"})
+def test_a_run_ends_in_time_while_a_node_is_down_or_starting(run_dir: Path) -> None:
+    interrupted, said = supervise(run_dir, {"device": "good", "environment": "dies later"})
     assert not interrupted
     assert ("environment", "out of order") in said
 
 
 @pytest.mark.live
-def test_the_launcher_answers_stops_starts_and_restarts(folder: Path) -> None:
+def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
     """A second thread plays the user, since the launcher takes the main one for its signals."""
     modes = {"device": "good", "controller": "good", "environment": "good"}
     seen: dict[str, Any] = {}
 
     def node(name: str) -> dict[str, Any]:
-        status: dict[str, Any] = ask_launcher(folder, {"request": "status"})["nodes"][name]
+        status: dict[str, Any] = ask_launcher(run_dir, {"request": "status"})["nodes"][name]
         return status
 
     def user() -> None:
-        until(lambda: (folder / "engaged").exists(), "an engaged force")
+        until(lambda: (run_dir / "engaged").exists(), "an engaged force")
         before = node("controller")
-        stop_node(folder, "environment")
+        stop_node(run_dir, "environment")
         seen["stopped"] = node("environment")
-        start_node(folder, "environment")
+        start_node(run_dir, "environment")
         seen["started"] = node("environment")
         os.kill(before["pid"], signal.SIGKILL)
         until(lambda: node("controller")["restarts"] == 1, "a restart")
@@ -154,10 +139,10 @@ def test_the_launcher_answers_stops_starts_and_restarts(folder: Path) -> None:
         seen["pids differ"] = node("controller")["pid"] != before["pid"]
         for name in ("device", "operator"):
             with pytest.raises(ConfigError) as refused:
-                stop_node(folder, name)
+                stop_node(run_dir, name)
             seen[name] = str(refused.value)
         with pytest.raises(ConfigError) as refused:
-            ask_launcher(folder, {"request": "dance"})
+            ask_launcher(run_dir, {"request": "dance"})
         seen["dance"] = str(refused.value)
 
     def user_who_ends_the_run() -> None:
@@ -170,7 +155,7 @@ def test_the_launcher_answers_stops_starts_and_restarts(folder: Path) -> None:
 
     thread = threading.Thread(target=user_who_ends_the_run)
     thread.start()
-    interrupted, said = supervise(folder, modes, duration_ns=600 * 10**9)
+    interrupted, said = supervise(run_dir, modes, duration_ns=600 * 10**9)
     thread.join()
     assert "error" not in seen, seen
     assert interrupted
@@ -186,14 +171,14 @@ def test_the_launcher_answers_stops_starts_and_restarts(folder: Path) -> None:
 
 @pytest.mark.live
 def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(orders, "ANSWER_TIME", 0.1)
     with pytest.raises(ConfigError, match=r"nobody takes orders in .*started by hand"):
-        ask_launcher(folder, {"request": "status"})
-    (folder / "control-launcher").touch()
+        ask_launcher(run_dir, {"request": "status"})
+    (run_dir / "control-launcher").touch()
     with pytest.raises(RunError, match=r"has not answered for 0.1 s"):
-        ask_launcher(folder, {"request": "status"})
+        ask_launcher(run_dir, {"request": "status"})
 
 
 @pytest.mark.live
@@ -231,51 +216,51 @@ def test_a_process_whose_log_nobody_reads_goes_on_and_drops_lines() -> None:
 
 
 @pytest.mark.live
-def test_who_is_not_ready_is_named_with_what_is_missing(folder: Path) -> None:
+def test_who_is_not_ready_is_named_with_what_is_missing(run_dir: Path) -> None:
     limits = Limits(start_ns=3 * 10**9)
     with pytest.raises(RunError, match=r"not ready after 3 s: .*controller has received nothing"):
-        supervise(folder, {"device": "good", "controller": "deaf"}, limits)
+        supervise(run_dir, {"device": "good", "controller": "deaf"}, limits)
 
 
 @pytest.mark.live
-def test_who_does_not_stop_is_killed(folder: Path) -> None:
+def test_who_does_not_stop_is_killed(run_dir: Path) -> None:
     with pytest.raises(RunError, match="controller did not stop in time and was killed"):
-        supervise(folder, {"device": "good", "controller": "stubborn"})
+        supervise(run_dir, {"device": "good", "controller": "stubborn"})
 
 
 @pytest.mark.live
 def test_a_live_run_leaves_its_samples_and_nothing_else(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", str(run_dir))
     result = run_live(load("stiff_wall.yaml"), 0.5)
     assert result.summary["samples"] > 100
     assert result.summary["law"] == "certified"
     # Too old is an answer after the machine stood still for the age limit; nothing else may be.
     assert set(result.summary["rejected_packets"]) <= {"too_old"}
-    assert list(folder.iterdir()) == []
+    assert list(run_dir.iterdir()) == []
 
 
 @pytest.mark.live
 def test_a_recording_that_cannot_be_written_is_refused_before_anything_starts(
-    folder: Path,
+    run_dir: Path,
 ) -> None:
     config = load("stiff_wall.yaml")
-    for path in (folder / "none" / "run.mcap", folder):
+    for path in (run_dir / "none" / "run.mcap", run_dir):
         with pytest.raises(ConfigError, match="cannot write the recording"):
             run_live(config, 0.5, path)
 
 
 class Launched:
-    """``forcebound launch`` as a process of its own, with a folder for its run directory."""
+    """``forcebound launch`` as a process of its own, with a run_dir for its run directory."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
-        self.folder = folder
-        self.record = folder / "run.mcap"
+    def __init__(self, run_dir: Path, *words: str) -> None:
+        self.run_dir = run_dir
+        self.record = run_dir / "run.mcap"
         command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall.yaml", *words]
         self.process = subprocess.Popen(
             [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
-            env={**os.environ, "TMPDIR": str(folder)},
+            env={**os.environ, "TMPDIR": str(run_dir)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -283,7 +268,7 @@ class Launched:
 
     @property
     def run_dirs(self) -> list[Path]:
-        return list(self.folder.glob("forcebound-*"))
+        return list(self.run_dir.glob("forcebound-*"))
 
     def wait_until_engaged(self) -> dict[str, int]:
         """Return the process ids by name of a run whose force is engaged."""
@@ -312,8 +297,8 @@ class Launched:
 
 
 @pytest.fixture
-def launched(folder: Path) -> Iterator[Launched]:
-    launched = Launched(folder)
+def launched(run_dir: Path) -> Iterator[Launched]:
+    launched = Launched(run_dir)
     try:
         yield launched
     finally:

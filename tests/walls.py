@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 import zmq
+from waiting import PATIENCE
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-PATIENCE = 60.0  # s; a test that waits longer fails
 LANGUAGES = {  # the command, and what a build leaves
     "cpp": ([str(EXAMPLES / "cpp/wall")], EXAMPLES / "cpp/wall"),
     "javascript": (
