@@ -108,6 +108,7 @@ def test_check_and_show_args_start_nothing() -> None:
     shown = invoke("launch", "stiff_wall.yaml", "--show-args").stdout
     for name in ("law", "stiffness", "approach_speed", "delay", "compute_delay", "seed"):
         assert f"{name}:=" in shown
+    assert "local:=false " in invoke("launch", "remote_wall", "--show-args").stdout
 
 
 @pytest.mark.parametrize(

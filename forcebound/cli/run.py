@@ -150,9 +150,14 @@ def _show_arguments(file: str, as_json: bool) -> None:
         print_json([asdict(argument) for argument in arguments])
         return
     for argument in arguments:
-        default = "(required)" if argument.default is None else argument.default
-        choices = f" [{', '.join(map(str, argument.choices))}]" if argument.choices else ""
+        default = "(required)" if argument.default is None else _as_written(argument.default)
+        choices = f" [{', '.join(map(_as_written, argument.choices))}]" if argument.choices else ""
         click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
+
+
+def _as_written(value: object) -> str:
+    """Return a value as one writes it in a launch file."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
