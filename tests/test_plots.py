@@ -265,6 +265,7 @@ def test_faults_are_lines_and_phases_bands_with_their_names() -> None:
     ]
     axes = panel(figure([run], events=[events]), 0)
     assert sum(line.get_label() == "fault" for line in axes.lines) == 1
-    assert [text.get_text() for text in axes.texts] == ["quiet", "lossy"]
+    (above,) = axes.child_axes
+    assert [label.get_text() for label in above.get_xticklabels()] == ["quiet", "lossy"]
     assert len(axes.patches) == 1
-    assert not panel(figure([run]), 0).texts
+    assert not panel(figure([run]), 0).child_axes

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -219,22 +220,16 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
             axes.axvline(time, color=FORBIDDEN, linestyle=":", linewidth=0.8, label="fault")
     begins = [event for event in events if event.event == PHASE_BEGINS]
     starts = [(event.time_ns - zero_ns) * 1e-9 for event in begins]
-    for number, (event, start) in enumerate(zip(begins, starts, strict=True)):
-        stop = starts[number + 1] if number + 1 < len(starts) else end
-        if number % 2:
-            axes.axvspan(start, stop, color=NEUTRAL, alpha=0.10, linewidth=0.0)
-        if names:
-            axes.text(
-                (start + stop) / 2.0,
-                0.02,
-                event.data.get("name", ""),
-                transform=axes.get_xaxis_transform(),
-                fontsize=5,
-                rotation=90,
-                ha="center",
-                va="bottom",
-                color=NEUTRAL,
-            )
+    bounds = [*starts, end]
+    for start, stop in list(pairwise(bounds))[1::2]:
+        axes.axvspan(start, stop, color=NEUTRAL, alpha=0.10, linewidth=0.0)
+    if names and begins:
+        above = axes.secondary_xaxis("top")
+        middles = [(start + stop) / 2.0 for start, stop in pairwise(bounds)]
+        words = [event.data.get("name", "") for event in begins]
+        above.set_xticks(middles, words, rotation=30, ha="left", fontsize=7, color=NEUTRAL)
+        above.tick_params(length=0.0, pad=1.0)
+        above.spines["top"].set_visible(False)
 
 
 def _title(run: Run) -> str:
