@@ -1,7 +1,10 @@
 """The delays that a run had, as a trace; and the files that launch files name under ``trace``."""
 
+import json
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +38,7 @@ def shortest_of(impairment: Impairment) -> float:
 
 
 def read_trace(file: Path) -> DelayTrace:
-    """Return the trace in a CSV file, or of a recording (``.mcap``) by :func:`loop_delays`.
+    """Return the trace in a CSV file, or of a recording (``.mcap``) by :func:`as_link_trace`.
 
     Raises:
         ConfigError: If the file cannot be read or is neither.
@@ -51,9 +54,10 @@ def read_trace(file: Path) -> DelayTrace:
 def _read(file: Path, modified_ns: int, size: int) -> DelayTrace:
     # The loader checks what the links then use, and a sweep does so thousands of times.
     if file.suffix == RECORDING_SUFFIX:
-        columns = read(file).telemetry
+        recording = read(file)
         try:
-            return loop_delays(columns)
+            document = json.loads(recording.metadata.get("launch", "{}"))
+            return as_link_trace(loop_delays(recording.telemetry), document)
         except ConfigError as error:
             raise ConfigError(f"no trace in {file}: {error}") from None
     return read_csv(file)
@@ -84,3 +88,21 @@ def loop_delays(columns: TelemetryColumns) -> DelayTrace:
     began = columns.elapsed[chosen][0]  # not 0 for a part of a run
     times = (columns.time[chosen] + began).tolist()
     return DelayTrace(times, [delay_of.get(tick) for tick in ticks])
+
+
+def as_link_trace(trace: DelayTrace, document: Mapping[str, Any]) -> DelayTrace:
+    """Return delays that give a run these loop delays, if one link has them and nothing else does.
+
+    The device takes an answer when it writes, ``reply_wait`` after the sample that it answers. This
+    part of the loop delay is there again in any replay, so it is taken away; the rest is whole
+    periods, and leaves an undisturbed loop its ``reply_wait`` to go round.
+
+    Args:
+        trace: Loop delays; see :func:`loop_delays`.
+        document: The launch file of the run, as resolved; reads ``device.reply_wait`` and ``rate``.
+    """
+    device = document.get("device") or {}
+    waited = device.get("reply_wait", 0.0) / device.get("rate", 1.0)
+    return DelayTrace(
+        trace.times, [None if delay is None else max(delay - waited, 0.0) for delay in trace.delays]
+    )

@@ -61,12 +61,15 @@ def start(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
     """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
-    from forcebound.running.delay import measure, summary
+    from forcebound.launch.traces import as_link_trace
+    from forcebound.running.delay import measure
 
-    trace = measure(run, duration)
+    measured = measure(run, duration)
+    if not measured.is_complete:
+        click.echo(f"{run} was cut off: these are the delays up to there", err=True)
     if output is not None:
-        trace.write(output)
-    document = {**summary(trace), "trace": None if output is None else str(output)}
+        as_link_trace(measured.trace, measured.document).write(output)
+    document = {**measured.summary, "trace": None if output is None else str(output)}
     if as_json:
         print_json(document)
         return

@@ -1,15 +1,18 @@
 """What loop delay has a graph, one that runs or one that was recorded?"""
 
+import json
 import os
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from forcebound import realtime
-from forcebound.errors import PacketError, RunError
-from forcebound.launch.live import RUN_FILE, TELEMETRY, RunDocument
+from forcebound.errors import ConfigError, PacketError, RunError
+from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
 from forcebound.launch.traces import loop_delays
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
@@ -24,20 +27,52 @@ DURATION = 5.0  # s, how long a running graph is watched
 _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph
 
 
-def measure(run: Path | None, duration: float | None = None) -> DelayTrace:
-    """Return the loop delay of each tick; see :func:`forcebound.launch.traces.loop_delays`.
+@dataclass(frozen=True)
+class Measured:
+    """The loop delays of a graph."""
+
+    trace: DelayTrace  # see :func:`forcebound.launch.traces.loop_delays`
+    document: Mapping[str, Any]  # launch file of the graph, as resolved
+    is_complete: bool = True  # False: a recording that was cut off
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What there is to say of the delays in a few figures, fit for JSON.
+
+        ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
+        None if every answer was lost.
+        """
+        known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
+        figures = dict.fromkeys(("p50", "p99", "max"))
+        if known.size:
+            p50, p99, longest = np.percentile(known, (50, 99, 100)).tolist()
+            figures = {"p50": p50, "p99": p99, "max": longest}
+        ticks = len(self.trace.delays)
+        return {"ticks": ticks, "lost_share": 1.0 - known.size / ticks, "loop_delay_ms": figures}
+
+
+def measure(run: Path | None, duration: float | None = None) -> Measured:
+    """Return the loop delay of each tick.
 
     Args:
         run: A recording; the run directory of a graph that runs; None: the only one that runs.
         duration: How long to watch a graph that runs, in s; None: :data:`DURATION`.
 
     Raises:
-        ConfigError: If there is no such recording or graph, or it has no tick to tell of.
+        ConfigError: If there is no such recording or graph, it has no tick to tell of, or a
+            duration is given for a recording.
         RunError: If the graph sent nothing.
     """
     if run is not None and not run.is_dir():
-        return loop_delays(read(run).telemetry)
-    return loop_delays(watch(find(run), DURATION if duration is None else duration))
+        if duration is not None:
+            raise ConfigError(f"{run} is a recording, and read whole: leave --duration out")
+        recording = read(run)
+        document = json.loads(recording.metadata.get("launch", "{}"))
+        return Measured(loop_delays(recording.telemetry), document, recording.complete)
+    run_dir = find(run)
+    document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
+    columns = watch(run_dir, DURATION if duration is None else duration)
+    return Measured(loop_delays(columns), document)
 
 
 def watch(run_dir: Path, duration: float) -> TelemetryColumns:
@@ -68,22 +103,6 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
             " Try again, with a longer --duration"
         )
     return TelemetryColumns.from_packets(packets)
-
-
-def summary(trace: DelayTrace) -> dict[str, Any]:
-    """Return what there is to say of delays in a few figures, fit for JSON.
-
-    Returns:
-        ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
-        None if every answer was lost.
-    """
-    known = np.array([delay for delay in trace.delays if delay is not None]) * 1e3
-    figures = dict.fromkeys(("p50", "p99", "max"))
-    if known.size:
-        p50, p99, longest = np.percentile(known, (50, 99, 100)).tolist()
-        figures = {"p50": p50, "p99": p99, "max": longest}
-    ticks = len(trace.delays)
-    return {"ticks": ticks, "lost_share": 1.0 - known.size / ticks, "loop_delay_ms": figures}
 
 
 def _decoded(messages: list[bytes]) -> list[Telemetry]:
