@@ -38,6 +38,7 @@ KEYS = {
     "own_tick_share",
     "loop_delay_ms",
     "deadline_misses",
+    "late_writes",
     "rejected_packets",
     "contact_reversals",
     "final_speed_m_per_s",
@@ -49,7 +50,12 @@ KEYS = {
 def config(**environment: Any) -> dict[str, Any]:
     wall = {"kind": "wall", "position": WALL, "stiffness": 10_000.0}
     return {
-        "device": {"kind": "phantom_premium_1_5", "law": "certified", "rate": 1000.0},
+        "device": {
+            "kind": "phantom_premium_1_5",
+            "law": "certified",
+            "rate": 1000.0,
+            "hold_limit": 1.25,
+        },
         "environment": wall | environment,
     }
 
@@ -216,6 +222,25 @@ def test_misses_and_refused_packets_are_those_at_the_end() -> None:
     assert summary["deadline_misses"] == 599
     assert summary["rejected_packets"] == {"age": 5999}
     assert ("rejected packets", "5999 age") in summary_rows(summary)
+
+
+def test_a_write_after_the_hold_limit_is_late_and_a_skipped_tick_is_one() -> None:
+    run = ticks(pressing(), duration=1.0)
+    late = [replace(t, time_ns=t.time_ns + 260_000 * (t.seq == 500)) for t in run]
+    in_time = [replace(t, time_ns=t.time_ns + 250_000 * (t.seq == 500)) for t in run]
+    skipped = [t for t in run if not 300 <= t.seq < 303]
+    assert summary_of(run)["late_writes"] == 0
+    assert summary_of(late)["late_writes"] == 1
+    assert summary_of(in_time)["late_writes"] == 0
+    assert summary_of(skipped)["late_writes"] == 1
+    assert ("late writes", "1") in summary_rows(summary_of(late))
+
+
+def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
+    run = [replace(t, engagement=float(t.seq < 2000)) for t in ticks(pressing())]
+    summary = summary_of(run)
+    assert summary["samples"] == 6000
+    assert summary["duration_s"] == pytest.approx(5.999)
 
 
 # --- Energy --------------------------------------------------------------------------------------

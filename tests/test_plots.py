@@ -1,6 +1,7 @@
 """A picture shows the data that it was given, in scales that keep every run readable."""
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -253,19 +254,33 @@ def test_a_figure_needs_a_run_and_a_panel() -> None:
             figure(runs, panels)
 
 
-def test_faults_are_lines_and_phases_bands_with_their_names() -> None:
+def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names() -> None:
     run = run_of(telemetry())
     log = EventLog("device")
     start_ns = int(run[1].time_ns[0])
-    events = [
+    told = [
+        log.tell(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
+        log.tell(start_ns + 3_000_000, "force_released", "", is_fault=True),
+        log.tell(start_ns + 4_000_000, "force_released", "", is_fault=True),
+        log.tell(start_ns + 3_000_000, "parameter_set", ""),
+        log.tell(start_ns + 3_000_000, "force_engages", ""),
+    ]
+    phases = [
         log.tell(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
         log.tell(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
-        log.tell(start_ns + 3_000_000, "force_released", "", is_fault=True),
-        log.tell(start_ns + 3_000_000, "parameter_set", ""),
     ]
-    axes = panel(figure([run], events=[events]), 0)
-    assert sum(line.get_label() == "fault" for line in axes.lines) == 1
+
+    def marks(axes: Any) -> Counter[str]:
+        return Counter(line.get_label() for line in axes.lines)
+
+    axes = panel(figure([run], events=[told]), 0)
+    assert marks(axes)["force released"] == 2
+    assert marks(axes)["parameter set"] == 1
+    assert not {"environment lost", "force engages"} & set(marks(axes))
+    assert not axes.child_axes
+    axes = panel(figure([run], events=[told + phases]), 0)
+    assert marks(axes)["force released"] == 2
+    assert marks(axes)["parameter set"] == 0
     (above,) = axes.child_axes
     assert [label.get_text() for label in above.get_xticklabels()] == ["quiet", "lossy"]
     assert len(axes.patches) == 1
-    assert not panel(figure([run]), 0).child_axes

@@ -1,9 +1,9 @@
 """What a run shows in numbers: stiffness, energy, timing, and whether the hand came to rest.
 
-Every function takes the telemetry as columns and the launch file as resolved for the run. Only
-samples with an engaged force count. *In contact* is a sample whose reading lies behind the
-environment's surface. A result that the run or the launch file does not define is ``None``, never
-NaN, so that a summary is always valid JSON.
+Every function takes the telemetry as columns and the launch file as resolved for the run. For
+stiffness, force and delay only samples with an engaged force count. *In contact* is a sample whose
+reading lies behind the environment's surface. A result that the run or the launch file does not
+define is ``None``, never NaN, so that a summary is always valid JSON.
 """
 
 from collections import Counter
@@ -250,13 +250,13 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
     Args:
         columns: Telemetry of the run.
         config: The launch file as resolved for the run, in SI numbers; of its keys
-            ``device.law`` and ``environment.position``, ``.axis`` are read, and those results that
-            need a missing one are None.
+            ``device.law``, ``.rate``, ``.hold_limit`` and ``environment.position``, ``.axis`` are
+            read, and those results that need a missing one are None.
 
     Returns:
         By key, SI units as the key says:
 
-        * ``law``; ``samples``, ``duration_s``: number of engaged samples, first to last of them
+        * ``law``; ``samples``, ``duration_s``: since the force engaged for the first time
         * ``displayed_stiffness_n_per_m``, ``rate_hardness_n_per_m``: the functions above
         * ``peak_force_n``, ``peak_penetration_m``: largest applied force, deepest reading
         * ``true_energy_min_j``, ``estimated_energy_min_j``: least value since engagement, of the
@@ -266,7 +266,8 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         * ``answered_share``: :func:`answered_share`
         * ``own_tick_share``: share of samples whose force answers the state of their own tick
         * ``loop_delay_ms``: ``p50``, ``p99``, ``max``
-        * ``deadline_misses``, ``rejected_packets`` by reason: at the end of the run
+        * ``deadline_misses``: ticks skipped; ``late_writes``: :func:`late_writes`
+        * ``rejected_packets`` by reason: at the end of the run
         * ``contact_reversals``: :func:`count_reversals` of the reading after first contact
         * ``final_speed_m_per_s``, ``at_rest``, ``penetration_at_rest_m``: over the last 0.5 s; the
           last is the mean depth there, None if the hand is not known to be at rest
@@ -291,8 +292,8 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
     since_engaged = columns.time >= 0.0 if time.size else engaged
     return {
         "law": law(config),
-        "samples": int(time.size),
-        "duration_s": float(time[-1] - time[0]) if time.size else None,
+        "samples": int(np.count_nonzero(since_engaged)),
+        "duration_s": float(np.ptp(columns.time[since_engaged])) if time.size else None,
         **at_surface,
         "peak_force_n": _or_none(np.max, applied),
         "true_energy_min_j": _or_none(np.min, columns.true_energy[since_engaged]),
@@ -302,6 +303,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         "own_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
         "loop_delay_ms": _delays(columns.loop_delay[engaged]),
         "deadline_misses": _misses(columns.deadline_misses, since_engaged),
+        "late_writes": late_writes(columns, config),
         "rejected_packets": dict(sorted(columns.rejected.items())),
         "final_speed_m_per_s": speed,
         "at_rest": at_rest,
@@ -314,6 +316,27 @@ def _misses(counts: Ints, since_engaged: Mask) -> int | None:
         return None
     before = counts[~since_engaged]
     return int(counts[-1] - (before[-1] if before.size else 0))
+
+
+def late_writes(columns: TelemetryColumns, config: Mapping[str, Any]) -> int | None:
+    """Return how often the next force came later than the motor holds one, since it engaged.
+
+    Then the motor's watchdog has dropped the force to zero, and the certified laws pay for what
+    they do not know of that time. A tick that was skipped makes one late write; a tick that was
+    only late may make one, too, and is no deadline miss.
+
+    Args:
+        columns: Telemetry of the run.
+        config: The launch file as resolved for the run; reads ``device.rate``, ``.hold_limit``.
+
+    Returns:
+        Their number; None if the launch file does not say the limit, or the force never engaged.
+    """
+    device = config.get("device") or {}
+    if "rate" not in device or "hold_limit" not in device or not (columns.engagement > 0.0).any():
+        return None
+    limit_ns = round(device["hold_limit"] * 1e9 / device["rate"])
+    return int(np.count_nonzero(np.diff(columns.time_ns[columns.time >= 0.0]) > limit_ns))
 
 
 def _at_surface(time: Floats, force: Floats, depth: Floats, at_rest: bool) -> dict[str, Any]:
@@ -475,6 +498,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("own tick answered", show("own_tick_share", "%", 1e2, 1)),
         ("loop delay p50/p99/max", UNDEFINED if delays["p50"] is None else f"{delay} ms"),
         ("deadline misses", show("deadline_misses", "", digits=0)),
+        ("late writes", show("late_writes", "", digits=0)),
         ("rejected packets", ", ".join(rejected) or "0"),
         ("lost or damaged", ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),

@@ -33,6 +33,9 @@ HAPPENS = "#0072B2"  # blue: what physically happens
 ASKED = "#E69F00"  # orange: what was asked for
 BELIEVED = "#009E73"  # green: what the law believes
 FORBIDDEN = "#D55E00"  # vermilion: where energy would come from nowhere
+PHASE = "#56B4E9"  # sky blue: every other phase
+CHANGES = ("parameter_set", "environment_serves")  # events that are drawn beside the faults
+MARK_STYLES = (":", "--", "-.", (0, (1, 4)), (0, (6, 3, 1, 3, 1, 3)))  # of lines over time, by kind
 NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
 SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
@@ -176,7 +179,8 @@ def figure(
     Args:
         runs: Label, telemetry, and launch file as resolved, of each run; at least one.
         panels: Keys of ``PANELS``, from top to bottom.
-        events: Of each run: faults are drawn as lines over time, phases as bands.
+        events: Of each run: faults and changes are drawn as lines over time, phases as
+            bands.
 
     Raises:
         ConfigError: If a panel is unknown, or a launch file does not fit its run.
@@ -208,21 +212,29 @@ def figure(
 
 
 def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
-    """Draw what happened to the graph: a line for a fault, a band for every other phase."""
+    """Draw what happened to the graph: lines for faults and changes, bands for phases."""
     columns = run[1]
     if not columns.time.size:
         return
     zero_ns = int(columns.time_ns[0]) - round(float(columns.time[0]) * 1e9)
     end = float(columns.time[-1])
-    for event in events:
-        if event.is_fault and event.time_ns >= zero_ns:
-            time = (event.time_ns - zero_ns) * 1e-9
-            axes.axvline(time, color=FORBIDDEN, linestyle=":", linewidth=0.8, label="fault")
     begins = [event for event in events if event.event == PHASE_BEGINS]
+    changes = () if begins else CHANGES  # what a phase changes is told by its name
+    marked = [event for event in events if event.is_fault or event.event in changes]
+    kinds = list(dict.fromkeys(event.event for event in marked if event.time_ns >= zero_ns))
+    for event in marked:
+        if event.time_ns >= zero_ns:
+            axes.axvline(
+                (event.time_ns - zero_ns) * 1e-9,
+                color=FORBIDDEN if event.is_fault else NEUTRAL,
+                linestyle=MARK_STYLES[kinds.index(event.event) % len(MARK_STYLES)],
+                linewidth=0.8,
+                label=event.event.replace("_", " ") if names else None,
+            )
     starts = [(event.time_ns - zero_ns) * 1e-9 for event in begins]
     bounds = [*starts, end]
     for start, stop in list(pairwise(bounds))[1::2]:
-        axes.axvspan(start, stop, color=NEUTRAL, alpha=0.10, linewidth=0.0)
+        axes.axvspan(start, stop, color=PHASE, alpha=0.10, linewidth=0.0, zorder=0)
     if names and begins:
         above = axes.secondary_xaxis("top")
         middles = [(start + stop) / 2.0 for start, stop in pairwise(bounds)]

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -73,8 +73,8 @@ run_option = click.option(
 )
 
 
-def print_table(results: list[Any]) -> None:
-    """Print the key figures of some runs, one column each."""
+def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
+    """Print the key figures of some runs, one column each, headed by labels or their laws."""
     from rich.console import Console
     from rich.table import Table
 
@@ -83,8 +83,8 @@ def print_table(results: list[Any]) -> None:
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     columns = [dict(summary_rows(result.summary)) for result in results]
-    for result in results:
-        table.add_column(result.label, justify="right")
+    for label in labels or [result.label for result in results]:
+        table.add_column(label, justify="right", overflow="fold")
     for label in columns[0]:
         table.add_row(label, *(column.get(label, "-") for column in columns))
     Console().print(table)

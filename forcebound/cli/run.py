@@ -125,12 +125,15 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     results = [RunResult.from_recording(Path(run)) for run in runs]
     if output is None:
         output = Path(runs[0]).with_suffix(".png")
-    drawn = [(r.label, r.columns, r.document) for r in results]
+    labels = [result.label for result in results]
+    if len(set(labels)) < len(labels):  # of the same law: told apart by their files
+        labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
+    drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
     save(figure(drawn, events=[r.events for r in results]), output)
     if as_json:
         print_json({"picture": str(output), "runs": [r.summary for r in results]})
         return
-    print_table(results)
+    print_table(results, labels)
     click.echo(f"picture: {output}")
 
 
