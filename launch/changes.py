@@ -6,6 +6,7 @@ nodes and links from the old one to the new one, the same way live and in virtua
 
 import copy
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,12 @@ from forcebound.errors import ConfigError
 from forcebound.launch.build import build_link, change_environment, change_link
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.loader import from_document
-from forcebound.launch.parameters import describe, differences, parameters
-from forcebound.launch.problems import unknown
+from forcebound.launch.parameters import (
+    describe,
+    differences,
+    parameters,
+    unknown_parameter,
+)
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
@@ -38,13 +43,16 @@ def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
     document = copy.deepcopy(to_document(config))
     for name, value in settings.items():
         if name not in known:
-            raise ConfigError(unknown("parameter", name, known))
+            raise ConfigError(unknown_parameter(name, config))
         *path, last = name.split(".")
         section = document
         for step in path:
             section = section.setdefault(step, {})
         section[last] = value
-    return from_document(document)
+    try:
+        return from_document(document)
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
 
 
 def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dict[str, Any]:

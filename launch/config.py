@@ -34,6 +34,8 @@ KINDS: dict[str, Mapping[str, type]] = {
     "environment": ENVIRONMENTS,
 }
 
+RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
+
 # Topics whose link can be impaired. The others are for looking on: nothing waits for them.
 LINKS = tuple(topic for topic in TOPICS if topic not in ("telemetry", "event"))
 
@@ -43,6 +45,7 @@ __all__ = [
     "KINDS",
     "LAWS",
     "LINKS",
+    "RUN_KEYS",
     "ControllerConfig",
     "DeviceConfig",
     "EnvironmentConfig",

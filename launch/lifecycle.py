@@ -312,8 +312,9 @@ class Lifecycle:
         words = describe_status(status)
         message = f"{node} stopped on request, with {words}"
         is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
-        if node in self._killed:
+        if node in self._killed:  # suspended, or in a loop without an end: who asked may know
             message = f"{node} did not stop in time on request and was killed"
+            is_fault = False
         del self._leaving[node]
         self._killed.discard(node)
         gone = Tell("process_ended", node, message, is_fault, words)

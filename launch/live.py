@@ -2,25 +2,28 @@
 
 The run directory is private (0700) and holds the sockets and two documents for the processes:
 ``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
-(:class:`RunDocument`).
+(:class:`RunDocument`). What a crash has left of one is removed by the next that is made.
 """
 
 import json
+import logging
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.changes import Part, timetable
 from forcebound.launch.config import GraphConfig, to_document
+from forcebound.launch.holding import hold, seize
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.parameters import differences, holders
 from forcebound.launch.results import RunResult, run_metadata
@@ -51,6 +54,11 @@ TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
+PREFIX = "forcebound-"  # of the names of run directories
+SHORTEST = "/tmp"  # folder for temporary files whose path is short enough for any socket
+
+_logger = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class RunDocument:
@@ -61,6 +69,9 @@ class RunDocument:
     record: str  # absolute path of the recording
     streams: list[list[str]]  # topic, endpoint: each costs the loop the waking of the recorder
     metadata: dict[str, str] = field(default_factory=dict)  # of the recording
+    file: str = ""  # launch file with its arguments, by which one may know the graph
+    is_graph: bool = True  # False: of one environment, which serves a graph on another machine
+    is_temporary: bool = False  # made for this run, and to be removed after it
 
     def write(self, run_dir: Path) -> None:
         """Leave it for the processes."""
@@ -77,6 +88,7 @@ def run_live(
     duration: float | None = None,
     record: Path | None = None,
     limits: Limits | None = None,
+    file: str = "",
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
@@ -88,6 +100,7 @@ def run_live(
         duration: How long with an engaged force, in s; None: as the launch file says.
         record: Where to keep the recording; None: nowhere.
         limits: How long start and stop may take.
+        file: Launch file, with its arguments, by which one may know the graph.
 
     Raises:
         ConfigError: If the chain cannot be placed or the recording not be written.
@@ -107,7 +120,10 @@ def run_live(
         topics = [TELEMETRY, EVENT] if record is None else list(TOPICS)  # a summary needs no more
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
-        RunDocument(os.getpid(), core, str(recording), streams, metadata).write(run_dir)
+        run = RunDocument(
+            os.getpid(), core, str(recording), streams, metadata, file, is_temporary=True
+        )
+        run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
         commands = {name: node_command(name, run_dir) for name in names}
@@ -120,6 +136,7 @@ def run_live(
                 limits,
                 script=_script(config, run_dir),
                 from_afar=() if config.remote is None else FROM_AFAR,
+                changes=partial(_changes, to_document(config), run_dir),
             )
             interrupted = supervisor.run()
         finally:
@@ -148,6 +165,16 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
 def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Sequence[str]:
     write_launch_document(run_dir, part.config)
     return concerned
+
+
+def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
+    """Return the parameters of a node that are not those of the launch file any more."""
+    try:
+        document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}  # the node has said that it cannot read it
+    changed = differences(started, document)
+    return {name: value for name, value in changed.items() if node in holders([name])}
 
 
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
@@ -187,14 +214,45 @@ def run_directory() -> Iterator[Path]:
         )
         for name in names
     )
-    folder = tempfile.mkdtemp(prefix="forcebound-")
+    remove_left_over(run_folders())
+    folder = tempfile.mkdtemp(prefix=PREFIX)
     if len(os.fsencode(folder)) + longest > IPC_PATH_LIMIT:
         os.rmdir(folder)
-        folder = tempfile.mkdtemp(prefix="forcebound-", dir="/tmp")  # the shortest there is
+        folder = tempfile.mkdtemp(prefix=PREFIX, dir=SHORTEST)
     try:
-        yield Path(folder)
+        with hold(Path(folder)):
+            yield Path(folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def run_folders() -> set[Path]:
+    """Return the folders in which run directories are made."""
+    return {Path(tempfile.gettempdir()), Path(SHORTEST)}
+
+
+def remove_left_over(folders: Iterable[Path]) -> list[Path]:
+    """Remove the run directories of this user that a crash has left; return them.
+
+    Only those that were made for one run, whose owners are all dead (:mod:`.holding`), and that
+    hold no recording: after a crash somebody may want to see it.
+    """
+    removed = []
+    for run_dir in sorted(path for folder in folders for path in folder.glob(f"{PREFIX}*")):
+        try:
+            if run_dir.is_symlink() or run_dir.stat().st_uid != os.getuid():
+                continue
+            run = RunDocument.read(run_dir)
+            if not run.is_temporary or (run_dir / RECORDING).exists():
+                continue
+        except (OSError, ValueError, TypeError):
+            continue  # no run, one that just begins or ends
+        with seize(run_dir) as is_free:
+            if is_free:
+                shutil.rmtree(run_dir, ignore_errors=True)
+                removed.append(run_dir)
+                _logger.info("removed the run directory that a crash has left: %s", run_dir)
+    return removed
 
 
 def _check_writable(path: Path) -> None:

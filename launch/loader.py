@@ -24,6 +24,7 @@ from forcebound.launch.config import (
     KINDS,
     LAWS,
     LINKS,
+    RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
     EnvironmentConfig,
@@ -55,7 +56,6 @@ __all__ = [
     "to_document",
 ]
 
-RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
 

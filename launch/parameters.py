@@ -4,10 +4,22 @@ A parameter is named by its place in a launch file: ``links.environment_query.de
 ``environment.compute_delay``, ``environment.stiffness``.
 """
 
-from collections.abc import Iterable, Mapping
+import difflib
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from forcebound.launch.config import LINKS, GraphConfig, plain, to_document
+from forcebound.devices import DEVICES
+from forcebound.launch.config import (
+    KINDS,
+    LINKS,
+    RUN_KEYS,
+    GraphConfig,
+    RealtimeConfig,
+    RemoteConfig,
+    plain,
+    to_document,
+)
+from forcebound.launch.fields import fields_of
 from forcebound.messages.packets import (
     TOPIC_OF,
     DeviceState,
@@ -16,6 +28,9 @@ from forcebound.messages.packets import (
     ForceCommand,
 )
 from forcebound.network.impairment import Impairment
+from forcebound.nodes.controller import CONTROLLERS
+from forcebound.nodes.device import ServoSettings
+from forcebound.operators import OPERATORS
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
@@ -28,9 +43,13 @@ RECEIVERS = {
 }  # the process that holds the model of a link
 
 
-def parameters(config: GraphConfig) -> dict[str, Any]:
-    """Return all that can be changed, by name, as plain JSON values in SI units."""
-    document = to_document(config)
+def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
+    """Return all that can be changed, by name, as plain JSON values in SI units.
+
+    Args:
+        config: A configuration, or its document (:func:`forcebound.launch.config.to_document`).
+    """
+    document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
     found = {
         f"links.{topic}.{name}": value
@@ -43,7 +62,9 @@ def parameters(config: GraphConfig) -> dict[str, Any]:
     }
 
 
-def differences(old: GraphConfig, new: GraphConfig) -> dict[str, Any]:
+def differences(
+    old: GraphConfig | Mapping[str, Any], new: GraphConfig | Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the parameters of ``new`` that ``old`` does not have with this value."""
     before = parameters(old)
     return {
@@ -51,6 +72,42 @@ def differences(old: GraphConfig, new: GraphConfig) -> dict[str, Any]:
         for name, value in parameters(new).items()
         if name not in before or value != before[name]
     }
+
+
+def unknown_parameter(name: str, config: GraphConfig) -> str:
+    """Return the message for a name that is no parameter: the nearest one, or why it is none."""
+    known = parameters(config)
+    if _is_fixed(name):
+        return (
+            f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"
+            f" can be changed is in {_sections()}"
+        )
+    last = name.rpartition(".")[2]
+    near = [full for full in known if full.rpartition(".")[2] == last]
+    near = difflib.get_close_matches(name, near or known, n=1) or near[:1]
+    shown = name if len(name) <= 60 else name[:57] + "..."
+    if near:
+        return f"unknown parameter {shown!r}; did you mean {near[0]!r}?"
+    return f"unknown parameter {shown!r}; what can be changed is in {_sections()}"
+
+
+def _is_fixed(name: str) -> bool:
+    """Whether a launch file can say this, and only a launch file."""
+    section, _, entry = name.partition(".")
+    if section in KINDS and entry == "kind":
+        return True
+    places: dict[str, Collection[str]] = {
+        "device": {*fields_of(ServoSettings)}.union(*map(fields_of, DEVICES.values())),
+        "operator": set().union(*map(fields_of, OPERATORS.values())),
+        "controller": set().union(*map(fields_of, CONTROLLERS.values())),
+        "realtime": fields_of(RealtimeConfig),
+        "remote": fields_of(RemoteConfig),
+    }
+    return name in (*places, "phases", *RUN_KEYS) or entry in places.get(section, ())
+
+
+def _sections() -> str:
+    return f"{', '.join(f'links.{topic}' for topic in LINKS)} and environment"
 
 
 def holders(names: Iterable[str]) -> set[str]:

@@ -12,15 +12,15 @@ read alone. What a phase makes of the launch file is checked as a launch file is
 starts.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
 from forcebound.errors import ConfigError
 from forcebound.launch.config import GraphConfig, Phase
 from forcebound.launch.fields import Section, fields_of
-from forcebound.launch.parameters import differences, parameters
-from forcebound.launch.problems import Problems, unknown
+from forcebound.launch.parameters import differences, parameters, unknown_parameter
+from forcebound.launch.problems import Problems
 from forcebound.launch.tree import BROKEN, Value
 from forcebound.quantities import POSITIVE, Time
 
@@ -67,7 +67,7 @@ def read_phases(
         section.check_keys(("name", "duration", "set"))
         head = section.read(fields_of(PhaseHead))
         settings = Section(value.entries.get("set"), f"set of phase {number}", value, problems)
-        changed = _overlaid(replace(root, content=plain), settings, parameters(config))
+        changed = _overlaid(replace(root, content=plain), settings, config)
         if changed is None or BROKEN in head.values():
             continue
         found = Problems()
@@ -85,13 +85,14 @@ def phase_duration(phases: Sequence[Phase]) -> float:
     return sum(phase.duration for phase in phases)
 
 
-def _overlaid(root: Value, settings: Section, known: Collection[str]) -> Value | None:
+def _overlaid(root: Value, settings: Section, config: GraphConfig) -> Value | None:
     """The launch file with some parameters at their places; None with problems noted."""
     if not settings.is_readable:
         return None
+    known = parameters(config)
     for name, value in settings.value.entries.items():
         if name not in known:
-            message = unknown("parameter", name, known)
+            message = unknown_parameter(name, config)
             settings.problems.add(message, value.key or value.place)
             return None
         root = _placed(root, name.split("."), value)

@@ -67,7 +67,10 @@ class Problem:
     related: Related | None = None
 
     def __str__(self) -> str:
-        lines = [f"{self.place}: {self.message}", *self.place.excerpt()]
+        message = self.message
+        if not self.place.line:  # then the place's name ends with that of the value
+            message = message.removeprefix(f"{str(self.place).rpartition('.')[2]}: ")
+        lines = [f"{self.place}: {message}", *self.place.excerpt()]
         if self.related is not None:
             lines += [f"  {self.related.words} {self.related.place}", *self.related.place.excerpt()]
         return "\n".join(lines)

@@ -13,13 +13,13 @@ from forcebound.launch.config import (
     KINDS,
     LAWS,
     LINKS,
+    RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
 )
 from forcebound.launch.fields import Field, adapter, fields_of
-from forcebound.launch.loader import RUN_KEYS
 from forcebound.launch.own_parts import OWN
 from forcebound.launch.phases import PhaseHead
 from forcebound.network.impairment import Impairment

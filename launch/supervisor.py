@@ -8,8 +8,8 @@ No process survives the launcher, however it ends: each asks the kernel for a si
 (:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
 reaches the launcher alone, which then stops them in order.
 
-The launcher answers on a control socket of its own, ``control-launcher``: ``status``, ``stop_node``
-and ``start_node``; and publishes, as every process does, what happens.
+The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
+``configure``, ``stop_node`` and ``start_node``; and publishes, as every process does, what happens.
 """
 
 import os
@@ -160,6 +160,7 @@ class Supervisor:
         say: Called with the name and each line of a process.
         script: What happens when, in order.
         from_afar: See :class:`forcebound.launch.lifecycle.Lifecycle`.
+        changes: Returns the parameters of a node that were changed since the run began.
     """
 
     def __init__(
@@ -171,8 +172,10 @@ class Supervisor:
         say: Callable[[str, str], None] = say_on_stderr,
         script: Sequence[Step] = (),
         from_afar: Collection[str] = (),
+        changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
     ) -> None:
         self._commands = commands
+        self._changes = changes
         self._from_afar = from_afar
         self._script = deque(script)
         self._began_ns: int | None = None  # when the force engaged
@@ -238,8 +241,11 @@ class Supervisor:
             events: list[Event | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
+            awaited = self._awaited(lifecycle)
             for event in events or [None]:
                 advance(event)
+                if isinstance(event, Reported) and event.node in awaited:
+                    self._tell_changes(event.node)
             control.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._follow_script(time.monotonic_ns())
@@ -313,8 +319,13 @@ class Supervisor:
             if refusal is not None:
                 return {"error": refusal}
             advance(StopRequested(node) if wanted == "stop_node" else StartRequested(node))
+        elif wanted == "configure":
+            if node not in self._clients:
+                return {"error": f"the launcher of this graph does not run {node!r}"}
+            # This request waits for a node that is suspended; that of who asks us goes with him.
+            self._clients[node].ask({"request": "configure"})
         elif wanted != "status":
-            known = "status, stop_node, start_node"
+            known = "status, configure, stop_node, start_node"
             return {"error": f"unknown request {wanted!r}; known: {known}"}
         return {
             "phase": lifecycle.phase.name.lower(),
@@ -371,6 +382,15 @@ class Supervisor:
             time.monotonic_ns(), told.event, told.message, data, is_fault=told.is_fault
         )
         self._publish(encode(event))
+
+    def _tell_changes(self, node: str) -> None:
+        """Tell what a node that was started anew has read: nobody told it while it was away."""
+        changed = {name: str(value) for name, value in self._changes(node).items()}
+        if changed:
+            told = ", ".join(f"{name} = {value}" for name, value in changed.items())
+            message = f"{node} was started with what has been changed: {told}"
+            event = self._events.tell(time.monotonic_ns(), "parameter_set", message, changed)
+            self._publish(encode(event))
 
     def _tell_failure(self, lifecycle: Lifecycle) -> str:
         failure = lifecycle.failure

@@ -27,6 +27,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.changes import Reloader
 from forcebound.launch.config import GraphConfig
+from forcebound.launch.holding import hold, is_held
 from forcebound.launch.live import (
     LAUNCH_FILE,
     RECORDING,
@@ -70,14 +71,15 @@ def run_node(
         ConfigError: If the launch file is wrong, others may enter the run directory, an endpoint is
             in use, or a key is missing.
     """
+    told = " ".join((str(file), *arguments))
     with process.Stop() as stop:
         if run_dir is None:
-            _serve_remotely(kind, load(file, arguments), stop)
+            _serve_remotely(kind, load(file, arguments), told, stop)
             return 0
         if not supervised:
             config = load(file, arguments)
             check_run_directory(run_dir)
-            _run_by_hand(kind, config, run_dir, stop)
+            _run_by_hand(kind, config, told, run_dir, stop)
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
@@ -98,7 +100,7 @@ def run_node(
         return 0
 
 
-def _serve_remotely(kind: str, config: GraphConfig, stop: process.Stop) -> None:
+def _serve_remotely(kind: str, config: GraphConfig, told: str, stop: process.Stop) -> None:
     if kind != "environment":
         raise ConfigError(
             f"a {kind} meets the other nodes in a run directory: name it with --run-dir"
@@ -110,12 +112,13 @@ def _serve_remotely(kind: str, config: GraphConfig, stop: process.Stop) -> None:
         )
     end = config.remote.end("environment")
     with run_directory() as run_dir:
-        _run_by_hand(kind, config, run_dir, stop, end)
+        _run_by_hand(kind, config, told, run_dir, stop, end)
 
 
 def _run_by_hand(
     kind: str,
     config: GraphConfig,
+    told: str,
     run_dir: Path,
     stop: process.Stop,
     remote_end: RemoteEnd | None = None,
@@ -124,11 +127,23 @@ def _run_by_hand(
     core = realtime.choose_core(config.realtime.cores)
     streams = recorded_streams(run_dir, list(TOPICS))
     metadata = run_metadata(config)
-    run = RunDocument(os.getpid(), core, str(run_dir / RECORDING), streams, metadata)
-    if not (run_dir / RUN_FILE).exists():
-        write_launch_document(run_dir, config)
-        run.write(run_dir)
-    _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
+    is_alone = remote_end is not None
+    run = RunDocument(
+        os.getpid(),
+        core,
+        str(run_dir / RECORDING),
+        streams,
+        metadata,
+        told,
+        is_graph=not is_alone,
+        is_temporary=is_alone,
+    )
+    is_first = not (run_dir / RUN_FILE).exists() or not is_held(run_dir)
+    with hold(run_dir):
+        if is_first:  # what those before it have left says nothing of this run
+            write_launch_document(run_dir, config)
+            run.write(run_dir)
+        _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
 
 
 def never_wait_for_a_reader() -> None:

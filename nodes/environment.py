@@ -67,6 +67,11 @@ class EnvironmentNode:
         """When the answer in work is ready, in ns; None while there is none."""
         return None if self._answering is None else self._done_ns
 
+    @property
+    def refused_for(self) -> str | None:
+        """Who serves instead, as the graph said last; None: nobody, or this one does."""
+        return self._refused_for
+
     def change(
         self, environment: Environment, computation: Impairment, trace: DelayTrace | None = None
     ) -> None:

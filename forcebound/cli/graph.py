@@ -1,9 +1,9 @@
 """Commands that look into a graph that runs, and change it."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -28,10 +28,16 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 def stop(node_name: str, run_dir: Path | None) -> None:
     """Stop NODE (environment or controller) of a running graph, until it is started again."""
     from forcebound.running.orders import stop_node
+    from forcebound.running.presence import ENVIRONMENT, present
     from forcebound.running.runs import find
 
-    stop_node(find(run_dir), node_name)
-    click.echo(f"{node_name} is stopped; the device shows zero force until somebody answers")
+    run = find(run_dir, of_graph=True)
+    serving = present(run).serving if node_name == ENVIRONMENT else None
+    stop_node(run, node_name)
+    what = f"{serving} serves as before"
+    if serving is None:
+        what = "the device shows zero force until somebody answers"
+    click.echo(f"{node_name} is stopped; {what}")
 
 
 @click.command()
@@ -43,7 +49,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     from forcebound.running.orders import start_node
     from forcebound.running.runs import find
 
-    start_node(find(run_dir), node_name)
+    start_node(find(run_dir, of_graph=True), node_name)
     click.echo(f"{node_name} runs")
 
 
@@ -86,12 +92,13 @@ def param() -> None:
 
 
 @param.command("list")
+@click.option("--changed", is_flag=True, help="Only what is not as the graph was started.")
 @run_option
 @json_option
 @reports_errors
-def list_parameters(run_dir: Path | None, as_json: bool) -> None:
-    """List what can be changed while the graph runs, with its values in SI units."""
-    _show_parameters((), run_dir, as_json)
+def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
+    """List what can be changed while the graph runs, with its values."""
+    _show_parameters((), run_dir, as_json, changed)
 
 
 @param.command("get")
@@ -113,23 +120,34 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
     from forcebound.running import tuning
     from forcebound.running.runs import find
 
-    changed = tuning.set_parameters(find(run_dir), tuning.read_settings(settings))
-    for name, value in changed.items():
-        click.echo(f"{name} = {value}")
-    if not changed:
+    run = find(run_dir)
+    change = tuning.set_parameters(run, tuning.read_settings(settings))
+    _print_parameters(run, change.values)
+    if not change.values:
         click.echo("nothing to change: it has these values")
+    for note in change.notes:
+        click.echo(f"note: {note}", err=True)
 
 
-def _show_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
+def _show_parameters(
+    names: tuple[str, ...], run_dir: Path | None, as_json: bool, changed: bool = False
+) -> None:
     from forcebound.running import tuning
     from forcebound.running.runs import find
 
-    found = tuning.find_parameters(tuning.configuration(find(run_dir)), names)
-    if as_json:
-        print_json(found)
-        return
-    for name, value in found.items():
-        click.echo(f"{name} = {value}")
+    run = find(run_dir)
+    found = tuning.changed_parameters(run) if changed else {}
+    if not changed:
+        found = tuning.find_parameters(tuning.configuration(run), names)
+    print_json(found) if as_json else _print_parameters(run, found)
+
+
+def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
+    from forcebound.running.tuning import configuration
+    from forcebound.running.values import as_written
+
+    for name, text in as_written(configuration(run), values).items():
+        click.echo(f"{name}: {text}")
 
 
 @click.command()

@@ -48,7 +48,8 @@ def launch_graph(
         return
     from forcebound.launch.live import run_live
 
-    _report(run_live(config, duration, record), record, as_json)
+    told = " ".join((file, *arguments))
+    _report(run_live(config, duration, record, file=told), record, as_json)
 
 
 @click.command()

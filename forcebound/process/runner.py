@@ -359,8 +359,9 @@ class Runner:
 
         ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
         ``received``, ``rejected``: counts by topic, by reason. ``engaged`` and
-        ``deadline_misses``: of a servo. ``environment``: of a controller, who serves. ``name``
-        and ``failures``: of an environment, its own and how many queries its code failed to answer.
+        ``deadline_misses``: of a servo. ``environment``: of a controller, who serves. ``name``,
+        ``refused_for`` and ``failures``: of an environment, its own, who serves instead, and how
+        many queries its code failed to answer.
         """
         received = dict.fromkeys((inlet.topic for inlet in self._inlets), 0)
         for inlet in self._inlets:
@@ -372,6 +373,7 @@ class Runner:
             "links": self._counts(),
             "environment": getattr(self._node, "environment", None),
             "name": getattr(self._node, "name", None),
+            "refused_for": getattr(self._node, "refused_for", None),
             "failures": int(getattr(self._node, "faults", 0)),
             "remote": None if self._remote is None else self._remote.status(),
             "engaged": bool(getattr(self._node, "is_engaged", False)),

@@ -69,7 +69,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         recording = read(run)
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
-    run_dir = find(run)
+    run_dir = find(run, of_graph=True, option="forcebound delay ")
     document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     columns = watch(run_dir, DURATION if duration is None else duration)
     return Measured(loop_delays(columns), document)

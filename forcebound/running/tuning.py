@@ -2,25 +2,50 @@
 
 The launch document in the run directory says what holds. Who changes a parameter writes it anew and
 tells the nodes, which read it: so a node that starts later has the change, too.
+
+Not every parameter that the document has is one of this machine: with an environment elsewhere,
+each machine has a document of its own, and the nodes that run there read it.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.changes import change
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import LAUNCH_FILE, write_launch_document
+from forcebound.launch.live import LAUNCH_FILE, RunDocument, write_launch_document
 from forcebound.launch.loader import from_document
-from forcebound.launch.parameters import differences, holders, parameters
-from forcebound.launch.problems import Problems, unknown
+from forcebound.launch.parameters import (
+    differences,
+    holders,
+    parameters,
+    unknown_parameter,
+)
+from forcebound.launch.problems import Problems
+from forcebound.launch.supervisor import LAUNCHER
 from forcebound.launch.tree import parse
-from forcebound.running.orders import ask
+from forcebound.running.orders import ANSWER_TIME, ask_all
+from forcebound.running.presence import ENVIRONMENT, Present, present
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
+
+DOWN = ("stopped", "ended")  # states of a node that nobody starts anew by himself
+
+
+@dataclass(frozen=True)
+class Change:
+    """What has become of a change.
+
+    Attributes:
+        values: The parameters that are new, by name, in SI units.
+        notes: What there is to know of it: a node that has it later, or does not serve.
+    """
+
+    values: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def configuration(run_dir: Path) -> GraphConfig:
@@ -47,9 +72,22 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     for name in names:
         matching = {key: known[key] for key in known if key == name or key.startswith(f"{name}.")}
         if not matching:
-            raise ConfigError(unknown("parameter", name, known))
+            raise ConfigError(unknown_parameter(name, config))
         found |= matching
     return found if names else known
+
+
+def changed_parameters(run_dir: Path) -> dict[str, Any]:
+    """Return the parameters of a graph that are not as it was started, with their values.
+
+    Raises:
+        ConfigError: If the run directory does not say.
+    """
+    try:
+        started = json.loads(RunDocument.read(run_dir).metadata["launch"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise ConfigError(f"{run_dir} does not say with what its graph was started") from error
+    return differences(started, configuration(run_dir))
 
 
 def read_settings(texts: Sequence[str]) -> dict[str, Any]:
@@ -76,46 +114,89 @@ def read_settings(texts: Sequence[str]) -> dict[str, Any]:
     return settings
 
 
-def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Change parameters of a graph that runs; return those that are new, with their values.
+def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
+    """Change parameters of a graph that runs.
 
     Raises:
-        ConfigError: If there is no such parameter, it cannot have this value, or its link ends on
-            another machine; nothing is changed then.
-        RunError: If a node does not answer; it will read the change when it starts.
+        ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a
+            node on another machine; nothing is changed then.
+        RunError: If a node refuses, or does not answer; it will read the change later.
     """
     old = configuration(run_dir)
     new = change(old, settings)
-    changed = differences(old, new)
-    put(run_dir, new, changed)
-    return changed
+    here = present(run_dir, new)
+    _check_reach(settings, here)
+    write_launch_document(run_dir, new)
+    # Also those whose document has the values already: they may not have read it.
+    concerned = sorted(holders(settings))
+    down = {node for node in concerned if here.states.get(node) in DOWN or node not in here.asked}
+    _tell(run_dir, [node for node in concerned if node not in down], here)
+    notes = [note for node in concerned if node in down for note in _away(node, here)]
+    if ENVIRONMENT in concerned:
+        notes += _waiting(here)
+    return Change(differences(old, new), tuple(notes))
 
 
-def put(run_dir: Path, config: GraphConfig, changed: Mapping[str, Any]) -> None:
-    """Let a graph run with another configuration; see :func:`set_parameters`."""
-    nodes = holders(changed)
-    here = {node for node in NODE_KINDS if (run_dir / f"control-{node}").exists()}
-    _check_reach(config, changed, here)
-    write_launch_document(run_dir, config)
-    silent = []
-    for node in sorted(nodes & here):
-        answer = ask(run_dir, node, {"request": "configure"})
-        if answer is None:
-            silent.append(node)
-        elif "error" in answer:
+def _tell(run_dir: Path, nodes: Collection[str], here: Present) -> None:
+    answers = ask_all(run_dir, nodes, {"request": "configure"}, ANSWER_TIME)
+    silent = [node for node, answer in answers.items() if answer is None]
+    for node, answer in answers.items():
+        if answer is not None and "error" in answer:
             raise RunError(f"{node} did not take the change: {answer['error']}")
-    if silent:
-        raise RunError(
-            f"{' and '.join(silent)} did not answer; the change is kept for when it starts anew"
-        )
-
-
-def _check_reach(config: GraphConfig, changed: Mapping[str, Any], here: set[str]) -> None:
-    if config.remote is None or "environment" in here:
+    if not silent:
         return
-    away = sorted(name for name in changed if "environment" in holders([name]))
-    if away:
+    who = " and ".join(silent)
+    if LAUNCHER not in here.answers:
+        raise RunError(f"{who} did not answer, and has not got the change; is it suspended?")
+    for node in silent:
+        ask_all(run_dir, [LAUNCHER], {"request": "configure", "node": node}, ANSWER_TIME)
+    raise RunError(
+        f"{who} did not answer; the change is kept for when it goes on (if it is suspended) or"
+        " starts anew"
+    )
+
+
+def _check_reach(names: Iterable[str], here: Present) -> None:
+    """Refuse what has no effect, since who would have to do it is on another machine."""
+    away = {name: node for name in names for node in holders([name]) if node not in here.nodes}
+    if not away:
+        return
+    told = ", ".join(sorted(away))
+    if ENVIRONMENT in away.values():
         raise ConfigError(
-            f"{', '.join(away)}: this belongs to the environment, which is on another machine; "
+            f"{told}: this belongs to the environment, which is on another machine; "
             "use forcebound param set there"
         )
+    whose = " and ".join(sorted(set(away.values())))
+    raise ConfigError(
+        f"{told}: this link ends at the {whose}, on the machine of the graph, and this one has"
+        " only its environment; use forcebound param set there"
+    )
+
+
+def _away(node: str, here: Present) -> Iterator[str]:
+    """Say when a node that is not running has the change."""
+    state = here.states.get(node)
+    if state is None:
+        yield f"no {node} is running here; one that is started by hand reads its own launch file"
+    elif state == "stopped":
+        yield f"{node} is stopped on request, and has the change when it starts again:" + (
+            f" forcebound start {node}"
+        )
+    else:
+        yield f"{node} has ended"
+
+
+def _waiting(here: Present) -> Iterator[str]:
+    """Say that the environment that has the change is not the one that serves."""
+    serving = here.serving
+    if serving is None:
+        return
+    if not here.is_graph:
+        yield f"{serving} serves the graph, and not this environment, which waits: it has the" + (
+            " change, which is felt when it serves"
+        )
+        return
+    yield f"{serving} serves the graph, and not the environment of this machine, to which the" + (
+        " change was made; of the one that serves, use forcebound param set on its machine"
+    )

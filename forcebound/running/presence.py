@@ -1,0 +1,103 @@
+"""Which nodes of a graph are on this machine, how are they, and whose environment serves?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forcebound.launch.build import NODE_KINDS
+from forcebound.launch.config import GraphConfig
+from forcebound.launch.live import RunDocument
+from forcebound.launch.supervisor import LAUNCHER
+from forcebound.network import sockets
+from forcebound.running.orders import ask_all
+
+ENVIRONMENT, CONTROLLER = "environment", "controller"
+
+LOOK_NS = 100_000_000  # in which an environment that serves answers, but for a very slow one
+KNOCKS = 1  # answers in this time of one that waits
+
+PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
+
+
+@dataclass(frozen=True)
+class Present:
+    """The nodes of one run directory.
+
+    Attributes:
+        nodes: Those whose place is here, whether they run or not; the others are elsewhere.
+        asked: Those of them that can be asked: they have a control socket, or a launcher.
+        states: What the launcher says of them, see ``docs/protocol.md``; of nodes that were started
+            by hand, ``unknown`` if they can be asked.
+        answers: The status of those that answered, the launcher included.
+        is_graph: Whether a graph is here, and not only an environment for one elsewhere.
+        serving: Name of the environment that serves in place of the one here; None if that is not
+            so. An environment here that is silent may be the one that serves.
+    """
+
+    nodes: frozenset[str]
+    asked: frozenset[str]
+    states: Mapping[str, str]
+    answers: Mapping[str, Mapping[str, Any]]
+    is_graph: bool = True
+    serving: str | None = None
+
+
+def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
+    """Return the nodes of a run directory.
+
+    Args:
+        run_dir: Of a graph, or of an environment for one elsewhere.
+        config: What it runs with; None: no matter whose place is here while nobody knows them.
+    """
+    is_graph = _is_graph(run_dir)
+    sockets = {name for name in (*NODE_KINDS, LAUNCHER) if (run_dir / f"control-{name}").exists()}
+    told = ask_all(run_dir, sorted(controls), {"request": "status"}, PATIENCE)
+    answers = {name: answer for name, answer in told.items() if answer is not None}
+    launched = answers.get(LAUNCHER, {}).get("nodes")
+    if launched is not None:
+        states = {name: str(node["state"]) for name, node in launched.items()}
+        nodes = asked = frozenset(NODE_KINDS) & states.keys()
+    else:
+        asked = frozenset(controls - {LAUNCHER})
+        states = dict.fromkeys(asked, "unknown")
+        nodes = frozenset({ENVIRONMENT})
+        if is_graph:
+            is_elsewhere = (
+                config is not None and config.remote is not None and ENVIRONMENT not in asked
+            )
+            nodes = frozenset(NODE_KINDS) - ({ENVIRONMENT} if is_elsewhere else set())
+    serving = _serving(run_dir, states, answers, is_graph)
+    return Present(nodes, asked, states, answers, is_graph, serving)
+
+
+def _serving(
+    run_dir: Path,
+    states: Mapping[str, str],
+    answers: Mapping[str, Mapping[str, Any]],
+    is_graph: bool,
+) -> str | None:
+    own = answers.get(ENVIRONMENT)
+    if not is_graph:
+        return None if own is None else own.get("refused_for")
+    controller = answers.get(CONTROLLER, {})
+    serving = controller.get("environment")
+    if serving is None or (own is None and states.get(ENVIRONMENT) != "stopped"):
+        return None
+    if own is not None and own.get("name") == serving:
+        return None
+    sockets.wait((), LOOK_NS)
+    later = ask_all(run_dir, [CONTROLLER], {"request": "status"}, PATIENCE)[CONTROLLER] or {}
+    came = _replies(later) - _replies(controller)
+    return str(serving) if came > KNOCKS else None  # or it has gone, and its lease is not over
+
+
+def _replies(controller: Mapping[str, Any]) -> int:
+    return int(controller.get("received", {}).get("environment_reply", 0))
+
+
+def _is_graph(run_dir: Path) -> bool:
+    try:
+        return RunDocument.read(run_dir).is_graph
+    except (OSError, ValueError, TypeError):
+        return True

@@ -1,0 +1,74 @@
+"""Values of parameters as one writes them in a launch file, with the unit that their type names."""
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterator, Mapping
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from forcebound.launch.config import COMPUTATION, EnvironmentConfig, GraphConfig
+from forcebound.launch.fields import Field, fields_of
+from forcebound.launch.tree import scalar
+from forcebound.network.impairment import Impairment
+from forcebound.quantities import Unit
+
+# YAML takes it for text as it stands, also within { } and [ ].
+_PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
+
+
+def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return parameters as YAML, each fit for ``forcebound param set``.
+
+    Args:
+        config: Of the graph; its environment says which parameters it has.
+        values: Plain JSON values in SI units, by name.
+    """
+    return {name: _text(value, _hint(config, name)) for name, value in values.items()}
+
+
+def _hint(config: GraphConfig, name: str) -> Any:
+    fields: Mapping[str, Field] = fields_of(Impairment)
+    if name.startswith("environment."):
+        model = fields_of(type(config.environment.model))
+        fields = {**model, **fields_of(EnvironmentConfig, COMPUTATION)}
+    field = fields.get(name.rpartition(".")[2])
+    return None if field is None else field.hint
+
+
+def _text(value: Any, hint: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        number = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)
+        units = [part.symbol for part in _parts(hint) if isinstance(part, Unit)]
+        return f"{number} {units[0]}" if units and units[0] else number
+    if isinstance(value, list):
+        inner = [part for part in _parts(hint) if get_origin(part) in (tuple, list)]
+        entries = get_args(inner[0]) if inner else ()
+        hints = [entry for entry in entries if entry is not Ellipsis] or [None]
+        told = [_text(entry, hints[min(i, len(hints) - 1)]) for i, entry in enumerate(value)]
+        return f"[{', '.join(told)}]"
+    if isinstance(value, Mapping):
+        classes = [part for part in _parts(hint) if dataclasses.is_dataclass(part)]
+        fields = fields_of(classes[0]) if classes and isinstance(classes[0], type) else {}
+        pairs = [
+            f"{key}: {_text(entry, fields[key].hint if key in fields else None)}"
+            for key, entry in value.items()
+        ]
+        return f"{{ {', '.join(pairs)} }}"
+    text = str(value)
+    is_plain = _PLAIN.fullmatch(text) and isinstance(scalar(text), str)
+    return text if is_plain else json.dumps(text)
+
+
+def _parts(hint: Any) -> Iterator[Any]:
+    """All that a type is made of at its top: members of unions, annotations, the type itself."""
+    origin = get_origin(hint)
+    if origin is Annotated or origin in (Union, UnionType):
+        for part in get_args(hint):
+            yield from _parts(part)
+    else:
+        yield hint
