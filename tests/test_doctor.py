@@ -248,12 +248,41 @@ def test_a_second_environment_is_named_with_the_one_that_serves() -> None:
         "device_state",
         "environment_reply",
         environment="there/2/b",
-        rejected={"second_environment": 2},
+        rejected={"second_environment": 200},
     )
     finding = only(healthy(controller=controller))
     assert (finding.severity, finding.kind) == ("problem", "second_environment")
-    assert "there/2/b serves" in finding.seen
+    assert "there/2/b serves, 1e+02 answers/s" in finding.seen
     assert SERVING in finding.seen
+
+
+def test_an_environment_that_waits_is_a_note_wherever_it_is() -> None:
+    knocks = {"second_environment": 2}
+    topics = ("device_state", "environment_reply")
+    there = process(*topics, environment="there/2/b", rejected=knocks)
+    here = process(*topics, environment=SERVING, rejected=knocks)
+    for controller, serving in ((there, "there/2/b"), (here, SERVING)):
+        finding = only(healthy(controller=controller))
+        assert (finding.severity, finding.kind) == ("note", "waiting_environment")
+        assert f"{serving} serves" in finding.seen
+
+
+@pytest.mark.parametrize(
+    ("refused_for", "words"),
+    [(None, f"{SERVING} serves"), ("there/2/b", f"there/2/b serves, and {SERVING} waits")],
+)
+def test_on_its_own_machine_an_environment_says_who_serves(
+    refused_for: str | None, words: str
+) -> None:
+    link = {"connected": True, "listens": False, "address": "x", "port": 1, "counts": {}}
+    environment = process(
+        "environment_query", name=SERVING, refused_for=refused_for, remote=link, failures=0
+    )
+    seen = replace(healthy(), processes={"environment": environment}, telemetry=telemetry(0))
+    finding = only(seen)
+    assert (finding.severity, finding.kind) == ("note", "remote_connected")
+    assert "1e+03 queries/s come" in finding.seen
+    assert words in finding.seen
 
 
 def test_that_another_environment_serves_is_a_note() -> None:

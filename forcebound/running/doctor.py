@@ -33,6 +33,7 @@ LOST_TICKS_SHARE = 0.01  # of all ticks, from which on it is a problem
 NOW = 0.2  # s without an answer that make it "now"
 LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
 UNBOUNDED = 1.0 - 1e-9  # of the force asked; below, it was made smaller, not merely rounded
+WAITING_RATE = 5.0  # refused answers in 1/s: those of several that wait, each knocks once a second
 SMALL_DISK = 200_000_000  # B
 SHORT_TIME = 600.0  # s until the disk is full
 
@@ -118,7 +119,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
             came = receiving.rate("received", topic)
             text = f"nothing gets through to the {receiver}: {came:.3g} packets/s come,"
             text += f" {lost:.3g}/s are lost on purpose (links.{topic})"
-            action = f"forcebound param list links.{topic}, then such as"
+            action = f"forcebound param get links.{topic}, then such as"
             action += f" forcebound param set links.{topic}.loss:=0"
             yield Finding("problem", "hop_broken", f"link {topic}", text, action)
             return
@@ -158,19 +159,37 @@ def _nothing_comes(seen: Observations, topic: str, sender: str, receiver: str) -
 
 def _environments(seen: Observations) -> Iterator[Finding]:
     controller, environment = seen.processes.get("controller"), seen.processes.get("environment")
+    own = None if environment is None else environment.status("name")
+    if controller is None and environment is not None:
+        yield from _serves_elsewhere(environment)
     if controller is None or not controller.answers:
         return
     serving = controller.status("environment")
-    own = None if environment is None else environment.status("name")
     refused = controller.rate("rejected", "second_environment")
-    if refused:
-        text = f"two environments answer: {serving} serves, {refused:.2g} answers/s of another"
-        text += f", {own}," if own is not None and own != serving else " one"
+    another = f"another, {own}," if own is not None and own != serving else "another one"
+    if refused > WAITING_RATE:
+        text = f"two environments answer: {serving} serves, {refused:.2g} answers/s of {another}"
         action = REASONS["second_environment"].action
         yield Finding("problem", "second_environment", "controller", f"{text} are refused", action)
+    elif refused:
+        text = f"{serving} serves; {another} waits, and takes over when that has been silent"
+        yield Finding("note", "waiting_environment", "controller", text)
     elif own is not None and serving is not None and own != serving:
         text = f"{serving} serves, not {own} of this launcher"
         yield Finding("note", "other_environment", "controller", text)
+
+
+def _serves_elsewhere(environment: ProcessSeen) -> Iterator[Finding]:
+    """What an environment for a graph on another machine knows of it."""
+    remote = environment.status("remote")
+    if remote is None or not remote["connected"]:
+        return  # has been said
+    queries = environment.rate("received", "environment_query")
+    own, other = environment.status("name"), environment.status("refused_for")
+    text = f"connected with the graph, {queries:.3g} queries/s come; "
+    text += f"{own} serves" if other is None else f"{other} serves, and {own} waits"
+    if queries:
+        yield Finding("note", "remote_connected", "remote link of the environment", text)
 
 
 def _remote(seen: Observations) -> Iterator[Finding]:
@@ -255,7 +274,7 @@ def _delay(seen: Observations) -> Iterator[Finding]:
     text = f"loop delay p50 {p50 * 1e3:.1f} ms, p99 {p99 * 1e3:.1f} ms"
     if p99 > NEAR_AGE_LIMIT * servo.age_limit:
         text += f": near the age limit of {servo.age_limit * 1e3:g} ms, beyond which no force is"
-        action = "less delay (forcebound param list links), or a larger device.age_limit"
+        action = "less delay (forcebound param get links), or a larger device.age_limit"
         yield Finding("problem", "delay_near_age_limit", "loop", text, action)
         return
     injected = _injected_delay(seen.config)
@@ -319,7 +338,7 @@ def _links(seen: Observations) -> Iterator[Finding]:
             if not 0 < lost + corrupted < came:  # if it is all, the chain is broken there
                 continue
             text = f"loses {lost} and damages {corrupted} of {came} packets, on purpose"
-            action = f"forcebound param list links.{topic}"
+            action = f"forcebound param get links.{topic}"
             yield Finding("note", "injected_loss", f"link {topic}", text, action)
 
 

@@ -51,7 +51,7 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
         config: What it runs with; None: no matter whose place is here while nobody knows them.
     """
     is_graph = _is_graph(run_dir)
-    sockets = {name for name in (*NODE_KINDS, LAUNCHER) if (run_dir / f"control-{name}").exists()}
+    controls = {name for name in (*NODE_KINDS, LAUNCHER) if (run_dir / f"control-{name}").exists()}
     told = ask_all(run_dir, sorted(controls), {"request": "status"}, PATIENCE)
     answers = {name: answer for name, answer in told.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
@@ -61,12 +61,9 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
     else:
         asked = frozenset(controls - {LAUNCHER})
         states = dict.fromkeys(asked, "unknown")
-        nodes = frozenset({ENVIRONMENT})
-        if is_graph:
-            is_elsewhere = (
-                config is not None and config.remote is not None and ENVIRONMENT not in asked
-            )
-            nodes = frozenset(NODE_KINDS) - ({ENVIRONMENT} if is_elsewhere else set())
+        nodes = frozenset(NODE_KINDS if is_graph else {ENVIRONMENT})
+        if is_graph and config is not None and config.remote is not None:
+            nodes -= {ENVIRONMENT} - asked
     serving = _serving(run_dir, states, answers, is_graph)
     return Present(nodes, asked, states, answers, is_graph, serving)
 

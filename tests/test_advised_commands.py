@@ -1,0 +1,92 @@
+"""Every command that a message, the README or a page of the docs advises can be parsed."""
+
+import ast
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+import forcebound
+from forcebound.cli import main
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = Path(forcebound.__file__).parent
+
+# A command in a message ends with a sign, or with one of these words, after which prose goes on.
+_IN_PROSE = re.compile(r"\bforcebound ([a-z]+(?: [^;,()`\n]+)?)")
+_END = re.compile(r"[.:]?(?= and | on |\s*$| there\b| to | shows | with | for | of |\. )|[.:]$")
+
+
+def advised_in_messages() -> Iterator[tuple[str, str]]:
+    """Give file and command of each string of the package that names one; a field becomes 1."""
+    for file in sorted(PACKAGE.rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        inner = {
+            id(part)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.JoinedStr)
+            for part in node.values
+        }
+        for node in ast.walk(tree):
+            if id(node) in documents or id(node) in inner:
+                continue
+            for command in _IN_PROSE.findall(text_of(node)):
+                if command.split()[0] in main.commands:
+                    yield file.name, _END.split(command, maxsplit=1)[0]
+
+
+def text_of(node: ast.AST) -> str:
+    if isinstance(node, ast.JoinedStr):
+        return "".join(map(text_of, node.values))
+    if isinstance(node, ast.FormattedValue):
+        return "1"
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def advised_in_pages() -> Iterator[tuple[str, str]]:
+    """Give file and command of each line of a page's shell examples."""
+    for page in sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")]):
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                found = re.match(r"(?:[\w-]+\$ |\$ )?forcebound ([^|>&]*)", line)
+                if found is not None:
+                    yield page.name, found[1]
+
+
+MESSAGES = sorted(set(advised_in_messages()))
+PAGES = sorted(set(advised_in_pages()))
+
+
+def parse(words: list[str], is_whole: bool) -> None:
+    """Parse a command as it comes from the shell, without doing it."""
+    command: click.Command = main
+    context = click.Context(main)
+    while isinstance(command, click.Group) and words:
+        _, inner, words = command.resolve_command(context, words)
+        assert inner is not None
+        command, context = inner, click.Context(inner, parent=context)
+    values, rest, _ = command.make_parser(context).parse_args(list(words))
+    assert not rest, f"{command.name} takes no {rest}"
+    needed = [p.name for p in command.params if isinstance(p, click.Argument) and p.required]
+    missing = [name for name in needed if not values.get(str(name))]
+    assert not (is_whole and missing), f"{command.name} needs {missing}"
+
+
+@pytest.mark.parametrize(("file", "command"), MESSAGES)
+def test_a_command_in_a_message_is_one_that_there_is(file: str, command: str) -> None:
+    parse(command.split(), is_whole=False)
+
+
+@pytest.mark.parametrize(("page", "command"), PAGES)
+def test_a_command_on_a_page_is_one_that_there_is(page: str, command: str) -> None:
+    parse(shlex.split(command, comments=True), is_whole=True)
+
+
+@pytest.mark.parametrize("wrong", ["param list links.x", "doctor --all", "parm list", "delay a b"])
+def test_a_command_that_would_fail_is_found(wrong: str) -> None:
+    with pytest.raises((AssertionError, click.UsageError)):
+        parse(wrong.split(), is_whole=True)
