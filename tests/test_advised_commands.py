@@ -65,7 +65,7 @@ def parse(words: list[str], is_whole: bool) -> None:
     """Parse a command as it comes from the shell, without doing it."""
     command: click.Command = main
     context = click.Context(main)
-    while isinstance(command, click.Group) and words:
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         _, inner, words = command.resolve_command(context, words)
         assert inner is not None
         command, context = inner, click.Context(inner, parent=context)

@@ -1,8 +1,9 @@
 """Parameters of a running graph: their names, what may be set, phases, in virtual time and live."""
 
+import copy
 import json
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,19 @@ from forcebound.analysis.metrics import phase_rows
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.changes import Reloader, change, timetable
 from forcebound.launch.config import GraphConfig, to_document
+from forcebound.launch.live import RunDocument
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.parameters import differences, holders, parameters
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
-from forcebound.running import orders, tuning
-from forcebound.running.tuning import find_parameters, read_settings, set_parameters
+from forcebound.running import presence, tuning
+from forcebound.running.tuning import (
+    changed_parameters,
+    find_parameters,
+    read_settings,
+    set_parameters,
+)
+from forcebound.running.values import as_written
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +75,15 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
     ("settings", "message"),
     [
         ({"environment.stifness": 1}, "did you mean 'environment.stiffness'"),
-        ({"device.law": "none"}, "unknown parameter 'device.law'"),
-        ({"environment.kind": "damper"}, "unknown parameter"),
+        ({"device.law": "none"}, "device.law is fixed while a graph runs"),
+        ({"environment.kind": "damper"}, "environment.kind is fixed"),
+        ({"remote.port": 7000}, "remote.port is fixed"),
+        ({"seed": 2}, "seed is fixed"),
+        ({"stiffness": 2}, "did you mean 'environment.stiffness'"),
+        (
+            {"xyzzy": 1},
+            "'xyzzy'; what can be changed is in links.device_state, .* and environment$",
+        ),
         ({"environment.stiffness": "5 s"}, "which is a time"),
         ({"links.environment_query.loss": 2}, "probability"),
         ({"links.environment_query.delay": "1 s"}, "age_limit"),
@@ -79,6 +94,50 @@ def test_what_cannot_be_set_is_refused_with_a_reason(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         change(config, settings)
+
+
+def test_a_wrong_value_is_named_once_by_its_parameter(config: GraphConfig) -> None:
+    with pytest.raises(ConfigError) as caught:
+        change(config, {"links.environment_query.delay": "3 N"})
+    assert str(caught.value).startswith("links.environment_query.delay: expected a time")
+
+
+def test_values_are_shown_as_one_may_set_them(config: GraphConfig) -> None:
+    settings = {
+        "links.device_state.gemodel": {"p": 0.01, "r": "20 %"},
+        "links.device_state.outages": [{"start": "3 s", "duration": "10 ms"}],
+        "links.device_state.rate": "64 kB/s",
+        "links.device_state.distribution": "normal",
+        "links.device_state.limit": 7,
+        "environment.stiffness": "2 N/mm",
+    }
+    new = change(config, settings)
+    shown = as_written(new, {**differences(config, new), "links.force_command.slot": None})
+    assert shown == {
+        "links.device_state.gemodel": "{ p: 0.01, r: 0.2, h: 0, k: 1 }",
+        "links.device_state.outages": "[{ start: 3 s, duration: 0.01 s }]",
+        "links.device_state.rate": "64000 B/s",
+        "links.device_state.distribution": "normal",
+        "links.device_state.limit": "7",
+        "environment.stiffness": "2000 N/m",
+        "links.force_command.slot": "null",
+    }
+    read = read_settings([f"{name}:={text}" for name, text in shown.items()])
+    assert parameters(change(config, read)) == parameters(new)
+
+
+def test_every_parameter_survives_the_way_to_the_reader_and_back(config: GraphConfig) -> None:
+    shown = as_written(config, parameters(config))
+    assert change(config, read_settings([f"{k}:={text}" for k, text in shown.items()])) == change(
+        config, parameters(config)
+    )
+
+
+@pytest.mark.parametrize("text", ["/tmp/a b.csv", "a: b", "#1", "null", "12", "", "it's"])
+def test_text_is_quoted_where_yaml_needs_it(config: GraphConfig, text: str) -> None:
+    shown = as_written(config, {"links.device_state.distribution": text})
+    [(name, value)] = shown.items()
+    assert read_settings([f"{name}:={value}"]) == {name: text}
 
 
 def test_a_setting_is_read_as_in_a_launch_file() -> None:
@@ -117,9 +176,9 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
 ) -> None:
     file = tmp_path / "launch.json"
     file.write_text(json.dumps(to_document(config)))
-    assert set_parameters(tmp_path, {"environment.stiffness": 500}) == {
-        "environment.stiffness": 500.0
-    }
+    done = set_parameters(tmp_path, {"environment.stiffness": 500})
+    assert done.values == {"environment.stiffness": 500.0}
+    assert "no environment is running here" in done.notes[0]
     assert from_document(json.loads(file.read_text())).environment.model.force(
         (0.012,), (0.0,), 0.0
     ) == pytest.approx((1.0,))
@@ -131,7 +190,8 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
 def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ask", partial(orders.ask, patience=0.1))
+    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
+    monkeypatch.setattr(presence, "PATIENCE", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
@@ -145,7 +205,133 @@ def test_what_ends_on_another_machine_is_changed_there(tmp_path: Path) -> None:
     (tmp_path / "launch.json").write_text(json.dumps(to_document(load(remote))))
     with pytest.raises(ConfigError, match="on another machine"):
         set_parameters(tmp_path, {"environment.stiffness": 500})
-    assert set_parameters(tmp_path, {"links.environment_reply.loss": 0.1})
+    assert set_parameters(tmp_path, {"links.environment_reply.loss": 0.1}).values
+
+
+class Answering:
+    """Processes that answer requests, each with what a test gives it."""
+
+    def __init__(self, run_dir: Path, **answers: dict[str, Any]) -> None:
+        self.asked: list[tuple[str, str]] = []
+        self._run_dir, self._answers = run_dir, answers
+        for name in answers:
+            (run_dir / f"control-{name}").touch()
+
+    def __call__(
+        self, run_dir: Path, names: Collection[str], request: Mapping[str, Any], patience: float
+    ) -> dict[str, dict[str, Any] | None]:
+        assert run_dir == self._run_dir
+        assert patience > 0.0
+        told = (request["request"], request.get("node"))
+        self.asked += [(name, " ".join(filter(None, told))) for name in names]
+        for answer in self._answers.values():
+            answer.setdefault("received", {}).setdefault("environment_reply", 0)
+            answer["received"]["environment_reply"] += answer.get("replies", 0)
+        return {
+            name: None if "silent" in self._answers[name] else copy.deepcopy(self._answers[name])
+            for name in names
+        }
+
+    @property
+    def configured(self) -> set[str]:
+        return {name for name, request in self.asked if request == "configure"}
+
+
+REMOTE = "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 127.0.0.1, local: true}\n"
+
+
+@pytest.fixture
+def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answering]:
+    """Makes a run directory with processes that answer."""
+    document = to_document(load(written(tmp_path, REMOTE)))
+    (tmp_path / "launch.json").write_text(json.dumps(document))
+
+    def make(is_graph: bool = True, **answers: dict[str, Any]) -> Answering:
+        metadata = {"launch": json.dumps(document)}
+        RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
+        made = Answering(tmp_path, **answers)
+        for module in (tuning, presence):
+            monkeypatch.setattr(module, "ask_all", made)
+        return made
+
+    return make
+
+
+def launcher(**states: str) -> dict[str, Any]:
+    return {"nodes": {name: {"state": state} for name, state in states.items()}}
+
+
+@pytest.mark.parametrize("name", ["environment_reply", "device_state", "force_command"])
+def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
+    answering: Callable[..., Answering], tmp_path: Path, name: str
+) -> None:
+    processes = answering(is_graph=False, environment={"refused_for": None})
+    with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set there"):
+        set_parameters(tmp_path, {f"links.{name}.delay": 0.015, "environment.stiffness": 1})
+    assert not processes.configured
+    assert not changed_parameters(tmp_path)
+    done = set_parameters(tmp_path, {"links.environment_query.delay": 0.015})
+    assert processes.configured == {"environment"}
+    assert done == tuning.Change({"links.environment_query.delay": 0.015})
+    assert changed_parameters(tmp_path) == done.values
+
+
+def test_an_environment_elsewhere_that_waits_takes_a_change_with_a_note(
+    answering: Callable[..., Answering], tmp_path: Path
+) -> None:
+    answering(is_graph=False, environment={"refused_for": "device-lab/1/a"})
+    done = set_parameters(tmp_path, {"environment.stiffness": 500})
+    assert "device-lab/1/a serves the graph, and not this environment" in done.notes[0]
+
+
+RUNNING = {"device": "running", "controller": "running", "environment": "running"}
+
+
+@pytest.mark.parametrize(
+    ("serving", "replies", "is_told"),
+    [("far/1/a", 100, True), ("far/1/a", 1, False), ("near/2/b", 100, False), (None, 0, False)],
+)
+def test_a_change_to_a_stand_by_says_who_serves(
+    answering: Callable[..., Answering],
+    tmp_path: Path,
+    serving: str | None,
+    replies: int,
+    is_told: bool,
+) -> None:
+    processes = answering(
+        launcher=launcher(**RUNNING),
+        controller={"environment": serving, "replies": replies},
+        environment={"name": "near/2/b"},
+    )
+    done = set_parameters(tmp_path, {"links.environment_query.delay": 0.001})
+    assert processes.configured == {"environment"}
+    assert [note.startswith("far/1/a serves") for note in done.notes] == [True] * is_told
+    assert not set_parameters(tmp_path, {"links.environment_reply.delay": 0.001}).notes
+
+
+def test_an_environment_that_was_stopped_on_request_keeps_the_change(
+    answering: Callable[..., Answering], tmp_path: Path
+) -> None:
+    processes = answering(
+        launcher=launcher(**{**RUNNING, "environment": "stopped"}),
+        controller={"environment": "far/1/a", "replies": 100},
+    )
+    done = set_parameters(tmp_path, {"environment.stiffness": 500})
+    assert not processes.configured
+    assert "when it starts again: forcebound start environment" in done.notes[0]
+    assert "far/1/a serves" in done.notes[1]
+    assert changed_parameters(tmp_path) == {"environment.stiffness": 500.0}
+
+
+def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
+    answering: Callable[..., Answering], tmp_path: Path
+) -> None:
+    processes = answering(launcher=launcher(**RUNNING), controller={}, environment={"silent": 1})
+    for _ in range(2):  # also the second time, when the document has the value already
+        processes.asked.clear()
+        with pytest.raises(RunError, match="kept for when it goes on"):
+            set_parameters(tmp_path, {"environment.stiffness": 500})
+        assert ("launcher", "configure environment") in processes.asked
 
 
 def test_a_reloader_names_a_document_that_is_gone(config: GraphConfig, tmp_path: Path) -> None:

@@ -377,7 +377,7 @@ def test_a_node_stops_on_request_and_stays_away_until_it_is_started() -> None:
     assert lifecycle.failure is None
 
 
-def test_who_does_not_stop_on_request_is_killed_and_that_is_a_fault() -> None:
+def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() -> None:
     lifecycle = running()
     lifecycle.advance(500, StopRequested("controller"))
     assert lifecycle.deadline_ns == 520
@@ -387,7 +387,7 @@ def test_who_does_not_stop_on_request_is_killed_and_that_is_a_fault() -> None:
     assert lifecycle.advance(521) == []
     message = "controller did not stop in time on request and was killed"
     assert lifecycle.advance(522, Ended("controller", -9)) == [
-        Tell("process_ended", "controller", message, is_fault=True, status="signal SIGKILL")
+        Tell("process_ended", "controller", message, is_fault=False, status="signal SIGKILL")
     ]
     assert lifecycle.phase is Phase.RUNNING
     assert lifecycle.advance(530, StartRequested("controller")) == started("controller")

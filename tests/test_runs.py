@@ -1,33 +1,48 @@
+"""Run directories: which of them are of graphs that run, and what becomes of those of the dead."""
+
 import json
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from forcebound.errors import ConfigError
-from forcebound.launch.live import RUN_FILE, RunDocument
+from forcebound.launch.holding import LOCK_FILE, hold, is_held
+from forcebound.launch.live import RECORDING, RUN_FILE, RunDocument, remove_left_over, run_directory
 from forcebound.running.runs import find, running
 
-
-def make_run(folder: Path, name: str, launcher: int | None = None) -> Path:
-    run_dir = folder / f"forcebound-{name}"
-    run_dir.mkdir()
-    RunDocument(os.getpid() if launcher is None else launcher, None, "", []).write(run_dir)
-    return run_dir.resolve()
+MakeRun = Callable[..., Path]
 
 
 @pytest.fixture
-def ended_process() -> int:
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    return process.pid
+def make_run() -> Iterator[MakeRun]:
+    """Makes a run directory that has an owner until the end of the test."""
+    with ExitStack() as stack:
+
+        def make(folder: Path, name: str, is_alive: bool = True, **document: bool | str) -> Path:
+            run_dir = folder / f"forcebound-{name}"
+            run_dir.mkdir()
+            run = RunDocument(os.getpid(), None, "", [], **document)  # type: ignore[arg-type]  # as a test says
+            run.write(run_dir)
+            with ExitStack() as own:
+                own.enter_context(hold(run_dir))
+                if is_alive:
+                    stack.push(own.pop_all())
+            return run_dir.resolve()
+
+        yield make
 
 
-def test_a_run_is_a_directory_whose_launcher_lives(tmp_path: Path, ended_process: int) -> None:
+def test_a_run_is_a_directory_that_has_an_owner(tmp_path: Path, make_run: MakeRun) -> None:
     first, second = make_run(tmp_path, "b"), make_run(tmp_path, "a")
-    make_run(tmp_path, "dead", ended_process)
+    make_run(tmp_path, "dead", is_alive=False)
+    RunDocument(os.getpid(), None, "", []).write(tmp_path)
+    (make_run(tmp_path, "never", is_alive=False) / LOCK_FILE).unlink()
     (tmp_path / "forcebound-empty").mkdir()
     (tmp_path / "forcebound-file").touch()
     make_run(tmp_path, "broken").joinpath(RUN_FILE).write_text("{")
@@ -37,7 +52,7 @@ def test_a_run_is_a_directory_whose_launcher_lives(tmp_path: Path, ended_process
 
 
 def test_a_run_of_somebody_else_is_not_looked_into(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
@@ -46,7 +61,7 @@ def test_a_run_of_somebody_else_is_not_looked_into(
         find(run_dir, [tmp_path])
 
 
-def test_the_only_run_needs_no_name(tmp_path: Path) -> None:
+def test_the_only_run_needs_no_name(tmp_path: Path, make_run: MakeRun) -> None:
     run_dir = make_run(tmp_path, "a")
     assert find(None, [tmp_path]) == run_dir
 
@@ -56,11 +71,34 @@ def test_without_a_run_the_message_says_how_to_start_one(tmp_path: Path) -> None
         find(None, [tmp_path])
 
 
-def test_of_several_runs_one_must_be_named(tmp_path: Path) -> None:
-    first, second = make_run(tmp_path, "a"), make_run(tmp_path, "b")
-    with pytest.raises(ConfigError, match=f"several graphs run.*{first.name}.*{second.name}"):
+def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) -> None:
+    first = make_run(tmp_path, "a", file="stiff_wall law:=none")
+    second = make_run(tmp_path, "b", file="stress.yaml")
+    with pytest.raises(ConfigError) as caught:
         find(None, [tmp_path])
+    head, *lines = str(caught.value).splitlines()
+    assert head == "several graphs run; say which one: --run DIR, of"
+    assert lines == [
+        f"  {first}  (stiff_wall law:=none, process {os.getpid()})",
+        f"  {second}  (stress.yaml, process {os.getpid()})",
+    ]
+    with pytest.raises(ConfigError, match="say which one: forcebound delay DIR"):
+        find(None, [tmp_path], option="forcebound delay ")
     assert find(second, [tmp_path]) == second
+
+
+def test_an_environment_alone_is_found_but_does_not_count_beside_a_graph(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    alone = make_run(tmp_path, "a", is_graph=False)
+    assert find(None, [tmp_path]) == alone
+    with pytest.raises(ConfigError, match=r"no graph of yours .* only environments for graphs on"):
+        find(None, [tmp_path], of_graph=True)
+    with pytest.raises(ConfigError, match="an environment alone, and no graph"):
+        find(alone, [tmp_path], of_graph=True)
+    graph = make_run(tmp_path, "b")
+    assert find(None, [tmp_path]) == graph
+    assert find(None, [tmp_path], of_graph=True) == graph
 
 
 def test_a_run_elsewhere_is_found_by_its_directory(tmp_path: Path) -> None:
@@ -68,21 +106,24 @@ def test_a_run_elsewhere_is_found_by_its_directory(tmp_path: Path) -> None:
     run_dir = tmp_path / "by-hand"
     run_dir.mkdir()
     RunDocument(os.getpid(), None, "", []).write(run_dir)
-    assert find(run_dir, [tmp_path / "empty"]) == run_dir.resolve()
+    with hold(run_dir):
+        assert find(run_dir, [tmp_path / "empty"]) == run_dir.resolve()
 
 
 def test_a_directory_of_no_run_is_refused_with_those_that_run(
-    tmp_path: Path, ended_process: int
+    tmp_path: Path, make_run: MakeRun
 ) -> None:
     run_dir = make_run(tmp_path, "a")
-    dead = make_run(tmp_path, "dead", ended_process)
+    dead = make_run(tmp_path, "dead", is_alive=False)
     for wrong in (dead, tmp_path / "missing"):
-        with pytest.raises(ConfigError, match=f"{wrong.name} is not.*those that run.*{run_dir}"):
+        with pytest.raises(
+            ConfigError, match=f"(?s){wrong.name} is not.*those that run.*{run_dir}"
+        ):
             find(wrong, [tmp_path])
 
 
 def test_by_default_it_looks_where_the_launcher_makes_its_directories(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     run_dir = make_run(tmp_path, "a")
@@ -90,9 +131,87 @@ def test_by_default_it_looks_where_the_launcher_makes_its_directories(
 
 
 def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
-    tmp_path: Path,
+    tmp_path: Path, make_run: MakeRun
 ) -> None:
     by_hand, launched = make_run(tmp_path, "a"), make_run(tmp_path, "b")
     (launched / "control-launcher").touch()
     assert find(None, [tmp_path]) == launched
     assert find(by_hand, [tmp_path]) == by_hand
+
+
+# --- Owners, and what they leave when they die --------------------------------------------------
+
+
+def test_a_run_directory_may_have_several_owners(tmp_path: Path) -> None:
+    with hold(tmp_path):
+        with hold(tmp_path):
+            assert is_held(tmp_path)
+        assert is_held(tmp_path)
+    assert not is_held(tmp_path)
+
+
+OWNER = """
+import os, sys
+from pathlib import Path
+from forcebound.launch.live import RunDocument, run_directory
+with run_directory() as run_dir:
+    RunDocument(os.getpid(), None, "", [], is_temporary=True).write(run_dir)
+    print(run_dir, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_the_directory_of_a_killed_owner_is_removed_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert owner.stdout is not None
+        left = Path(owner.stdout.readline().strip())
+        with run_directory():
+            assert left.resolve() in running()
+        owner.send_signal(signal.SIGKILL)
+    finally:
+        owner.kill()
+        owner.communicate()
+    assert left.is_dir()
+    assert left.resolve() not in running()
+    with run_directory() as next_run:
+        assert not left.exists()
+        assert next_run.is_dir()
+    assert not next_run.exists()
+
+
+def test_only_what_is_provably_dead_and_of_no_use_is_removed(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    make_run(tmp_path, "lives", is_temporary=True)
+    make_run(tmp_path, "of-a-person", is_alive=False)
+    make_run(tmp_path, "recorded", is_alive=False, is_temporary=True).joinpath(RECORDING).touch()
+    make_run(tmp_path, "older", is_alive=False, is_temporary=True).joinpath(LOCK_FILE).unlink()
+    make_run(tmp_path, "begins", is_alive=False, is_temporary=True).joinpath(RUN_FILE).unlink()
+    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    linked = make_run(elsewhere, "linked", is_alive=False, is_temporary=True)
+    (tmp_path / "forcebound-link").symlink_to(linked)
+    kept = set(tmp_path.iterdir()) - {dead}
+    assert remove_left_over([tmp_path]) == [dead]
+    assert set(tmp_path.iterdir()) == kept
+    assert linked.is_dir()
+
+
+def test_what_somebody_else_has_left_is_not_touched(
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    monkeypatch.setattr(os, "getuid", lambda: dead.stat().st_uid + 1)
+    assert remove_left_over([tmp_path]) == []
+    assert dead.is_dir()
