@@ -144,6 +144,11 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
         with pytest.raises(ConfigError) as refused:
             ask_launcher(run_dir, {"request": "dance"})
         seen["dance"] = str(refused.value)
+        passed = ask_launcher(run_dir, {"request": "configure", "node": "environment"})
+        seen["passed on"] = passed["phase"]
+        with pytest.raises(ConfigError) as refused:
+            ask_launcher(run_dir, {"request": "configure", "node": "operator"})
+        seen["not passed on"] = str(refused.value)
 
     def user_who_ends_the_run() -> None:
         try:
@@ -164,7 +169,9 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
     assert seen["pids differ"]
     assert "without its device a run ends" in seen["device"]
     assert "no node 'operator' in this graph" in seen["operator"]
-    assert "known: status, stop_node, start_node" in seen["dance"]
+    assert "known: status, configure, stop_node, start_node" in seen["dance"]
+    assert seen["passed on"] == "running"
+    assert "does not run 'operator'" in seen["not passed on"]
     assert said.count(("environment", "environment is there")) == 2
     assert said.count(("controller", "controller is there")) == 2
 

@@ -1,0 +1,77 @@
+"""Parameters of live graphs: a change for who is suspended, stopped, waiting, or elsewhere."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from live_graph import live_graph
+from remote_environment import serving, write_launch_file
+from waiting import free_port
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+
+
+def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_path: Path) -> None:
+    with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
+        run = ("--run", str(graph.run_dir))
+        graph.signal("environment", signal.SIGSTOP)
+        kept = graph.order("param", "set", "environment.stiffness:=9 N/mm", *run)
+        assert kept.returncode == 1
+        assert "environment did not answer; the change is kept" in kept.stderr
+        graph.signal("environment", signal.SIGCONT)
+        graph.until(lambda: "changed: environment.stiffness = 9000.0" in graph.log, "the change")
+
+        assert graph.order("stop", "environment", *run).returncode == 0
+        kept = graph.order("param", "set", "environment.stiffness:=8 N/mm", *run)
+        assert kept.returncode == 0, kept.stderr
+        assert kept.stdout == "environment.stiffness: 8000 N/m\n"
+        assert "forcebound start environment" in kept.stderr
+        assert graph.order("start", "environment", *run).returncode == 0
+
+        changed = graph.order("param", "list", "--changed", *run)
+        assert changed.stdout == "environment.stiffness: 8000 N/m\n"
+        graph.signal("environment", signal.SIGSTOP)
+        stopped = graph.order("stop", "environment", *run)
+        assert stopped.returncode == 0, stopped.stderr
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    told = [(e.node, e.data["environment.stiffness"]) for e in ended.events("parameter_set")]
+    assert told == [("environment", "9000.0"), ("launcher", "8000.0")]
+    assert "was killed" in ended.log
+    assert "process_ended" not in ended.faults
+
+
+def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path) -> None:
+    remote = f"address: 127.0.0.1, port: {free_port()}, local: true"
+    file = write_launch_file(tmp_path, "a.yaml", remote)
+    with live_graph(str(file)) as graph, serving(file) as there:
+        graph.until(lambda: "waiting until it leaves" in there.log, "a stand-by elsewhere")
+        [elsewhere] = there.log_path.parent.glob("forcebound-*")
+        run, far = ("--run", str(graph.run_dir)), ("--run", str(elsewhere))
+        refused = graph.order("param", "set", "links.environment_reply.delay:=15 ms", *far)
+        assert refused.returncode == 2
+        assert "on the machine of the graph" in refused.stderr
+        waits = graph.order("param", "set", "environment.stiffness:=9 N/mm", *far)
+        assert waits.returncode == 0, waits.stderr
+        assert "not this environment, which waits" in waits.stderr
+        served = graph.order("param", "set", "environment.stiffness:=9 N/mm", *run)
+        assert (served.returncode, served.stderr) == (0, "")
+
+        seen = {}
+        for where in (run, far):
+            found = json.loads(graph.order("doctor", "--json", *where).stdout)["findings"]
+            seen[where] = {finding["kind"]: finding["severity"] for finding in found}
+        assert seen[run]["waiting_environment"] == "note"
+        assert seen[far]["remote_connected"] == "note"
+
+        assert graph.order("stop", "environment", *run).returncode == 0
+        graph.wait_until_in_contact()  # with the other one
+        assert graph.order("start", "environment", *run).returncode == 0
+        graph.until(lambda: "not serving" in graph.log, "a stand-by here")
+        waits = graph.order("param", "set", "environment.stiffness:=7 N/mm", *run)
+        assert waits.returncode == 0, waits.stderr
+        assert "not the environment of this machine" in waits.stderr
+        left = graph.order("stop", "environment", *run)
+        assert "serves as before" in left.stdout
+        assert graph.end().exit_status == 0
