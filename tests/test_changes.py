@@ -23,7 +23,9 @@ from forcebound.network.impairment import Impairment
 from forcebound.running import presence, tuning
 from forcebound.running.tuning import (
     changed_parameters,
+    configuration,
     find_parameters,
+    found_elsewhere,
     read_settings,
     set_parameters,
 )
@@ -270,6 +272,9 @@ def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
         set_parameters(tmp_path, {f"links.{name}.delay": 0.015, "environment.stiffness": 1})
     assert not processes.configured
     assert not changed_parameters(tmp_path)
+    config = configuration(tmp_path)
+    own = {key for key in parameters(config) if "environment." in key or "environment_query" in key}
+    assert found_elsewhere(tmp_path, config, parameters(config)) == parameters(config).keys() - own
     done = set_parameters(tmp_path, {"links.environment_query.delay": 0.015})
     assert processes.configured == {"environment"}
     assert done == tuning.Change({"links.environment_query.delay": 0.015})

@@ -52,6 +52,9 @@ def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path) -> 
         refused = graph.order("param", "set", "links.environment_reply.delay:=15 ms", *far)
         assert refused.returncode == 2
         assert "on the machine of the graph" in refused.stderr
+        listed = graph.order("param", "get", "links", *far).stdout.splitlines()
+        of_graph = {line.split(".")[1] for line in listed if "# of another machine" in line}
+        assert of_graph == {"device_state", "environment_reply", "force_command"}
         waits = graph.order("param", "set", "environment.stiffness:=9 N/mm", *far)
         assert waits.returncode == 0, waits.stderr
         assert "not this environment, which waits" in waits.stderr

@@ -143,11 +143,14 @@ def _show_parameters(
 
 
 def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
-    from forcebound.running.tuning import configuration
+    from forcebound.running.tuning import configuration, found_elsewhere
     from forcebound.running.values import as_written
 
-    for name, text in as_written(configuration(run), values).items():
-        click.echo(f"{name}: {text}")
+    config = configuration(run)
+    elsewhere = found_elsewhere(run, config, values)
+    for name, text in as_written(config, values).items():
+        remark = "  # of another machine; this is what the file here says"
+        click.echo(f"{name}: {text}{remark if name in elsewhere else ''}")
 
 
 @click.command()

@@ -77,6 +77,11 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     return found if names else known
 
 
+def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
+    """Return those of some parameters that belong to nodes on another machine."""
+    return set(_elsewhere(names, present(run_dir, config)))
+
+
 def changed_parameters(run_dir: Path) -> dict[str, Any]:
     """Return the parameters of a graph that are not as it was started, with their values.
 
@@ -158,7 +163,7 @@ def _tell(run_dir: Path, nodes: Collection[str], here: Present) -> None:
 
 def _check_reach(names: Iterable[str], here: Present) -> None:
     """Refuse what has no effect, since who would have to do it is on another machine."""
-    away = {name: node for name in names for node in holders([name]) if node not in here.nodes}
+    away = _elsewhere(names, here)
     if not away:
         return
     told = ", ".join(sorted(away))
@@ -172,6 +177,11 @@ def _check_reach(names: Iterable[str], here: Present) -> None:
         f"{told}: this link ends at the {whose}, on the machine of the graph, and this one has"
         " only its environment; use forcebound param set there"
     )
+
+
+def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
+    """Return the parameters that belong to nodes on another machine, with those."""
+    return {name: node for name in names for node in holders([name]) if node not in here.nodes}
 
 
 def _away(node: str, here: Present) -> Iterator[str]:
