@@ -14,10 +14,12 @@ from forcebound.analysis.metrics import (
     count_reversals,
     final_speed,
     summarize,
+    summarize_events,
     summary_rows,
 )
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Telemetry
+from forcebound.nodes.events import EventLog
 from forcebound.recording import TelemetryColumns
 
 WALL = 0.010  # m
@@ -241,6 +243,16 @@ def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
     summary = summary_of(run)
     assert summary["samples"] == 6000
     assert summary["duration_s"] == pytest.approx(5.999)
+
+
+def test_an_event_may_stand_for_several_faults() -> None:
+    log = EventLog("controller")
+    events = [
+        log.tell(1, "remote_refused_here", "", is_fault=True),
+        log.tell(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
+        log.tell(3, "environment_serves", ""),
+    ]
+    assert summarize_events(events)["faults"] == {"remote_refused_here": 8}
 
 
 # --- Energy --------------------------------------------------------------------------------------

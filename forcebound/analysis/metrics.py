@@ -447,10 +447,13 @@ def summarize_events(events: Sequence[Event]) -> dict[str, Any]:
     """Return what a run's events add to its results, ready for JSON.
 
     Returns:
-        * ``faults``: how often each kind of fault was told
+        * ``faults``: how often each kind of fault happened; an event may stand for several
         * ``links``: by topic of an impaired link, how many packets had which fate
     """
-    faults = Counter(event.event for event in events if event.is_fault)
+    faults: Counter[str] = Counter()
+    for event in events:
+        if event.is_fault:
+            faults[event.event] += 1 + int(event.data.get("suppressed", 0))
     links: dict[str, dict[str, int]] = {}
     for event in events:
         if event.event == LINK_COUNTED:  # a process that was started anew counted anew
