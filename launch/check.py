@@ -4,107 +4,119 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from forcebound.environments import Environment
-from forcebound.environments.contract import PROMISES, Report, check
+from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
+from forcebound.launch import own
+from forcebound.launch.child import Tell, in_a_child, nobody_listens
 from forcebound.launch.config import member_document
 from forcebound.launch.loader import member_of
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import parse_quantity
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
-CALLS = 300  # that are timed
-
-
-@dataclass(frozen=True)
-class Checked:
-    """What was found.
-
-    Attributes:
-        member: Kind and parameters of the environment.
-        report: Of the contract.
-        at_rest: Position on the first axis, in m, and force there at rest, in N; None where the
-            environment gave none.
-        median_call: Time for one answer, in s; None if it gives none.
-        longest_call: The longest of ``CALLS``, in s.
-    """
-
-    member: dict[str, Any]
-    report: Report
-    at_rest: tuple[tuple[float, float | None], ...]
-    median_call: float | None
-    longest_call: float | None
-
-    @property
-    def passed(self) -> bool:
-        """Whether every promise was kept."""
-        return not self.report.violations
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """Everything, in plain JSON types."""
-        return {
-            "environment": self.member,
-            "passed": self.passed,
-            "questions": self.report.questions,
-            "promises": self.report.held,
-            "violations": [dataclasses.asdict(v) for v in self.report.violations],
-            "at_rest": [{"position_m": p, "force_n": f} for p, f in self.at_rest],
-            "seconds_per_answer": {"median": self.median_call, "max": self.longest_call},
-        }
-
-    def lines(self) -> list[str]:
-        """Return it as text for a person."""
-        lines = []
-        for promise, held in self.report.held.items():
-            lines.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
-            for violation in self.report.violations:
-                if violation.promise == promise:
-                    lines.append(f"          {violation.where}")
-                    lines.append(f"            expected {violation.expected}")
-                    lines.append(f"            got      {violation.got}")
-        shown = ", ".join(
-            f"{p * 1e3:g} mm: {'no answer' if f is None else f'{f:.4g} N'}" for p, f in self.at_rest
-        )
-        lines.append(f"at rest, on the first axis: {shown}")
-        if self.median_call is not None and self.longest_call is not None:
-            lines.append(
-                f"one answer takes {self.median_call * 1e6:.1f} us (longest of {CALLS}:"
-                f" {self.longest_call * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
-            )
-        return lines
+FEWEST_CALLS, CALLS = 10, 300  # that are timed
+ASKING, TIMING = 10.0, 2.0  # s, about: how long the contract's questions and the calls may take
 
 
 def check_environment(
-    kind: str, arguments: Sequence[str] = (), axes: Sequence[int] = (), rest: Sequence[str] = ()
-) -> Checked:
-    """Return what the contract test finds of an environment.
+    kind: str,
+    arguments: Sequence[str] = (),
+    axes: Sequence[int] = (),
+    rest: Sequence[str] = (),
+    tell: Tell = nobody_listens,
+) -> dict[str, Any]:
+    """Return what the contract test finds of an environment, in plain JSON types.
+
+    A file of the user's own runs in a child. Whose answers take long is asked fewer questions.
 
     Args:
         kind: ``FILE.py``, ``FILE.py:CLASS`` or a kind that comes with the package.
         arguments: Its parameters, each ``name:=value``.
         axes: Numbers of axes to ask with; none: 1 to 6.
         rest: Forces expected at rest, each ``POSITION=FORCE``.
+        tell: Called before each answer.
+
+    Returns:
+        ``environment`` (kind and parameters), ``passed``, ``questions`` that were asked,
+        ``left_out`` that were not, ``promises`` (which were kept), ``violations``, ``at_rest``
+        (position and force on the first axis, in m and N; no force where it gave none) and
+        ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
 
     Raises:
-        ConfigError: If there is no such environment, or a parameter is wrong.
+        ConfigError: If there is no such environment, a parameter is wrong, or the user's code was
+            too slow or ended its process.
     """
-    environment: Environment = member_of("environment", kind, arguments)
+    words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
+    if not own.names_file(kind):
+        return check_here(tell, *words)
+    document: dict[str, Any] = in_a_child(check_here, words, own.file_of(kind, Path()), tell)
+    return document
+
+
+def check_here(
+    tell: Tell, kind: str, arguments: Sequence[str], axes: Sequence[int], rest: Sequence[str]
+) -> dict[str, Any]:
+    """Do the work of :func:`check_environment` in this process."""
     expected = dict(_expected(text) for text in rest)
-    report = check(environment, axes or range(1, MAX_AXES + 1), expected)
+    environment: Environment = member_of("environment", kind, arguments)
     one = min(axes, default=1)
-    median, longest = _times(environment, one)
-    return Checked(
-        member_document("environment", environment),
-        report,
-        tuple((position, _at_rest(environment, position, one)) for position in PROBES),
-        median,
-        longest,
+    at_rest, times = [], []
+    for position in PROBES:
+        tell(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
+        began = time.perf_counter()
+        at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
+        times.append(time.perf_counter() - began)
+    usual = statistics.median(times)
+    at_most = round(ASKING / usual / 3)
+    report = check(environment, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
+    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), tell)
+    return {
+        "environment": member_document("environment", environment),
+        "passed": not report.violations,
+        "questions": report.questions,
+        "left_out": report.left_out,
+        "promises": report.held,
+        "violations": [dataclasses.asdict(v) for v in report.violations],
+        "at_rest": at_rest,
+        "seconds_per_answer": {
+            "median": statistics.median(times) if times else None,
+            "max": max(times, default=None),
+            "answers": len(times),
+        },
+    }
+
+
+def lines(document: Mapping[str, Any]) -> list[str]:
+    """Return what :func:`check_environment` found as text for a person."""
+    told = []
+    for promise, held in document["promises"].items():
+        told.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
+        for violation in document["violations"]:
+            if violation["promise"] == promise:
+                told.append(f"          {violation['where']}")
+                told.append(f"            expected {violation['expected']}")
+                told.append(f"            got      {violation['got']}")
+    shown = ", ".join(
+        f"{one['position_m'] * 1e3:g} mm: "
+        + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
+        for one in document["at_rest"]
     )
+    told.append(f"at rest, on the first axis: {shown}")
+    if document["left_out"]:
+        known = document["questions"] + document["left_out"]
+        told.append(f"asked {document['questions']} of {known} questions, since answers take long")
+    answer = document["seconds_per_answer"]
+    if answer["answers"]:
+        told.append(
+            f"one answer takes {answer['median'] * 1e6:.1f} us (longest of {answer['answers']}:"
+            f" {answer['max'] * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
+        )
+    return told
 
 
 def _expected(text: str) -> tuple[float, float]:
@@ -121,20 +133,21 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
     still = (0.0,) * axes
     try:
         force = float(environment.force((position, *still[1:]), still, 1.0)[0])
-    except Exception:  # the contract tells it
+    except (Exception, SystemExit):  # the contract tells it
         return None
     return force if math.isfinite(force) else None
 
 
-def _times(environment: Environment, axes: int) -> tuple[float | None, float | None]:
-    """Median and longest time for an answer, in s, at positions where something may be felt."""
+def _times(environment: Environment, axes: int, calls: int, tell: Tell) -> list[float]:
+    """Time for each answer, in s, at positions where something may be felt; none if one fails."""
     times = []
-    for call in range(CALLS):
-        position = (0.05 * call / CALLS,) + (0.0,) * (axes - 1)
+    for call in range(calls):
+        position = (0.05 * call / calls,) + (0.0,) * (axes - 1)
+        tell(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
             environment.force(position, (0.1,) * axes, 1.0)
-        except Exception:  # the contract tells it
-            return None, None
+        except (Exception, SystemExit):  # the contract tells it
+            return []
         times.append(time.perf_counter() - began)
-    return statistics.median(times), max(times)
+    return times

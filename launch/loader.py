@@ -12,12 +12,14 @@ Each step notes its problems and passes on what is sound, so that a person sees 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.launch import own
 from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
+from forcebound.launch.child import Tell, in_a_child
 from forcebound.launch.config import (
     COMPUTATION,
     FORMAT,
@@ -35,7 +37,14 @@ from forcebound.launch.config import (
 )
 from forcebound.launch.document import find, missing, read
 from forcebound.launch.fields import Field, Section, fields_of
-from forcebound.launch.own_parts import OWN, can_be_written, check_answer, own_class, without_own
+from forcebound.launch.own_parts import (
+    OWN,
+    can_be_written,
+    check_answer,
+    own_class,
+    own_file,
+    without_own,
+)
 from forcebound.launch.phases import KEY, phase_duration, read_phases
 from forcebound.launch.problems import Place, Problems
 from forcebound.launch.substitution import Substitution
@@ -51,6 +60,7 @@ __all__ = [
     "build",
     "from_document",
     "load",
+    "load_tried",
     "member_of",
     "read_template",
     "to_document",
@@ -72,6 +82,28 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     """
     problems = Problems()
     return build(_read(path, problems), overrides, problems)
+
+
+def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
+    """Return the same as :func:`load`, for a command that somebody waits for.
+
+    A file of the user's own is loaded and asked in a child first, where it may hang or exit. This
+    process then loads it, too, and asks nothing.
+
+    Raises:
+        ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
+    """
+    problems = Problems()
+    filled = _filled(_read(path, problems), overrides, problems)
+    file = own_file(filled)
+    if file is not None:
+        in_a_child(try_out, [str(path), list(overrides)], file)
+    return _build(filled, problems, asks=file is None)
+
+
+def try_out(tell: Tell, path: str, overrides: Sequence[str]) -> None:
+    """Load a launch file for its problems alone, in a child of :func:`load_tried`."""
+    load(path, overrides)
 
 
 def read_template(path: str | Path) -> Value:
@@ -100,13 +132,18 @@ def build(
         ConfigError: As :func:`load`.
     """
     problems = Problems() if problems is None else problems
+    return _build(_filled(template, overrides, problems), problems)
+
+
+def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Value:
+    """The template with its arguments' values in their places."""
     arguments = Arguments(template, problems)
     values = arguments.values(overrides)
     substitution = Substitution(values, problems)
     rest = {name: value for name, value in template.entries.items() if name != "arguments"}
     filled = substitution.apply(replace(template, content=rest))
     check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
-    return _build(filled, problems)
+    return filled
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
@@ -173,7 +210,8 @@ def _read(path: str | Path, problems: Problems) -> Value:
     return root
 
 
-def _build(root: Value, problems: Problems) -> GraphConfig:
+def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
+    """Return what the tree says; ``asks``: whether to ask a user's own environment for a force."""
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
     top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
@@ -191,7 +229,8 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
         _check_axes(device, operator, sections["operator"])
     if device and environment:
         _check_delays(device.servo, environment, links, sections["device"])
-        check_answer(environment.model, device.model.axes, sections["environment"])
+        if asks:
+            check_answer(environment.model, device.model.axes, sections["environment"])
     problems.raise_if_any()
     assert device is not None  # what could not be made was a problem
     assert controller is not None
@@ -209,7 +248,7 @@ def _build(root: Value, problems: Problems) -> GraphConfig:
     )
     if KEY not in root.entries:
         return config
-    phases = read_phases(root, config, _build, problems)
+    phases = read_phases(root, config, partial(_build, asks=asks), problems)
     problems.raise_if_any()
     return replace(config, phases=phases, duration=phase_duration(phases))
 

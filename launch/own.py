@@ -40,6 +40,17 @@ def names_file(kind: str) -> bool:
     return _KIND.fullmatch(kind) is not None
 
 
+def file_of(kind: str, beside: Path) -> Path:
+    """Return the absolute path of the file that a ``kind`` means; ``beside``: where it starts."""
+    return (beside / _parts(kind)["file"]).absolute()
+
+
+def _parts(kind: str) -> re.Match[str]:
+    match = _KIND.fullmatch(kind)
+    assert match is not None, kind
+    return match
+
+
 def kind_of(member: type) -> str | None:
     """Return the ``kind`` of a class that was loaded, its path absolute; None for any other."""
     path = _PATHS.get(member)
@@ -64,12 +75,10 @@ def load_class(kind: str, beside: Path, methods: dict[str, int]) -> type:
         ConfigError: If there is no such file, its code fails (with the line), or it has no class,
             several, or one that is no frozen dataclass with these methods.
     """
-    match = _KIND.fullmatch(kind)
-    assert match is not None, kind
-    path = (beside / match["file"]).absolute()
+    path = file_of(kind, beside)
     if path not in _FILES:
         _FILES[path] = _load(path)
-    member = _class_in(_FILES[path].module, path, match["name"], methods)
+    member = _class_in(_FILES[path].module, path, _parts(kind)["name"], methods)
     _check(member, path, methods)
     _PATHS[member] = path
     copyreg.pickle(member, _reduced)

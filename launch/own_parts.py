@@ -19,11 +19,24 @@ from forcebound.launch.tree import Value
 OWN = {"environment": {"force": 3}}  # sections with classes of the user's own; their methods
 
 
+def own_file(root: Value) -> Path | None:
+    """Return the file of the user's own that a launch file takes its environment from, if any."""
+    section = root.entries.get("environment")
+    kind = None if section is None else section.entries.get("kind")
+    if kind is None or not own.names_file(kind.text):
+        return None
+    return own.file_of(kind.text, _beside(kind))
+
+
+def _beside(value: Value) -> Path:
+    """The folder that a relative path starts from: that of the file that says it."""
+    return Path(value.place.name).parent if value.place.line else Path()
+
+
 def own_class(section: Section, value: Value, taken: set[str]) -> type | None:
-    """Return the class in a user's file; a relative path starts from the file that names it."""
-    beside = Path(value.place.name).parent if value.place.line else Path()
+    """Return the class in a user's file; None with a problem noted if there is none."""
     try:
-        member = own.load_class(str(value.content), beside, OWN[section.name])
+        member = own.load_class(str(value.content), _beside(value), OWN[section.name])
         check_fields(member, taken)
     except ConfigError as error:
         section.add(f"{section.name}: {error}", value)
@@ -49,7 +62,7 @@ def check_answer(model: Any, axes: int, section: Section) -> None:
     still = (0.0,) * axes
     try:
         fault = force_fault(model.force(still, still, 0.0), axes)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         fault = own.blame(error, type(model))
     if fault is not None:
         question = f"force({still}, {still}, 0.0)"

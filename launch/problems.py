@@ -128,7 +128,8 @@ class Problems:
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
     """Return the message for a name that is not known: the nearest one, or all that are."""
     names = sorted(known)
-    near = [known for known in names if name in known.split("_")]  # speed: approach_speed
+    near = [known for known in names if len(name) > 1 and known.startswith(name)]
+    near = near or [known for known in names if name in known.split("_")]  # speed: approach_speed
     near = near or difflib.get_close_matches(name, names[:_MOST_NAMES], n=1)
     shown = name if len(name) <= 60 else name[:57] + "..."
     if near:

@@ -37,7 +37,7 @@ from forcebound.launch.live import (
     run_directory,
     write_launch_document,
 )
-from forcebound.launch.loader import from_document, load
+from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
 from forcebound.network.remote import RemoteEnd
@@ -74,10 +74,10 @@ def run_node(
     told = " ".join((str(file), *arguments))
     with process.Stop() as stop:
         if run_dir is None:
-            _serve_remotely(kind, load(file, arguments), told, stop)
+            _serve_remotely(kind, load_tried(file, arguments), told, stop)
             return 0
         if not supervised:
-            config = load(file, arguments)
+            config = load_tried(file, arguments)
             check_run_directory(run_dir)
             _run_by_hand(kind, config, told, run_dir, stop)
             return 0

@@ -1,5 +1,7 @@
 """Commands that check what a user wrote."""
 
+import time
+
 import click
 
 from forcebound.cli.common import (
@@ -9,6 +11,22 @@ from forcebound.cli.common import (
     reports_errors,
 )
 from forcebound.errors import RunError
+
+
+class Progress:
+    """Says every two seconds on standard error how far a check has come."""
+
+    EVERY = 2.0  # s
+
+    def __init__(self) -> None:
+        self._said = time.monotonic()
+
+    def show(self, doing: str, done: int, total: int) -> None:
+        """Say it, if it is time: the answers until now and all of them, or else what begins."""
+        if time.monotonic() - self._said < self.EVERY:
+            return
+        self._said = time.monotonic()
+        click.echo(f"{done} of {total} answers" if total else doing, err=True)
 
 
 @click.group()
@@ -43,14 +61,15 @@ def check_environment(
     """Check an environment: a file of yours, or a kind that comes with forcebound.
 
     Asks it some thousand questions, at random and at its limits; tells each promise that it breaks.
-    Exit status 1: it breaks one. How fast it answers is told, never judged.
+    Exit status 1: it breaks one; 2: there is no such environment, or it does not come back. How
+    fast it answers is told, never judged; a slow one is asked fewer questions.
     """
-    from forcebound.launch.check import check_environment
+    from forcebound.launch.check import check_environment, lines
 
-    checked = check_environment(kind, arguments, axes, rest)
+    document = check_environment(kind, arguments, axes, rest, Progress().show)
     if as_json:
-        print_json(checked.document)
+        print_json(document)
     else:
-        click.echo("\n".join(checked.lines()))
-    if not checked.passed:
+        click.echo("\n".join(lines(document)))
+    if not document["passed"]:
         raise RunError(f"{kind} breaks its contract")

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,14 +17,27 @@ from forcebound.cli.common import (
     reports_errors,
 )
 
+if TYPE_CHECKING:
+    from forcebound.launch.config import GraphConfig
+
+
+check_option = click.option(
+    "--check", is_flag=True, help="Check the launch file and start nothing."
+)
+
+
+show_args_option = click.option(
+    "--show-args", is_flag=True, help="Show the arguments that the file takes."
+)
+
 
 @click.command("launch")
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
 @duration_option
 @record_option
-@click.option("--check", is_flag=True, help="Check the launch file and start nothing.")
-@click.option("--show-args", is_flag=True, help="Show the arguments that the file takes.")
+@check_option
+@show_args_option
 @json_option
 @reports_errors
 def launch_graph(
@@ -37,14 +50,8 @@ def launch_graph(
     as_json: bool,
 ) -> None:
     """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
-    from forcebound.launch.loader import load
-
-    if show_args:
-        _show_arguments(file, as_json)
-        return
-    config = load(file, arguments)
-    if check:
-        _print_document(config) if as_json else click.echo(f"{file}: correct")
+    config = _configuration(file, arguments, check, show_args, as_json)
+    if config is None:
         return
     from forcebound.launch.live import run_live
 
@@ -58,6 +65,8 @@ def launch_graph(
 @duration_option
 @record_option
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
+@check_option
+@show_args_option
 @json_option
 @reports_errors
 def simulate(
@@ -66,17 +75,16 @@ def simulate(
     duration: float | None,
     record: Path | None,
     seed: int | None,
+    check: bool,
+    show_args: bool,
     as_json: bool,
 ) -> None:
     """Run the same launch file in virtual time: deterministic, faster than real time."""
-    from dataclasses import replace
-
-    from forcebound.launch.loader import load
+    config = _configuration(file, arguments, check, show_args, as_json, seed)
+    if config is None:
+        return
     from forcebound.launch.virtual import run_virtual
 
-    config = load(file, arguments)
-    if seed is not None:
-        config = replace(config, seed=seed)
     result = run_virtual(config, duration, record)
     click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
@@ -144,6 +152,31 @@ def schema() -> None:
     from forcebound.launch.schema import json_schema
 
     print_json(json_schema())
+
+
+def _configuration(
+    file: str,
+    arguments: tuple[str, ...],
+    check: bool,
+    show_args: bool,
+    as_json: bool,
+    seed: int | None = None,
+) -> "GraphConfig | None":
+    """Return what a launch file describes; None if that, or its arguments, was only to be shown."""
+    from dataclasses import replace
+
+    from forcebound.launch.loader import load_tried
+
+    if show_args:
+        _show_arguments(file, as_json)
+        return None
+    config = load_tried(file, arguments)
+    if seed is not None:
+        config = replace(config, seed=seed)
+    if check:
+        _print_document(config) if as_json else click.echo(f"{file}: correct")
+        return None
+    return config
 
 
 def _show_arguments(file: str, as_json: bool) -> None:

@@ -22,6 +22,7 @@ from forcebound.messages.packets import MAX_AXES, Vector
 FAR = 1e6  # m, m/s: within it a force must be finite
 LONG = 1e6  # s
 FARTHEST = 1e300  # m, m/s: until here nothing may be raised
+FEWEST = 4  # questions for each number of axes, however long an answer takes
 SHOWN = 3  # violations of one promise that are told; the others are alike
 
 PROMISES: dict[str, str] = {
@@ -62,11 +63,13 @@ class Report:
 
     Attributes:
         questions: How many were asked.
+        left_out: How many were not, to be done in time.
         promises: Names of those that were looked at: "rest" only if a force was stated.
         violations: At most ``SHOWN`` of each promise.
     """
 
     questions: int
+    left_out: int
     promises: tuple[str, ...]
     violations: tuple[Violation, ...]
 
@@ -83,6 +86,8 @@ def check(
     at_rest: Mapping[float, float] | None = None,
     seed: int = 1,
     rounds: int = 100,
+    at_most: int | None = None,
+    tell: Callable[[str, int, int], None] = lambda question, done, total: None,
 ) -> Report:
     """Return which of the ``PROMISES`` an environment keeps.
 
@@ -93,16 +98,31 @@ def check(
             rest: ``{0.0: 0.0}`` for a wall that leaves free what is before it.
         seed: Of the random questions; the same seed asks the same.
         rounds: Random questions for each number of axes and each scale.
+        at_most: About how many questions to ask, each three times: some of all, drawn at random;
+            at least ``FEWEST`` for each number of axes. None: all.
+        tell: Called before each answer with the question, the answers until now and all.
     """
-    asked = 0
+    axes = tuple(axes)
+    known = {
+        count: list(_questions(environment, count, Random(seed * 100 + count), rounds))
+        for count in axes
+    }
+    questions = [
+        question
+        for count in axes
+        for question in _some(known[count], Random(seed * 100 + count), at_most, len(axes))
+    ]
+    given = itertools.count()
+
+    def ask(environment: Environment, question: Question) -> tuple[Vector, Violation | None]:
+        tell(str(question), next(given), 3 * len(questions))
+        return _answer(environment, question)
+
     found: list[Violation] = list(_value_faults(environment))
     twin = _copy(environment)
     earlier: list[tuple[Question, str]] = []
-    for question in itertools.chain.from_iterable(
-        _questions(environment, count, Random(seed * 100 + count), rounds) for count in axes
-    ):
-        asked += 1
-        force, violation = _ask(environment, question)
+    for question in questions:
+        force, violation = ask(environment, question)
         if violation is None:
             violation = _finite_fault(force, question)
             earlier.append((question, repr(force)))
@@ -110,7 +130,7 @@ def check(
             found.append(violation)
     for other in (environment, twin):  # in another order: what it was asked before must not matter
         for question, answer in reversed(earlier):
-            force, violation = _ask(other, question)
+            force, violation = ask(other, question)
             if violation is None and repr(force) == answer:
                 continue
             got = repr(force) if violation is None else violation.got
@@ -118,7 +138,8 @@ def check(
     for position, wanted in (at_rest or {}).items():
         found.extend(_rest_faults(environment, axes, position, wanted))
     promises = tuple(name for name in PROMISES if name != "rest" or at_rest)
-    return Report(asked, promises, tuple(_first_of_each(found)))
+    left_out = sum(map(len, known.values())) - len(questions)
+    return Report(len(questions), left_out, promises, tuple(_first_of_each(found)))
 
 
 def force_fault(force: object, axes: int) -> str | None:
@@ -163,6 +184,15 @@ def _questions(
         yield Question(position, velocity, random.uniform(0, 10.0))
 
 
+def _some(
+    questions: Sequence[Question], random: Random, at_most: int | None, numbers_of_axes: int
+) -> Sequence[Question]:
+    if at_most is None:
+        return questions
+    wanted = min(len(questions), max(FEWEST, at_most // numbers_of_axes))
+    return [questions[place] for place in sorted(random.sample(range(len(questions)), wanted))]
+
+
 def _edges(environment: Environment) -> list[float]:
     """Parameters that may be positions, and the floats beside them."""
     if not dataclasses.is_dataclass(environment):
@@ -173,7 +203,7 @@ def _edges(environment: Environment) -> list[float]:
     return [edge for triple in beside for edge in triple]
 
 
-def _ask(environment: Environment, question: Question) -> tuple[Vector, Violation | None]:
+def _answer(environment: Environment, question: Question) -> tuple[Vector, Violation | None]:
     """The answer as floats; empty, with the broken promise, if there is none."""
     axes = len(question.position)
     try:
@@ -181,7 +211,7 @@ def _ask(environment: Environment, question: Question) -> tuple[Vector, Violatio
         fault = force_fault(force, axes)
         if fault is None:
             return tuple(float(entry) for entry in force), None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return (), Violation("answers", "an answer", _raised(error), str(question))
     expected, _, got = fault.partition("; got ")
     return (), Violation("shape", expected.removeprefix("expected "), got, str(question))
@@ -200,7 +230,7 @@ def _rest_faults(
     for count in axes:
         still = (0.0,) * count
         question = Question((position, *still[1:]), still, 1.0)
-        force, violation = _ask(environment, question)
+        force, violation = _answer(environment, question)
         expected = (wanted, *still[1:])
         if violation is not None or any(
             not math.isclose(f, e, rel_tol=1e-9, abs_tol=1e-12)
@@ -245,7 +275,7 @@ def _first_of_each(found: Iterable[Violation]) -> Iterator[Violation]:
             yield violation
 
 
-def _raised(error: Exception) -> str:
+def _raised(error: BaseException) -> str:
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} (raised in {last.filename}:{last.lineno})"
 

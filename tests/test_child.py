@@ -1,0 +1,181 @@
+"""Code of a user's own that hangs, exits or crashes is told, and ends nothing but its own child."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from launch_texts import GOOD, written
+from waiting import until
+
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.launch.check import check_here, lines
+from forcebound.launch.child import in_a_child, nobody_listens
+from forcebound.launch.loader import load, load_tried, try_out
+
+SOURCE = """\
+import ctypes, os, subprocess, sys, time
+from dataclasses import dataclass
+from forcebound.quantities import Stiffness
+
+
+@dataclass(frozen=True)
+class Mine:
+    stiffness: Stiffness = 500.0
+
+    def force(self, position, velocity, elapsed):
+        return tuple(self.stiffness * x for x in position)
+"""
+FIRST, CLASS, ANSWER = "\n\n@dataclass", "    stiffness: ", "        return tuple"
+FOR_EVER = "while True: time.sleep(0.01)"
+LIMIT = 2.0  # s: what is waited for never comes
+
+
+def own(folder: Path, code: str = "", before: str = ANSWER) -> tuple[Path, Path]:
+    """A launch file and the environment beside it, with a line of code before another."""
+    indent = re.match(r"\n*( *)", before)
+    assert indent is not None
+    source = SOURCE.replace(before, f"{indent[0]}{code}\n{before}", 1)
+    file = written(folder, source, "mine.py")
+    return written(folder, GOOD.replace("kind: wall", "kind: mine.py")), file
+
+
+def error_of(folder: Path, code: str, before: str = ANSWER) -> str:
+    path, file = own(folder, code, before)
+    with pytest.raises(ConfigError) as caught:
+        in_a_child(try_out, [str(path), []], file, limit=LIMIT)
+    return str(caught.value)
+
+
+def invoke(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("before", [FIRST, CLASS, ANSWER])
+def test_what_never_ends_is_told_with_its_line(tmp_path: Path, before: str) -> None:
+    message = error_of(tmp_path, FOR_EVER, before)
+    assert "mine.py: loading it and asking for a first force took more than 2 s" in message
+    assert re.search(rf"in {tmp_path}/mine.py:\d+: {re.escape(FOR_EVER)}", message)
+    assert "Does a loop never end?" in message
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("os._exit(3)", "ended the process (exit status 3): expected an answer"),
+        ("os._exit(0)", "ended the process (exit status 0): expected an answer"),
+        ("os.kill(os.getpid(), 9)", "ended the process (signal 9, Killed)"),
+        ("ctypes.string_at(0)", "(signal 11, Segmentation fault): expected an answer\n  in "),
+        ("ctypes.string_at(0)", "mine.py:11: ctypes.string_at(0)"),
+        ("sys.exit(3)", "graph.yaml:13:9: environment: force((0.0,), (0.0,), 0.0): SystemExit: 3"),
+        ("1 / 0", "mine.py:11: 1 / 0"),
+        ("input()", "EOFError"),
+    ],
+)
+def test_an_environment_that_ends_its_process_ends_no_other(
+    tmp_path: Path, code: str, message: str
+) -> None:
+    assert message in error_of(tmp_path, code)
+
+
+def test_what_a_file_prints_does_not_get_into_the_result(tmp_path: Path) -> None:
+    path, file = own(tmp_path, "print('[1]', flush=True)")
+    assert in_a_child(try_out, [str(path), []], file) is None
+
+
+def test_what_the_code_has_started_ends_with_the_child(tmp_path: Path) -> None:
+    left = tmp_path / "left"
+    code = f"open({str(left)!r}, 'w').write(str(subprocess.Popen(['sleep', '600']).pid))"
+    path, file = own(tmp_path, code)
+    in_a_child(try_out, [str(path), []], file)  # although that process has our pipe
+    pid = int(left.read_text())
+
+    def is_gone() -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
+        except FileNotFoundError:
+            return True
+
+    until(is_gone, "the end of what the code has started")
+
+
+def test_a_file_of_ones_own_loads_to_the_same_after_it_was_tried(tmp_path: Path) -> None:
+    path, _ = own(tmp_path)
+    assert load_tried(path, ["law:=none"]) == load(path, ["law:=none"])
+
+
+def test_this_process_asks_nothing_of_what_was_asked_in_a_child(tmp_path: Path) -> None:
+    asked = tmp_path / "asked"
+    path, _ = own(tmp_path, f"open({str(asked)!r}, 'a').write('x')")
+    load_tried(path)
+    assert asked.read_text() == "x"
+
+
+def test_a_kind_of_the_package_needs_no_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    assert load_tried("stiff_wall", ["law:=none"]) == load("stiff_wall", ["law:=none"])
+    assert invoke("check", "environment", "wall").exit_code == 0
+
+
+@pytest.mark.parametrize("command", ["launch", "simulate"])
+def test_the_commands_that_run_a_graph_say_what_the_file_did(tmp_path: Path, command: str) -> None:
+    path, _ = own(tmp_path, "os._exit(3)")
+    result = invoke(command, path, "--check")
+    assert result.exit_code == 2
+    assert "mine.py: loading it and asking for a first force ended the process" in result.stderr
+
+
+def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
+    _, file = own(tmp_path, "if position[0] == 1e6: os._exit(3)")
+    result = invoke("check", "environment", file)
+    assert result.exit_code == 2
+    assert "force((1000000.0,), (0.0,), 0.0) ended the process (exit status 3)" in result.stderr
+    _, file = own(tmp_path, f"if position[0] == 1e6:\n            {FOR_EVER}")
+    with pytest.raises(ConfigError, match=r"force\(\(1000000.0,\), .* took more than 2 s"):
+        in_a_child(check_here, [str(file), [], [1], []], file, limit=LIMIT)
+
+
+def test_a_slow_environment_is_asked_fewer_questions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forcebound.launch.check.ASKING", 1.0)
+    monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
+    _, file = own(tmp_path, "time.sleep(0.02)")
+    document = check_here(nobody_listens, str(file), [], [1, 2], [])
+    assert document["passed"]
+    assert 8 <= document["questions"] <= 1.0 / 0.02 / 3
+    assert document["seconds_per_answer"]["answers"] == 10
+    known = document["questions"] + document["left_out"]
+    assert f"asked {document['questions']} of {known} questions" in "\n".join(lines(document))
+
+
+def test_the_check_says_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("forcebound.cli.check.Progress.EVERY", 0.0)
+    result = invoke("check", "environment", own(tmp_path)[1], "--axes", "1", "--json")
+    assert json.loads(result.stdout)["left_out"] == 0
+    assert re.search(r"^7 of \d+ answers$", result.stderr, re.MULTILINE)
+
+
+@pytest.mark.live
+def test_ctrl_c_ends_command_and_child(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    path, _ = own(tmp_path, f"open({str(begun)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
+    program = [sys.executable, "-m", "forcebound", "simulate", str(path)]
+    with subprocess.Popen(program, stderr=subprocess.PIPE, text=True) as command:
+        until(lambda: begun.exists() and begun.read_text(), "the first question")
+        command.send_signal(signal.SIGINT)
+        assert command.wait(60) == 130
+        assert command.stderr is not None
+        assert "interrupted" in command.stderr.read()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(begun.read_text()), 0)
