@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 from forcebound.launch.build import build_link, change_environment, change_link
 from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.loader import from_document
@@ -130,7 +131,7 @@ class Reloader:
         try:
             document = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise ConfigError(f"cannot read {self._file}: {error}") from error
+            raise ConfigError(f"cannot read {self._file}: {reason(error)}") from error
         serves = any(isinstance(node, EnvironmentNode) for node in runner.nodes)
         new = from_document(document, serves)
         changed = apply(self._config, new, runner)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from forcebound.files import reason
 from forcebound.launch.problems import Place, Problems
 from forcebound.launch.substitution import Substitution
 from forcebound.launch.tree import Value, parse
@@ -119,7 +120,7 @@ def _text_of(path: Path, problems: Problems) -> str | None:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        problems.add(f"cannot read the launch file: {error}", place)
+        problems.add(f"cannot read the launch file: {reason(error)}", place)
         return None
     if len(data) > MAX_BYTES:
         problems.add(f"more than {MAX_BYTES} bytes: this is no launch file", place)

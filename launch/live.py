@@ -20,6 +20,7 @@ from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, RunError
+from forcebound.files import check_writable
 from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.changes import Part, timetable
 from forcebound.launch.config import GraphConfig, to_document
@@ -110,7 +111,7 @@ def run_live(
     """
     core = realtime.choose_core(config.realtime.cores)
     if record is not None:
-        _check_writable(record)
+        check_writable(record, "the recording")
     if config.remote is not None:
         # What is wrong with address and keys is said here, and not by a dead node.
         check_address(config.remote.end("graph"))
@@ -253,14 +254,3 @@ def remove_left_over(folders: Iterable[Path]) -> list[Path]:
                 removed.append(run_dir)
                 _logger.info("removed the run directory that a crash has left: %s", run_dir)
     return removed
-
-
-def _check_writable(path: Path) -> None:
-    """Say now, and not from a process that dies, that a recording cannot be written."""
-    folder = path.absolute().parent
-    if not folder.is_dir():
-        raise ConfigError(f"cannot write the recording {path}: there is no folder {folder}")
-    if path.is_dir():
-        raise ConfigError(f"cannot write the recording {path}: it is a folder")
-    if not os.access(path if path.exists() else folder, os.W_OK):
-        raise ConfigError(f"cannot write the recording {path}: no permission")

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 
 _KIND = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
 
@@ -114,7 +115,7 @@ def _read(path: Path) -> bytes:
             return path.read_bytes()
         found = "is not a file" if path.exists() else "does not exist"
     except (OSError, ValueError) as error:  # ValueError: a path that no file can have
-        raise ConfigError(f"cannot read {path}: {error}") from None
+        raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     raise ConfigError(f"{path} {found}; a relative path starts from the folder of the launch file")
 
 

@@ -108,6 +108,9 @@ def test_check_and_show_args_start_nothing() -> None:
     shown = invoke("launch", "stiff_wall.yaml", "--show-args").stdout
     for name in ("law", "stiffness", "approach_speed", "delay", "compute_delay", "seed"):
         assert f"{name}:=" in shown
+    assert invoke("simulate", "stiff_wall.yaml", "--show-args").stdout == shown
+    checked = invoke("simulate", "stiff_wall.yaml", "--check", "--seed", "7", "--json")
+    assert json.loads(checked.stdout) == {**document, "seed": 7}
     assert "local:=false " in invoke("launch", "remote_wall", "--show-args").stdout
 
 
@@ -130,6 +133,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("audit", "--law", "certifed"), "certifed"),
         (("audit", "--out", "/nowhere/audit.md"), "no folder /nowhere"),
         (("audit", "--out", "README"), "must end in .md"),
+        (("sweep", "z_width", "-o", f"{__file__}/map.parquet"), "Not a directory"),
+        (("check", "environment", "no.py"), "forcebound: environment: "),
         (("audit", "replay", "none", "9" * 30), "a seed must be at most"),
         (("audit", "replay", "none", "1", "--out", "run.txt"), "must end in .png or .svg"),
         (("sweep", "stability_map", "delay:=3 N"), "which is a force"),
@@ -140,6 +145,8 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
     assert result.exit_code == 2
     assert message in result.stderr
     assert "Traceback" not in result.stderr
+    assert "left:" not in result.stderr, "no progress of what does not begin"
+    assert "environment: environment" not in result.stderr
 
 
 def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import stat
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -195,3 +197,19 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(ConfigError, match="cannot write the key lab"):
         new_key("lab", tmp_path / "keys")
+
+
+@pytest.mark.parametrize("inner", ["", "inner"])
+def test_a_file_where_the_key_folder_should_be_is_told(tmp_path: Path, inner: str) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    where = file / inner
+    uses: tuple[Callable[[], object], ...] = (
+        partial(list_keys, where),
+        partial(new_key, "lab", where),
+        partial(public_key, "lab", where),
+        partial(key_pair, "lab", where),
+    )
+    for use in uses:
+        with pytest.raises(ConfigError, match=f"but {file} is no folder"):
+            use()

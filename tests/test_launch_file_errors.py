@@ -11,6 +11,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.document import MAX_BYTES
 from forcebound.launch.loader import from_document, load, to_document
+from forcebound.launch.problems import unknown
 
 
 @pytest.mark.parametrize(
@@ -336,3 +337,26 @@ def test_any_override_gives_a_configuration_or_a_config_error(
         assert isinstance(load(path, [f"{name}:={text}"]), GraphConfig)
     except ConfigError as error:
         str(error).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [
+        ("amp", "amplitude"),
+        ("damp", "damping"),
+        ("speed", "approach_speed"),
+        ("dampling", "damping"),
+    ],
+)
+def test_a_name_is_found_by_its_beginning_then_a_word_of_it_then_its_looks(
+    name: str, nearest: str
+) -> None:
+    known = ("amplitude", "approach_speed", "damping")
+    assert unknown("argument", name, known).endswith(f"did you mean {nearest!r}?")
+
+
+def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
+    links = "links:\n  environment_query: {trace: gone.csv}\n"
+    problems = problems_of(written(tmp_path, GOOD.partition("links:")[0] + links))
+    assert problems.count("gone.csv: No such file or directory") == 1
+    assert "[Errno" not in problems

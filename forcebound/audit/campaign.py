@@ -140,6 +140,7 @@ def run_campaign(
     tasks = plan(laws, runs, searched, seed, seconds)
     total = sum(task.runs for task in tasks)
     done = 0
+    progress(done, total)
     worst: Tally = {}
     for task, part in _all_done(tasks, workers):
         for key, extreme in part.items():

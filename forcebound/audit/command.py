@@ -1,6 +1,7 @@
 """What ``forcebound audit`` does: a campaign with progress on standard error, or one run again."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
+from forcebound.files import check_writable, reason
 
 
 def run(
@@ -25,10 +27,10 @@ def run(
     Raises:
         ConfigError: If there is nothing to run, or a law is not known.
     """
-    if out is not None and not out.absolute().parent.is_dir():
-        raise ConfigError(f"cannot write the page {out}: there is no folder {out.parent}")
     if out is not None and out.suffix != ".md":
         raise ConfigError(f"the page must end in .md, got {out.name!r}")
+    if out is not None:
+        check_writable(out, "the page")
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -45,20 +47,25 @@ def run(
         TextColumn("runs, left:"),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("audit", total=None)
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("audit", total=None)
+    with ExitStack() as stack:
+
+        def show(done: int, total: int) -> None:
+            if not bar.live.is_started:  # not before the arguments have been found to be good
+                stack.enter_context(bar)
+            bar.update(task, completed=done, total=total)
+
         document = run_campaign(
-            list(laws) or list(LAWS),
-            runs,
-            searched,
-            seed,
-            workers=workers,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            list(laws) or list(LAWS), runs, searched, seed, workers=workers, progress=show
         )
     if out is not None:
         chosen = "".join(f" --law {law}" for law in laws)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
-        out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
+        try:
+            out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"cannot write the page {out}: {reason(error)}") from error
     return document
 
 

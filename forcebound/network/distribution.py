@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 
 SCALE = 8192  # of an entry is one jitter: NETEM_DIST_SCALE, <linux/pkt_sched.h>
 LONGEST = 16_384  # entries: NETEM_DIST_MAX, <linux/pkt_sched.h>
@@ -26,7 +27,9 @@ def read_distribution(file: Path) -> tuple[float, ...]:
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the table of a distribution {file}: {error}") from error
+        raise ConfigError(
+            f"cannot read the table of a distribution {file}: {reason(error)}"
+        ) from error
     entries: list[int] = []
     for number, line in enumerate(text.splitlines(), start=1):
         for word in line.partition("#")[0].split():

@@ -71,6 +71,24 @@ def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
     return base / "forcebound" / "keys"
 
 
+def _folder(folder: Path | None) -> Path:
+    """The folder, by default the key folder.
+
+    Raises:
+        ConfigError: If it, or what should be a folder above it, is something else.
+    """
+    folder = key_folder() if folder is None else folder
+    for one in (folder, *folder.parents):
+        if os.path.lexists(one):
+            if not os.path.isdir(one):
+                raise ConfigError(
+                    f"keys are kept in the folder {folder}, but {one} is no folder; name another in"
+                    " FORCEBOUND_KEYS, or leave it unset"
+                )
+            break
+    return folder
+
+
 def new_key(name: str, folder: Path | None = None) -> KeyPair:
     """Make a key pair and write its two files.
 
@@ -81,7 +99,7 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
     Raises:
         ConfigError: If the name will not do, a file is there already or cannot be written.
     """
-    folder = key_folder() if folder is None else folder
+    folder = _folder(folder)
     _check_name(name)
     secret_file, public_file = folder / f"{name}{SECRET}", folder / f"{name}{PUBLIC}"
     for file in (secret_file, public_file):
@@ -115,7 +133,7 @@ def public_key(key: str, folder: Path | None = None) -> str:
     if _is_key(key):
         return key
     _check_name(key)
-    folder = key_folder() if folder is None else folder
+    folder = _folder(folder)
     file = folder / f"{key}{PUBLIC}"
     if not file.exists():
         if (folder / f"{key}{SECRET}").exists():
@@ -138,7 +156,7 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
     Raises:
         ConfigError: If the secret is not here, is damaged, or others may read it.
     """
-    folder = key_folder() if folder is None else folder
+    folder = _folder(folder)
     name = _name_of(key, folder) if _is_key(key) else key
     _check_name(name)
     file = folder / f"{name}{SECRET}"
@@ -157,7 +175,7 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
 
 def has_secret(key: str, folder: Path | None = None) -> bool:
     """Whether this machine holds the secret of a key, named or given as a public key."""
-    folder = key_folder() if folder is None else folder
+    folder = _folder(folder)
     if not _is_key(key):
         return (folder / f"{key}{SECRET}").exists()
     return any(entry.public == key and entry.has_secret for entry in list_keys(folder))
@@ -165,7 +183,7 @@ def has_secret(key: str, folder: Path | None = None) -> bool:
 
 def list_keys(folder: Path | None = None) -> list[KeyEntry]:
     """Return the keys of a folder by name; those that cannot be used say why."""
-    folder = key_folder() if folder is None else folder
+    folder = _folder(folder)
     files = [*folder.glob(f"*{PUBLIC}"), *folder.glob(f"*{SECRET}")] if folder.is_dir() else []
     entries = []
     for name in sorted({file.name.removesuffix(file.suffix) for file in files}):

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 
 HEADER = ("time_s", "delay_s")
 
@@ -87,7 +88,7 @@ def read_csv(file: Path) -> DelayTrace:
         with file.open(newline="", encoding="utf-8-sig") as lines:  # spreadsheets write such a mark
             rows = list(csv.reader(lines))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read the trace {file}: {error}") from error
+        raise ConfigError(f"cannot read the trace {file}: {reason(error)}") from error
     if not rows or tuple(cell.strip() for cell in rows[0]) != HEADER:
         found = ",".join(rows[0]) if rows else ""
         raise ConfigError(f"{file}:1: expected the header {','.join(HEADER)}, got {found!r}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
 
@@ -55,7 +56,7 @@ def _read_path(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
         with file.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.reader(lines))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read the trajectory {file}: {error}") from error
+        raise ConfigError(f"cannot read the trajectory {file}: {reason(error)}") from error
     expected = "time in s, then 1 to 6 positions in m, after one header line"
     times: list[float] = []
     positions: list[Vector] = []

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +49,17 @@ def run(
         TextColumn("left:"),
         TimeRemainingColumn(elapsed_when_finished=False),
     )
-    with (
-        cluster_executor(cluster) if cluster else local_executor(workers) as executor,
-        Progress(*columns, console=Console(stderr=True)) as bar,
-    ):
-        task = bar.add_task(sweep.name, total=len(sweep.cases))
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task(sweep.name, total=len(sweep.cases))
+    with ExitStack() as stack:
+        executor = cluster_executor(cluster) if cluster else local_executor(workers)
 
         def show(done: int, cases: int) -> None:
+            if not bar.live.is_started:  # not before the output has been found to be good
+                stack.enter_context(bar)
             bar.update(task, completed=done, total=cases)
 
-        document = run_sweep(sweep, result, executor, show, restart)
+        document = run_sweep(sweep, result, stack.enter_context(executor), show, restart)
     document["seconds"] = round(time.monotonic() - began, 3)
     if plot and sweep.drawing:
         from forcebound.sweep.maps import draw

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 from forcebound.launch.config import FORMAT
 from forcebound.launch.document import MAX_BYTES, find
 from forcebound.launch.fields import Section
@@ -112,7 +113,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
     try:
         text = file.read_bytes()[: MAX_BYTES + 1].decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the sweep file {file}: {error}") from error
+        raise ConfigError(f"cannot read the sweep file {file}: {reason(error)}") from error
     root = parse(text, str(file), problems)
     if root is None:
         raise problems.error()
