@@ -28,8 +28,7 @@ endurance: $(STAMP)
 	$(BIN)/pytest -m endurance --junit-xml=results/endurance.xml
 
 examples: $(STAMP)
-	examples/build.sh
-	$(BIN)/pytest -m examples
+	examples/build.sh; built=$$?; $(BIN)/pytest -m examples -rs && exit $$built
 
 audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 6000 --search 6000 --out docs/audit.md

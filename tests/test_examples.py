@@ -232,14 +232,33 @@ def test_of_the_queries_that_wait_the_newest_is_answered(
     assert len(answered) < 250
 
 
-def test_wrong_arguments_are_said(start: Callable[..., Wall], language: str) -> None:
-    for words in (("127.0.0.1",), ("127.0.0.1", "x"), ("127.0.0.1", "7410", "1", "x")):
+def test_wrong_arguments_are_said_on_one_line(
+    start: Callable[..., Wall], language: str, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty.key"
+    empty.touch()
+    link, key = ("127.0.0.1", "7410"), "x" * 40
+    stiffness = "expected STIFFNESS in N/m, a number from 0 to 1e9, got "
+    surface = "expected SURFACE in m, a number from -1 to 1, got "
+    for words, message in (
+        (link[:1], "usage: ADDRESS PORT"),
+        ((*link, "1"), "usage: ADDRESS PORT"),
+        *(
+            ((link[0], port), f"expected PORT, a whole number from 1 to 65534, got '{port}'")
+            for port in ("x", "7410.5", "-1", "65535", "9" * 30, "")
+        ),
+        *(
+            ((*link, word, "0"), f"{stiffness}'{word}'")
+            for word in ("10 N/mm", "10N", "nan", "inf", "-1", "", "1,5")
+        ),
+        *(((*link, "1", word), f"{surface}'{word}'") for word in ("10mm", "10", "x", "")),
+        ((*link, "1", "0", "/missing.key_secret", key), "/missing.key_secret"),
+        ((*link, "1", "0", str(empty), key), f"{empty}"),
+    ):
         wall = start(language, *words)
-        assert wall.process.wait(PATIENCE) in (1, 2)
-        assert wall.log
-    wall = start(language, "127.0.0.1", "7410", "1", "0", "/missing.key_secret", "x" * 40)
-    assert wall.process.wait(PATIENCE) in (1, 2)
-    assert "/missing.key_secret" in wall.log
+        assert wall.process.wait(PATIENCE) == 2
+        assert message in wall.log
+        assert wall.log.count("\n") == 1
 
 
 @dataclass(frozen=True)

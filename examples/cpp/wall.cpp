@@ -1,5 +1,4 @@
 // A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
-//
 // `wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
 // N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
 #include <chrono>
@@ -9,6 +8,7 @@
 #include <msgpack.hpp>
 #include <optional>
 #include <random>
+#include <sstream>
 #include <zmq.hpp>
 using Text = std::string;
 using Refused = std::invalid_argument;
@@ -37,33 +37,38 @@ Query read(const zmq::message_t& frame) {
   std::size_t end = 0;
   if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
   const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
-  if (end != frame.size()) throw Refused("malformed: trailing bytes");
   const auto map = whole->as<std::map<Text, msgpack::object>>();
   if (map.at("version").as<uint64_t>() != 2) throw Refused("version: this program speaks 2");
-  if (whole->via.map.size != 10 || map.at("packet").as<Text>() != "environment_query") throw Refused("keys");
+  if (end != frame.size() || whole->via.map.size != 10 || map.at("packet").as<Text>() != "environment_query")
+    throw Refused("another packet, other keys, or trailing bytes");
   const auto count = [&](const char* key) { return map.at(key).as<uint64_t>(); };
   const auto vector = [&](const char* key) { return map.at(key).as<std::vector<double>>(); };
-  Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
-              map.at("elapsed").as<double>(), vector("position"), ""};
-  const auto axes = query.position.size(), speeds = vector("velocity").size();
   const auto& environment = map.at("environment");
-  if (!environment.is_nil()) query.environment = environment.as<Text>();
+  const Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
+    map.at("elapsed").as<double>(), vector("position"), environment.is_nil() ? "" : environment.as<Text>()};
+  const auto axes = query.position.size(), speeds = vector("velocity").size();
   if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns) >> 63 || axes < 1 || axes > 6 ||
-      speeds != axes || environment.is_nil() != query.environment.empty())
-    throw Refused("value: out of range");
+      speeds != axes || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");
   return query;
 }
 
 int main(int argc, char** argv) try {
-  if (argc < 3 || argc > 7 || argc % 2 == 0) throw Refused("ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
-  const double stiffness = argc > 4 ? std::stod(argv[3]) : 10'000, surface = argc > 4 ? std::stod(argv[4]) : 0.01;
+  if (argc < 3 || argc > 7 || argc % 2 == 0) throw Refused("usage: ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
+  const auto number = [&](int place, auto least, auto most, const char* expected) {
+    std::istringstream word(argv[place]);  // all of it, in the classic locale
+    if (decltype(least) value; word >> value && word.eof() && value >= least && value <= most) return value;
+    throw Refused(Text("expected ") + expected + ", got '" + argv[place] + "'");
+  };
+  const int port = number(2, 1, 65534, "PORT, a whole number from 1 to 65534");
+  const double stiffness = argc > 4 ? number(3, 0.0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9") : 10'000;
+  const double surface = argc > 4 ? number(4, -1.0, 1.0, "SURFACE in m, a number from -1 to 1") : 0.01;
   const Text name = "cpp-wall-" + std::to_string(std::random_device{}()) + "-" + std::to_string(std::random_device{}());
   const auto say = [&](const auto&... words) { ((std::cout << name << ": ") << ... << words) << std::endl; };
-  const Text host = "tcp://" + Text(argv[1]) + ":", next_port = std::to_string(std::stoi(argv[2]) + 1);
+  const auto endpoint_at = [&](int port) { return "tcp://" + Text(argv[1]) + ":" + std::to_string(port); };
   zmq::context_t context;
   zmq::socket_t queries(context, zmq::socket_type::sub), replies(context, zmq::socket_type::pub);
-  const std::pair<zmq::socket_t&, Text> links[] = {{queries, host + argv[2]}, {replies, host + next_port}};
-  queries.set(zmq::sockopt::subscribe, "");
+  const std::pair<zmq::socket_t&, Text> links[] = {{queries, endpoint_at(port)}, {replies, endpoint_at(port + 1)}};
+  queries.set(zmq::sockopt::subscribe, ""), queries.set(zmq::sockopt::rcvtimeo, 200);  // ms
   for (const auto& [socket, endpoint] : links) {
     socket.set(zmq::sockopt::linger, 0), socket.set(zmq::sockopt::immediate, true);
     socket.set(zmq::sockopt::ipv6, true), socket.set(zmq::sockopt::maxmsgsize, int64_t{65536});
@@ -79,27 +84,23 @@ int main(int argc, char** argv) try {
   int64_t answered = 0, dropped = 0, heard_at = now(), answered_at = 0;
   std::optional<Text> serving;
   while (!stopped) {
-    zmq_pollitem_t item{queries.handle(), 0, ZMQ_POLLIN, 0};
-    zmq_poll(&item, 1, 200);  // ms; a signal ends it early
     std::optional<Query> newest;  // the last readable one of all that wait; a flood cannot keep us taking
     for (int taken = 0; taken < 1000; taken++) try {
         zmq::message_t frame, further;
-        if (zmq_msg_recv(frame.handle(), queries.handle(), ZMQ_DONTWAIT) < 0) break;  // none, or a signal
+        if (zmq_msg_recv(frame.handle(), queries.handle(), taken ? ZMQ_DONTWAIT : 0) < 0) break;  // none, or a signal
         for (bool more = frame.more(); more; more = further.more()) (void)queries.recv(further);
         newest = read(frame);
       } catch (const std::exception& reason) {
         if (++dropped % 1000 == 1) say("dropped ", dropped, " so far: ", reason.what());
       }
     if (!newest && now() - heard_at > 3 * SECOND) {  // once refused, ZeroMQ does not try again
-      say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
+      heard_at = now(), say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
       for (const auto& [socket, endpoint] : links) socket.disconnect(endpoint), socket.connect(endpoint);
-      heard_at = now();
     }
     if (!newest) continue;
     const auto& [seq, time_ns, device_seq, device_time_ns, elapsed, position, environment] = *newest;
     const bool refused = !environment.empty() && environment != name;
-    if (environment != serving)
-      say(refused ? "refused: " : "", environment.empty() ? "nobody" : environment, " serves the graph");
+    if (environment != serving) say(refused ? "refused: " : "", environment.empty() ? "nobody" : environment, " serves the graph");
     serving = environment, heard_at = now();
     if (refused && heard_at - answered_at < SECOND) continue;
     // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
@@ -114,6 +115,4 @@ int main(int argc, char** argv) try {
     replies.send(zmq::buffer(bytes.data(), bytes.size()), zmq::send_flags::dontwait), answered_at = now();
   }
   say(answered, " answered, ", dropped, " dropped");
-} catch (const std::exception& error) {
-  return std::cerr << "wall: " << error.what() << std::endl, 2;
-}
+} catch (const std::exception& error) { return std::cerr << "wall: " << error.what() << std::endl, 2; }

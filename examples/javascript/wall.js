@@ -1,5 +1,4 @@
 // A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
-//
 // `node wall.js ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
 // N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
 import { randomBytes } from "node:crypto";
@@ -12,12 +11,21 @@ const BIG = { useBigInt64: true }; // 64-bit integers as BigInt: a Number spoils
 const KEYS = ["packet", "version", "seq", "time_ns", "device_seq", "device_time_ns", "elapsed", "position",
   "velocity", "environment"];
 
-const [address, port, stiffness = 10000, surface = 0.01, key, graphKey] = process.argv.slice(2);
-const numbers = [port, stiffness, surface].every((text) => isFinite(text));
-if (![4, 6, 8].includes(process.argv.length) || !numbers) {
-  console.error("usage: node wall.js ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
-  process.exit(2);
+process.on("uncaughtException", (error) => { console.error(`wall: ${error.message}`); process.exit(2); });
+const words = process.argv.slice(2);
+if (![2, 4, 6].includes(words.length)) throw new Error("usage: ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]");
+
+/** Return the number that all of a word is. */
+function number(word, least, most, expected, fits = Number.isFinite) {
+  const value = word.trim() === "" ? NaN : Number(word);
+  if (fits(value) && value >= least && value <= most) return value;
+  throw new Error(`expected ${expected}, got '${word}'`);
 }
+
+const [address, key, graphKey] = [words[0], words[4], words[5]];
+const port = number(words[1], 1, 65534, "PORT, a whole number from 1 to 65534", Number.isInteger);
+const stiffness = number(words[2] ?? "10000", 0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9");
+const surface = number(words[3] ?? "0.01", -1, 1, "SURFACE in m, a number from -1 to 1");
 const name = `javascript-wall-${randomBytes(8).toString("hex")}`;
 const say = (text) => console.log(`${name}: ${text}`);
 const now = () => process.hrtime.bigint();
@@ -37,7 +45,7 @@ if (key) {
   common.curveSecretKey = keyOf(key, "secret-key");
 }
 const [queries, replies] = [new Subscriber(common), new Publisher({ ...common, sendTimeout: 0 })];
-const links = [[queries, `tcp://${address}:${port}`], [replies, `tcp://${address}:${Number(port) + 1}`]];
+const links = [[queries, `tcp://${address}:${port}`], [replies, `tcp://${address}:${port + 1}`]];
 queries.subscribe();
 for (const [socket, endpoint] of links) socket.connect(endpoint);
 

@@ -1,19 +1,15 @@
 //! A virtual wall that serves a forcebound graph over TCP; written from docs/protocol.md.
-//!
 //! `wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]`: the graph listens there; stiffness in
 //! N/m, surface in m; KEY_FILE is our NAME.key_secret, GRAPH_KEY a NAME.key or its 40 characters.
 use serde::{Deserialize, Serialize};
-use std::hash::{BuildHasher, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::{fs::read_to_string, path::Path, time::Instant};
+use std::{fs::read_to_string, hash::{BuildHasher, Hasher}, path::Path, str::FromStr, time::Instant};
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 const SECOND: u64 = 1_000_000_000; // ns
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
 #[derive(Deserialize)] struct Header { version: u64 }
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code)] // elapsed: this wall does not vary with time
+#[derive(Deserialize)] #[serde(deny_unknown_fields)] #[allow(dead_code)] // elapsed: this wall does not vary with time
 struct Query {
     packet: String, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64, elapsed: f64,
     position: Vec<f64>, velocity: Vec<f64>,
@@ -21,8 +17,7 @@ struct Query {
     environment: Option<String>,
 }
 
-#[derive(Serialize)]
-struct Reply<'a> {
+#[derive(Serialize)] struct Reply<'a> {
     packet: &'a str, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,
     query_seq: u64, query_time_ns: u64, force: Vec<f64>, environment: &'a str,
 }
@@ -38,11 +33,9 @@ fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
     let query: Query = rmp_serde::from_read(&mut rest)?;
     let axes = query.position.len();
     let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns;
-    if !rest.is_empty() || query.packet != "environment_query" || largest >> 63 != 0 || axes < 1 || axes > 6
-        || query.velocity.len() != axes || query.environment.as_deref() == Some("") {
-        return Err("trailing bytes, another packet, or a value out of range".into());
-    }
-    Ok(query)
+    let is_sound = rest.is_empty() && query.packet == "environment_query" && largest >> 63 == 0
+        && (1..=6).contains(&axes) && query.velocity.len() == axes && query.environment.as_deref() != Some("");
+    if is_sound { Ok(query) } else { Err("trailing bytes, another packet, or a value out of range".into()) }
 }
 
 /// Return a key: the characters themselves, or the one named `kind` in a key file.
@@ -52,16 +45,23 @@ fn key_of(text: &str, kind: &str) -> Fallible<Vec<u8>> {
     let line = content.lines().find_map(|line| line.trim().strip_prefix(kind));
     Ok(line.and_then(|line| line.split('"').nth(1)).ok_or(format!("{text} has no {kind}"))?.into())
 }
+
+/// Return the number that all of a word is, or what was expected.
+fn number<T: FromStr + PartialOrd>(word: &str, least: T, most: T, expected: &str) -> Fallible<T> {
+    let value = word.parse().ok().filter(|value| (&least..=&most).contains(&value));
+    Ok(value.ok_or(format!("expected {expected}, got '{word}'"))?)
+}
 extern "C" fn stop(_: libc::c_int) { STOPPED.store(true, Ordering::Relaxed) }
 
-fn main() -> Fallible<()> {
+fn main() { if let Err(error) = serve() { eprintln!("wall: {error}"); std::process::exit(2) } }
+
+fn serve() -> Fallible<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    if ![2, 4, 6].contains(&arguments.len()) {
-        return Err("usage: wall ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]".into());
-    }
-    let (address, port): (&str, u16) = (&arguments[0], arguments[1].parse()?);
-    let number = |index: usize, default| arguments.get(index).map_or(Ok(default), |text| text.parse::<f64>());
-    let (stiffness, surface) = (number(2, 10_000.0)?, number(3, 0.01)?);
+    if ![2, 4, 6].contains(&arguments.len()) { return Err("usage: ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]".into()) }
+    let word = |place: usize, default| arguments.get(place).map_or(default, String::as_str);
+    let (address, port) = (&arguments[0], number(&arguments[1], 1_u16, 65534, "PORT, a whole number from 1 to 65534")?);
+    let stiffness = number(word(2, "10000"), 0.0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9")?;
+    let surface = number(word(3, "0.01"), -1.0, 1.0, "SURFACE in m, a number from -1 to 1")?;
     let name = format!("rust-wall-{:016x}", std::collections::hash_map::RandomState::new().build_hasher().finish());
     let context = zmq::Context::new();
     let (queries, replies) = (context.socket(zmq::SUB)?, context.socket(zmq::PUB)?);
@@ -76,8 +76,8 @@ fn main() -> Fallible<()> {
         }
         socket.connect(endpoint)?; // after all of these
     }
-    let handler = stop as extern "C" fn(libc::c_int) as libc::sighandler_t;
-    unsafe { (libc::signal(libc::SIGINT, handler), libc::signal(libc::SIGTERM, handler)) };
+    let on_signal = stop as extern "C" fn(libc::c_int) as libc::sighandler_t;
+    for signal in [libc::SIGINT, libc::SIGTERM] { unsafe { libc::signal(signal, on_signal) }; }
     println!("{name}: a wall of {stiffness} N/m at {surface} m, for the graph at {}", links[0].1);
     let start = Instant::now();
     let now = || start.elapsed().as_nanos() as u64;
