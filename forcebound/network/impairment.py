@@ -354,7 +354,9 @@ def _check_not_negative(name: str, value: float, unit: str) -> None:
 
 def _check_probability(name: str, value: float) -> None:
     if not 0.0 <= value <= 1.0:
-        raise ConfigError(f"{name} must be 0 to 1, or a percentage: 33 %; got {value}")
+        raise ConfigError(
+            f"{name} must be a probability, 0 to 1, or a percentage: 33 %; got {value}"
+        )
 
 
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
