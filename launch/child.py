@@ -4,13 +4,15 @@ Such code may take for ever, end its process (``sys.exit``, ``os._exit``) or cra
 for it learns which, and on which line of the user's file.
 
 The child tells on a pipe what it begins to do (:data:`Tell`) and, in the end, its result, each a
-line of JSON. It may do one thing for :data:`LIMIT`; then it gets SIGABRT, at which Python's
-faulthandler writes down where it was, and is killed with all that it has started.
+line of JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets
+SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that it has
+started.
 """
 
 import contextlib
 import faulthandler
 import json
+import logging
 import os
 import re
 import resource
@@ -22,14 +24,19 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from itertools import chain, repeat
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.realtime import die_with_parent
 
+_logger = logging.getLogger(__name__)
+
 START = 60.0  # s, until it begins: Python and this package, from a slow disk
-LIMIT = 10.0  # s, for one thing: to load a file and give a first answer, or for one answer more
+LOADING = 60.0  # s, to load a file and give a first answer: imports, a mesh, compilation
+LIMIT = 10.0  # s, for each answer more
+REMARK = 5.0  # s, after which whoever waits is told for what
 
 #: Called with what begins now (of which a message says that it "took more than 10 s"), how many
 #: answers have been given, and how many are wanted in all.
@@ -48,6 +55,7 @@ def in_a_child(
     file: Path,
     tell: Tell = nobody_listens,
     limit: float = LIMIT,
+    loading: float = LOADING,
 ) -> Any:
     """Return what ``task(tell, *arguments)`` returns in a new process.
 
@@ -56,7 +64,8 @@ def in_a_child(
         arguments: What it takes.
         file: With the user's code; messages name it and the line that it was on.
         tell: Called here when the task calls its own.
-        limit: How long it may be silent once it has begun, in s.
+        limit: How long it may be silent after the second thing that it has begun, in s.
+        loading: How long the first one may take, in s.
 
     Raises:
         ConfigError: If the task raised one of our errors, was silent too long or ended its process.
@@ -71,37 +80,62 @@ def in_a_child(
             pass_fds=(crash.fileno(),),
             start_new_session=True,  # to be ended with all that it starts; Ctrl-C is for us alone
         )
-        doing = "beginning"
+        patience = _Patience(file)
+        limits = chain([loading], repeat(limit))
         try:
-            for line in _lines(child, limit, START):
+            for line in _lines(child, patience):
                 kind, *content = json.loads(line)
                 if kind == "result":
                     return content[0]
                 if kind == "error":
                     raise ConfigError(content[0])
-                doing = content[0]
+                patience.begin(content[0], next(limits))
                 tell(*content)
             status = child.wait(limit)
         except subprocess.TimeoutExpired:
             child.send_signal(signal.SIGABRT)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 child.wait(1.0)
-            raise ConfigError(_too_slow(file, doing, _where(crash, file), limit)) from None
+            raise ConfigError(_too_slow(file, patience, _where(crash, file))) from None
         finally:
             with contextlib.suppress(ProcessLookupError):  # nothing of it is left
                 os.killpg(child.pid, signal.SIGKILL)
             child.wait()
             assert child.stdout is not None
             child.stdout.close()
-        raise ConfigError(_ended(file, doing, _where(crash, file), status))
+        raise ConfigError(_ended(file, patience.doing, _where(crash, file), status))
 
 
-def _lines(child: subprocess.Popen[bytes], limit: float, start: float) -> Iterator[bytes]:
-    """What it says, until it ends; TimeoutExpired if it says nothing for ``limit``."""
+class _Patience:
+    """How long the child may be silent, and with what it is busy."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self.begin("beginning", START)
+
+    def begin(self, doing: str, limit: float) -> None:
+        """Wait for something else."""
+        self.doing = doing
+        self.limit = limit
+        self._since = time.monotonic()
+        self._is_silent = True
+
+    def check(self) -> None:
+        """Say once what it waits for; raise TimeoutExpired when it has waited too long."""
+        waited = time.monotonic() - self._since
+        if waited > self.limit:
+            raise subprocess.TimeoutExpired(self.doing, self.limit)
+        if waited > REMARK and self._is_silent:
+            self._is_silent = False
+            name, doing, limit = self._file.name, self.doing, self.limit
+            _logger.warning("%s: %s takes long; given up after %g s", name, doing, limit)
+
+
+def _lines(child: subprocess.Popen[bytes], patience: _Patience) -> Iterator[bytes]:
+    """What it says, until it ends; TimeoutExpired if it is silent for too long."""
     assert child.stdout is not None
     pipe = child.stdout.fileno()
     unread = b""
-    until = time.monotonic() + start
     while True:
         is_over = child.poll() is not None  # before the look: what it said last is there, then
         if select.select([pipe], [], [], 0.0 if is_over else _POLL)[0]:
@@ -110,17 +144,16 @@ def _lines(child: subprocess.Popen[bytes], limit: float, start: float) -> Iterat
                 return
             *lines, unread = (unread + some).split(b"\n")
             yield from lines
-            until = time.monotonic() + limit
         elif is_over:
             return
-        elif time.monotonic() > until:
-            raise subprocess.TimeoutExpired(child.args, limit)
+        else:
+            patience.check()
 
 
-def _too_slow(file: Path, doing: str, where: str, limit: float) -> str:
+def _too_slow(file: Path, patience: _Patience, where: str) -> str:
     return (
-        f"{file.name}: {doing} took more than {limit:g} s: expected an answer by then, and while a"
-        f" graph runs within the device's age_limit{where}\n"
+        f"{file.name}: {patience.doing} took more than {patience.limit:g} s: expected an answer by"
+        f" then, and while a graph runs within the device's age_limit{where}\n"
         "  Does a loop never end? What takes long (a mesh, a compilation) can be done once, before"
         " the graph starts, and kept in a file that is read here."
     )

