@@ -354,7 +354,7 @@ def test_a_live_graph_feels_the_wall(run: Run) -> None:
         assert (reply.device_seq, reply.device_time_ns) == (asked.device_seq, asked.device_time_ns)
         depth = max(0.0, asked.position[0] - SURFACE)
         assert reply.force == pytest.approx((STIFFNESS * depth,), rel=1e-12, abs=1e-12)
-    assert sum(reply.environment == run.served.name for reply in replies) > 100
+    assert sum(reply.environment == run.served.name for reply in replies) > 10
     assert any(reply.force[0] > 1.0 for reply in replies)
     assert {reply.environment for reply in replies} <= {run.served.name, run.second.name}
 

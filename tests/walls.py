@@ -33,6 +33,13 @@ LANGUAGES = {  # the command, and what a build leaves
 }
 
 
+SOURCES = {
+    "cpp": "*.cpp",
+    "javascript": "package.json",
+    "rust": "src/*.rs",
+}  # compiled, or installed
+
+
 class Wall:
     """One of the programs, running."""
 
@@ -40,6 +47,9 @@ class Wall:
         command, built = LANGUAGES[language]
         if not built.exists():
             pytest.skip(f"examples/{language} is not built: make examples")
+        sources = (EXAMPLES / language).glob(SOURCES[language])
+        if any(source.stat().st_mtime > built.stat().st_mtime for source in sources):
+            pytest.skip(f"examples/{language} is newer than what is built of it: make examples")
         self._log = log
         with log.open("wb") as stream:
             self.process = subprocess.Popen(
