@@ -10,6 +10,7 @@ not when a dataclass is made in Python.
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
@@ -81,6 +82,27 @@ class Range:
         return core_schema.no_info_after_validator_function(
             lambda value: self.check(value, symbol), inner, metadata={_UNIT_KEY: symbol}
         )
+
+
+@dataclass(frozen=True)
+class Word:
+    """What a text must be, in ``Annotated[str, Word(check)]``.
+
+    Attributes:
+        check: Raises :class:`forcebound.errors.ConfigError` if a text will not do.
+    """
+
+    check: Callable[[str], object]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Let pydantic check the text after it has been read."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+
+    def _checked(self, text: str) -> str:
+        self.check(text)
+        return text
 
 
 POSITIVE = Range(above=0)

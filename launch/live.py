@@ -11,7 +11,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -37,7 +37,6 @@ from forcebound.messages.packets import (
     ForceCommand,
     Telemetry,
 )
-from forcebound.network.remote import check_address
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import (
     control_endpoint,
@@ -104,17 +103,13 @@ def run_live(
         file: Launch file, with its arguments, by which one may know the graph.
 
     Raises:
-        ConfigError: If the chain cannot be placed or the recording not be written.
+        ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
             too often) or did not stop.
         KeyboardInterrupt: If the run was interrupted before its first sample.
     """
+    check_here(config, record)
     core = realtime.choose_core(config.realtime.cores)
-    if record is not None:
-        check_writable(record, "the recording")
-    if config.remote is not None:
-        # What is wrong with address and keys is said here, and not by a dead node.
-        check_address(config.remote.end("graph"))
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
@@ -143,11 +138,40 @@ def run_live(
         finally:
             os.sched_setaffinity(0, cores)
         try:
-            return replace(RunResult.from_recording(recording), interrupted=interrupted)
+            result = replace(RunResult.from_recording(recording), interrupted=interrupted)
+            if interrupted and not result.summary["samples"]:  # while it waited for somebody
+                raise KeyboardInterrupt
+            return result
         except ConfigError as error:
             if interrupted:
                 raise KeyboardInterrupt from None  # before the first sample: there is no result
             raise RunError(str(error)) from error
+
+
+def check_here(config: GraphConfig, record: Path | None = None) -> None:
+    """Check what a live run needs of this machine, so that no process dies of it.
+
+    Args:
+        config: What is to be run.
+        record: Where the recording is to be kept; None: nowhere.
+
+    Raises:
+        ConfigError: If the chain cannot be placed, the recording not be written, a key be missing,
+            the address not be ours or a port be in use; it tells all that is wrong.
+    """
+    problems = []
+    checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
+    if record is not None:
+        checks.append(partial(check_writable, record, "the recording"))
+    if config.remote is not None:
+        checks.append(partial(config.remote.check_here, "graph"))
+    for check in checks:
+        try:
+            check()
+        except ConfigError as error:
+            problems.append(str(error))
+    if problems:
+        raise ConfigError("\n".join(problems))
 
 
 def _script(config: GraphConfig, run_dir: Path) -> list[Step]:

@@ -347,6 +347,8 @@ def _remote(section: Section) -> RemoteConfig | None:
         return None
     section.check_keys(fields_of(RemoteConfig))
     made: RemoteConfig | None = section.make(RemoteConfig)
+    if made is None:  # whatever is wrong with the address, the rest is looked at
+        section.make(RemoteConfig, address="127.0.0.1")
     return made
 
 

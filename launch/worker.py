@@ -40,7 +40,7 @@ from forcebound.launch.live import (
 from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
-from forcebound.network.remote import RemoteEnd
+from forcebound.network.ends import RemoteEnd
 from forcebound.recording import Recorder
 
 FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
@@ -110,6 +110,7 @@ def _serve_remotely(kind: str, config: GraphConfig, told: str, stop: process.Sto
             "this launch file has no section remote:, which says where the graph is; to serve a "
             "graph on this machine, name its run directory with --run-dir"
         )
+    config.remote.check_here("environment")
     end = config.remote.end("environment")
     with run_directory() as run_dir:
         _run_by_hand(kind, config, told, run_dir, stop, end)

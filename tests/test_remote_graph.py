@@ -1,5 +1,6 @@
 """A runner with a link to another machine, and runners whose parameters change while they run."""
 
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -7,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from fakes import MS
 from waiting import free_port, until
 
+from forcebound.cli import main
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
-from forcebound.launch.config import to_document
+from forcebound.launch.config import RemoteConfig, to_document
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.worker import run_node
 from forcebound.messages.codec import decode, encode
@@ -24,9 +27,11 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
+from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
+from forcebound.network.keys import new_key
 from forcebound.network.link import Link
-from forcebound.network.remote import RemoteEnd, RemoteStreams
+from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode, DirectController
 from forcebound.nodes.environment import EnvironmentNode
@@ -215,7 +220,9 @@ def test_a_launch_file_says_where_graph_and_environment_meet(tmp_path: Path) -> 
 
 
 def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
-    config = load(remote_file(tmp_path, "{address: 127.0.0.1, environment_keys: [a, b]}"))
+    config = load(
+        remote_file(tmp_path, "{address: 127.0.0.1, graph_key: c, environment_keys: [a, b]}")
+    )
     assert from_document(to_document(config)) == config
 
 
@@ -227,6 +234,26 @@ def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
         ("{address: a, listens: nobody}", "listens"),
         ("{address: a, adress: b}", "did you mean 'address'"),
         ("{address: a, environment_keys: 3}", "environment_keys"),
+        ("{address: 'tcp://10.77.0.1'}", r":3:19: address: .* write it without tcp://"),
+        ("{address: '10.77.0.1:7410'}", r":3:19: .* write 10.77.0.1 here, and 7410 under port:"),
+        ("{address: '[fd00::1]:7410'}", r":3:19: .* write \[fd00::1\] here, and 7410"),
+        ("{address: 10.77.0.300}", r":3:19: address: '10.77.0.300' is no address"),
+        ("{address: '[10.77.0.1]'}", r":3:19: address: .* is no address"),
+        ("{address: 10.77.0.1}", r":3:19: address 10.77.0.1 is on a network, and without keys"),
+        ("{address: a, graph_key: g}", r":3:33: environment_keys is missing or empty beside"),
+        ("{address: a, graph_key: g, environment_keys: []}", r":3:54: environment_keys is missing"),
+        ("{address: a, environment_keys: [e]}", r":3:40: graph_key is missing"),
+        ("{address: a, graph_key: 'g g', environment_keys: [e]}", r":3:33: .*'g g' names no key"),
+        ("{address: a, graph_key: g, environment_keys: [e, -]}", r":3:58: .*'-' names no key"),
+        ("{address: a, graph_key: g, environment_keys: [e, e]}", r":3:54: .* names a key twice"),
+        (
+            "{address: a, graph_key: g, environment_keys: [e, f], listens: environment}",
+            ":3:54: .*only one",
+        ),
+        (
+            "{address: a, graph_key: g, environment_keys: [e], insecure: true}",
+            r":3:69: insecure: true means no keys",
+        ),
     ],
 )
 def test_a_wrong_section_is_a_problem_of_the_launch_file(
@@ -234,6 +261,90 @@ def test_a_wrong_section_is_a_problem_of_the_launch_file(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         load(remote_file(tmp_path, remote))
+
+
+def test_a_wrong_address_and_wrong_keys_are_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(remote_file(tmp_path, "{address: 'tcp://a', port: 0, graph_key: g}"))
+    message = str(caught.value)
+    for place, fragment in (("3:19", "tcp://"), ("3:36", "port"), ("3:50", "environment_keys")):
+        assert re.search(rf"remote.yaml:{place}: .*{fragment}", message), message
+
+
+@pytest.mark.parametrize(
+    "address", ["192.168.1.20", "fd00::20", "[fd00::20]", "[fe80::1%eth0]", "lab-2.example.", "a_b"]
+)
+def test_an_address_is_a_number_or_a_name(tmp_path: Path, address: str) -> None:
+    config = load(remote_file(tmp_path, f"{{address: '{address}', insecure: true}}"))
+    assert config.remote is not None
+    assert config.remote.address == address
+
+
+# --- What a live run needs of this machine --------------------------------------------------------
+
+
+@pytest.fixture
+def key_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "keys"
+    monkeypatch.setenv("FORCEBOUND_KEYS", str(folder))
+    return folder
+
+
+def refusal(file: Path, *words: str) -> str:
+    """Return what is said to a launch and to its check, which is the same, and how they end."""
+    said = []
+    for more in ((), ("--check",)):
+        result = CliRunner().invoke(main, ["launch", str(file), *words, *more])
+        assert result.exit_code == 2, result.output
+        said.append(result.stderr)
+    assert said[0] == said[1]
+    return said[0]
+
+
+def test_keys_and_an_address_that_are_not_on_this_machine_are_told_before_anything_starts(
+    tmp_path: Path, key_folder: Path
+) -> None:
+    remote = "{address: 192.0.2.77, graph_key: here, environment_keys: [there, far]}"
+    said = refusal(remote_file(tmp_path, remote))
+    assert f"remote.graph_key: no secret key 'here': looked for {key_folder}" in said
+    assert "remote.environment_keys: no public key 'there'" in said
+    assert "remote.environment_keys: no public key 'far'" in said
+    assert said.count("no network interface of this machine has this address") == 1
+
+
+def test_keys_that_are_here_are_not_complained_of(tmp_path: Path, key_folder: Path) -> None:
+    new_key("here", key_folder)
+    new_key("there", tmp_path / "elsewhere")
+    (key_folder / "there.key").write_bytes((tmp_path / "elsewhere" / "there.key").read_bytes())
+    remote = "{address: 127.0.0.1, port: %d, graph_key: here, environment_keys: [there]}"
+    file = remote_file(tmp_path, remote % free_port())
+    result = CliRunner().invoke(main, ["launch", str(file), "--check"])
+    assert (result.exit_code, result.stdout) == (0, f"{file}: correct\n")
+
+
+@pytest.mark.parametrize("offset", [0, 1])
+def test_a_port_in_use_is_told_before_anything_starts(tmp_path: Path, offset: int) -> None:
+    port = free_port()
+    file = remote_file(tmp_path, f"{{address: localhost, port: {port}}}")
+    with socket.create_server(("127.0.0.1", port + offset)):
+        said = refusal(file)
+        assert f"127.0.0.1 port {port + offset}: the address is in use" in said
+        with pytest.raises(ConfigError, match="in use"):
+            load_remote(file).check_here("graph")
+        load_remote(file).check_here("environment")  # which connects
+    load_remote(file).check_here("graph")
+
+
+def test_a_core_that_is_not_here_is_told_by_a_check(tmp_path: Path) -> None:
+    file = tmp_path / "graph.yaml"
+    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {cores: 99999}\n")
+    assert "may not run on core 99999" in refusal(file)
+
+
+def load_remote(file: Path) -> RemoteConfig:
+    remote = load(file).remote
+    assert remote is not None
+    return remote
 
 
 @pytest.mark.parametrize(

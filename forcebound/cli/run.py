@@ -1,7 +1,9 @@
 """Commands that run a graph, and show what came of it."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,11 +52,12 @@ def launch_graph(
     as_json: bool,
 ) -> None:
     """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
-    config = _configuration(file, arguments, check, show_args, as_json)
+    from forcebound.launch.live import check_here, run_live
+
+    here = partial(check_here, record=record)
+    config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is None:
         return
-    from forcebound.launch.live import run_live
-
     told = " ".join((file, *arguments))
     _report(run_live(config, duration, record, file=told), record, as_json)
 
@@ -161,6 +164,7 @@ def _configuration(
     show_args: bool,
     as_json: bool,
     seed: int | None = None,
+    also: "Callable[[GraphConfig], None] | None" = None,
 ) -> "GraphConfig | None":
     """Return what a launch file describes; None if that, or its arguments, was only to be shown."""
     from dataclasses import replace
@@ -174,6 +178,8 @@ def _configuration(
     if seed is not None:
         config = replace(config, seed=seed)
     if check:
+        if also is not None:
+            also(config)
         _print_document(config) if as_json else click.echo(f"{file}: correct")
         return None
     return config

@@ -1,10 +1,19 @@
-"""Which address a launch file means, and whether it stays on this machine."""
+"""Which address a launch file means, whether it stays on this machine, and whether it is free."""
 
 import ipaddress
+import re
 import socket
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from forcebound.errors import ConfigError
+from forcebound.network.sockets import ADVICE
+
+IpAddress: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+_LONGEST_NAME = 253  # characters: RFC 1035
+_LABEL = r"(?!-)[\w-]{1,63}(?<!-)"  # underscores: some networks have them
+_NAME = re.compile(rf"{_LABEL}(\.{_LABEL})*\.?")
 
 
 @dataclass(frozen=True)
@@ -22,6 +31,33 @@ class Host:
     is_wildcard: bool
 
 
+def numeric_address(address: str) -> IpAddress | None:
+    """Return the number that an address is; None if it is a name, which has to be looked up.
+
+    Args:
+        address: IPv4, IPv6 with or without brackets and zone (``[fe80::1%eth0]``), or a name.
+
+    Raises:
+        ConfigError: If it is none of these. Nothing is looked up.
+    """
+    bare = _bare(address)
+    try:
+        return ipaddress.ip_address(bare)
+    except ValueError:
+        pass
+    what = f"{address!r} is no address"
+    if "://" in address:
+        raise ConfigError(f"{what}: write it without {address.partition('://')[0]}://")
+    host, colon, port = address.rpartition(":")
+    if colon and port.isdecimal() and (":" not in host or host.endswith("]")):
+        raise ConfigError(f"{what}: write {host} here, and {port} under port:")
+    is_name = bare == address and len(bare) <= _LONGEST_NAME and _NAME.fullmatch(bare)
+    # A name never ends in a number, which is how an address with a slip of the pen is found.
+    if not is_name or bare.rstrip(".").rpartition(".")[2].isdecimal():
+        raise ConfigError(f"{what}: write IPv4 (192.168.1.20), IPv6 ([fd00::20]) or a name")
+    return None
+
+
 def resolve(address: str) -> Host:
     """Return the first address that a name or a numeric address means.
 
@@ -29,18 +65,14 @@ def resolve(address: str) -> Host:
     connect, in the thread that serves all sockets of the process.
 
     Args:
-        address: IPv4, IPv6 with or without brackets and zone (``[fe80::1%eth0]``), or a name.
+        address: As for :func:`numeric_address`.
 
     Raises:
-        ConfigError: If there is no such name.
+        ConfigError: If there is no such name, or it is no address at all.
     """
-    bare = address.removeprefix("[").removesuffix("]") if address.startswith("[") else address
-    if not bare or any(c in bare for c in " /*"):
-        raise ConfigError(
-            f"{address!r} is no address: write IPv4 (192.168.1.20), IPv6 ([fd00::20]) or a name"
-        )
+    numeric_address(address)
     try:
-        found = socket.getaddrinfo(bare, None, type=socket.SOCK_STREAM)
+        found = socket.getaddrinfo(_bare(address), None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise ConfigError(
             f"cannot find the address {address!r}: {getattr(error, 'strerror', None) or error}; "
@@ -55,3 +87,31 @@ def resolve(address: str) -> Host:
     ip = ipaddress.ip_address(numeric)
     text = f"[{numeric}{zone}]" if family == socket.AF_INET6 else numeric
     return Host(text, ip.is_loopback, ip.is_unspecified)
+
+
+def check_free(host: Host, port: int) -> None:
+    """Check that this machine can listen at a port; 0: at this address at all.
+
+    Nobody is let in meanwhile: the port is bound, as libzmq does it, and given back.
+
+    Raises:
+        ConfigError: If the address is not this machine's, or the port is in use or not permitted.
+    """
+    family, kind, protocol, _, place = socket.getaddrinfo(
+        _bare(host.numeric), port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST
+    )[0]
+    with socket.socket(family, kind, protocol) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        try:
+            probe.bind(place)
+        except OSError as error:
+            advice = ADVICE.get(error.errno or 0, error.strerror)
+            at = f"{host.numeric} port {port}" if port else host.numeric
+            raise ConfigError(f"cannot listen on {at}: {advice}") from None
+
+
+def _bare(address: str) -> str:
+    is_bracketed = address.startswith("[") and address.endswith("]") and ":" in address
+    return address[1:-1] if is_bracketed else address

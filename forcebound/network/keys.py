@@ -62,6 +62,16 @@ class KeyEntry:
     problem: str = ""
 
 
+def check_key(key: str) -> None:
+    """Check that a text can be the name of a key, or is a public key.
+
+    Raises:
+        ConfigError: If it is neither. Whether there is such a key is not looked for.
+    """
+    if not _is_key(key):
+        _check_name(key)
+
+
 def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
     """Return where keys are kept; it need not exist."""
     if variables.get("FORCEBOUND_KEYS"):

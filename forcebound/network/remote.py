@@ -16,18 +16,14 @@ Everything runs in the loop of the process; no thread. The loop waits for
 :attr:`RemoteStreams.due_ns` has come.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import zmq
 
 from forcebound.errors import ConfigError
-from forcebound.network import keys
 from forcebound.network.addresses import Host, resolve
 from forcebound.network.connector import Connector
-from forcebound.network.keys import KeyPair
+from forcebound.network.ends import RemoteEnd, refuse_exposure
 from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
 from forcebound.network.notices import Notice, NoticeLimit
@@ -35,7 +31,6 @@ from forcebound.network.sockets import Guard, Network, Publisher
 from forcebound.network.subscriber import Subscriber
 from forcebound.network.zap import ALLOWED, ENDPOINT, REFUSED, Verdict, ZapHandler
 
-DEFAULT_PORT = 7410  # queries; replies use the next one
 EVENT_LIMIT = 200  # events handled in one call of watch, per socket; about 2 ms
 LOOK_NS = 1_000_000_000  # watch is due this often, in case a descriptor kept something to itself
 
@@ -53,96 +48,6 @@ KINDS = {
     "protocol_error": "a peer sent a message that is too large, or broke the protocol",
     "no_answer": "no connection for some seconds",
 }
-Role = Literal["graph", "environment"]
-
-
-@dataclass(frozen=True)
-class RemoteEnd:
-    """One end of the link.
-
-    Attributes:
-        role: ``"graph"`` sends queries, ``"environment"`` replies.
-        listens: Whether this end listens.
-        address: Of the end that listens: IPv4, IPv6 in brackets, or a name.
-        port: Of the queries; replies use the next one.
-        key: Our own pair; None: no keys.
-        peers: Who may be at the other end: name by public key. One, if we connect.
-        insecure: Whether a link without keys may leave this machine.
-
-    Raises:
-        ConfigError: If that does not fit together.
-    """
-
-    role: Role
-    listens: bool
-    address: str
-    port: int = DEFAULT_PORT
-    key: KeyPair | None = None
-    peers: Mapping[str, str] = field(default_factory=dict)
-    insecure: bool = False
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.port <= 65534:
-            raise ConfigError(
-                f"port must be 1 to 65534 (replies use the next one), got {self.port}"
-            )
-        if self.insecure and (self.key is not None or self.peers):
-            raise ConfigError("insecure: true means no keys: name keys, or be insecure, not both")
-        if (self.key is None) != (not self.peers):
-            missing = "our own key pair" if self.key is None else "the key of the other end"
-            raise ConfigError(f"keys are used by both ends or by none: {missing} is missing")
-        if not self.listens and len(self.peers) > 1:
-            raise ConfigError(
-                f"the end that connects can expect only one key there, got {len(self.peers)}: "
-                f"{', '.join(self.peers.values())}; let the graph listen if several may serve it"
-            )
-
-
-def end_of(
-    role: Role,
-    listens: Role,
-    address: str,
-    port: int = DEFAULT_PORT,
-    graph_key: str | None = None,
-    environment_keys: Sequence[str] = (),
-    insecure: bool = False,
-    folder: Path | None = None,
-) -> RemoteEnd:
-    """Return this machine's end for the section ``remote`` of a launch file, with its keys read.
-
-    Args:
-        role: Which end this process is.
-        listens: Which end listens.
-        address: Of the end that listens.
-        port: Of the queries.
-        graph_key: The graph's key, by name or as a public key.
-        environment_keys: The keys of the environments that may serve it, likewise. The one whose
-            secret is on this machine is that of this environment.
-        insecure: Whether a link without keys may leave this machine.
-        folder: Where keys are; the key folder by default.
-
-    Raises:
-        ConfigError: If a key is missing or unsafe, or the parts do not fit together.
-    """
-    pair: KeyPair | None = None
-    peers: dict[str, str] = {}
-    if graph_key is None and not environment_keys:
-        pass
-    elif graph_key is None or not environment_keys:
-        missing = "graph_key" if graph_key is None else "environment_keys"
-        raise ConfigError(
-            f"keys are used by both ends or by none: {missing} is missing; "
-            "make a pair on each machine with forcebound keys new NAME"
-        )
-    elif role == "graph":
-        pair = keys.key_pair(graph_key, folder)
-        peers = {keys.public_key(key, folder): key for key in environment_keys}
-    else:
-        pair = keys.key_pair(_own_environment(environment_keys, folder), folder)
-        peers = {keys.public_key(graph_key, folder): graph_key}
-    if len(peers) < len(environment_keys) and role == "graph":
-        raise ConfigError(f"environment_keys names a key twice: {', '.join(environment_keys)}")
-    return RemoteEnd(role, role == listens, address, port, pair, peers, insecure)
 
 
 class RemoteStreams:
@@ -166,7 +71,7 @@ class RemoteStreams:
 
     def __init__(self, network: Network, end: RemoteEnd, newest_only: bool = True) -> None:
         host = resolve(end.address)
-        _refuse_exposure(end, host)
+        refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
         self.due_ns = 0
         self._limit = NoticeLimit()
@@ -304,37 +209,3 @@ class RemoteStreams:
         else:
             why = "it uses another security than this end"
         return Notice(kind, f"refused {who}: {why}", data)
-
-
-def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:
-    """Return which of the environments this machine is."""
-    ours = [key for key in environment_keys if keys.has_secret(key, folder)]
-    if len(ours) > 1:
-        raise ConfigError(
-            f"this machine holds the secrets of several environment_keys ({', '.join(ours)}): "
-            "leave only its own one in its launch file"
-        )
-    # Without a secret, key_pair says for which file it looked.
-    return ours[0] if ours else environment_keys[0]
-
-
-def check_address(end: RemoteEnd) -> None:
-    """Look up the address of an end, and whether a link without keys would leave this machine.
-
-    Raises:
-        ConfigError: If there is no such address, or the link would.
-    """
-    _refuse_exposure(end, resolve(end.address))
-
-
-def _refuse_exposure(end: RemoteEnd, host: Host) -> None:
-    if host.is_wildcard and not end.listens:
-        raise ConfigError(f"cannot connect to {end.address}: write an address of the other machine")
-    if end.key is None and not end.insecure and not host.is_loopback:
-        verb = "listen on" if end.listens else "connect to"
-        raise ConfigError(
-            f"without keys a link stays on this machine: will not {verb} {end.address}. Make a key "
-            "pair on each machine (forcebound keys new NAME) and name them under graph_key and "
-            "environment_keys; or write insecure: true, if everybody on that network may feed "
-            "forces to the hand"
-        )

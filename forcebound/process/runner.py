@@ -40,8 +40,9 @@ from forcebound.messages.packets import (
     Packet,
 )
 from forcebound.network import sockets
+from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
-from forcebound.network.remote import RemoteEnd, RemoteStreams
+from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
