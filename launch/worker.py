@@ -18,9 +18,10 @@ import socket
 import stat
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from forcebound import process, realtime
 from forcebound.errors import ConfigError
@@ -41,6 +42,7 @@ from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
+from forcebound.nodes.environment import EnvironmentNode
 from forcebound.recording import Recorder
 
 FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
@@ -197,13 +199,16 @@ def _run(
     if kind == "controller" and config.remote is not None:
         remote_end = config.remote.end("graph")
     node = build_node(kind, config, environment_name())
+    if isinstance(node, EnvironmentNode):
+        _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
     reloader = Reloader(config, run_dir / LAUNCH_FILE)
     status = process.run(
         node, kind, run_dir, links, settings, stop, engages_itself, reloader, remote_end
     )
-    if status["rejected"]:
-        _logger.warning("refused packets, by reason: %s", status["rejected"])
+    if isinstance(node, EnvironmentNode):
+        _logger.info("%s has answered %d queries", node.name, node.answered)
+    _tell_refused(status)
 
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
@@ -218,8 +223,14 @@ def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
     finally:
         with suppress(OSError):  # a full disk: it has been said, and what is there can be read
             recorder.close() if is_complete else recorder.abandon()
-    if status["rejected"]:
-        _logger.warning("refused packets, by reason: %s", status["rejected"])
+    _tell_refused(status)
+
+
+def _tell_refused(status: Mapping[str, Any]) -> None:
+    reasons = status["rejected"]
+    if reasons:
+        told = ", ".join(f"{reason.replace('_', ' ')} {n}" for reason, n in reasons.items())
+        _logger.warning("refused packets, by reason: %s", told)
 
 
 def environment_name() -> str:

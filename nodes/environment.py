@@ -56,11 +56,17 @@ class EnvironmentNode:
         self._waiting: EnvironmentQuery | None = None
         self._done_ns = 0
         self._seq = 0
+        self._is_serving = False
         self._refused_for: str | None = None  # who serves instead
         self._knocked_ns = 0
         self.events = EventLog("environment")
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
+
+    @property
+    def answered(self) -> int:
+        """Number of queries that it has answered."""
+        return self._seq
 
     @property
     def wake_ns(self) -> int | None:
@@ -92,8 +98,12 @@ class EnvironmentNode:
         replies: list[Packet] = []
         for packet in received:
             if type(packet) is EnvironmentQuery:
-                if packet.environment is None or packet.environment == self.name:
+                if packet.environment == self.name:
+                    if not self._is_serving:
+                        replies.append(self._begin(time_ns))
+                elif packet.environment is None:
                     self._refused_for = None
+                    self._is_serving = False
                 elif not self._knocks(packet.environment, time_ns, replies):
                     continue
                 self._waiting = packet
@@ -117,13 +127,21 @@ class EnvironmentNode:
                 self._done_ns = time_ns + delay_ns
         return replies
 
+    def _begin(self, time_ns: int) -> Event:
+        """Say that the graph takes our answers from now on."""
+        self._is_serving = True
+        self._refused_for = None
+        message = f"serving this graph now, as {self.name}"
+        return self.events.tell(time_ns, "serving", message, {"environment": self.name})
+
     def _knocks(self, serving: str, time_ns: int, packets: list[Packet]) -> bool:
         """Whether to answer a query that is meant for another environment; say it at first."""
         if serving != self._refused_for:
             if self._refused_for is None:
                 self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
             self._refused_for = serving
-            message = f"not serving: {serving} serves this graph; waiting until it leaves"
+            self._is_serving = False
+            message = f"not serving: {serving} serves this graph; {self.name} waits until it leaves"
             packets.append(
                 self.events.tell(
                     time_ns,

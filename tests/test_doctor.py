@@ -9,6 +9,7 @@ import pytest
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.loader import load
 from forcebound.messages.packets import Telemetry
+from forcebound.network.notices import Notice
 from forcebound.network.remote import KINDS
 from forcebound.recording import TelemetryColumns
 from forcebound.running.advice import NOTICES, REASONS
@@ -374,7 +375,7 @@ def test_refused_peers_are_told_while_they_knock() -> None:
 
 
 def test_each_notice_that_is_a_problem_has_advice() -> None:
-    assert set(NOTICES) == set(KINDS) - {"connected", "disconnected"}
+    assert set(NOTICES) == {kind for kind in KINDS if Notice(kind, "").is_problem}
 
 
 def test_no_force_now_is_told_with_the_age_limit() -> None:

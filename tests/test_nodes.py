@@ -338,7 +338,7 @@ def test_an_environment_that_does_not_serve_says_so_and_answers_once_a_second() 
 def test_an_environment_answers_when_nobody_serves_or_it_does(serving: str | None) -> None:
     node = EnvironmentNode(Wall(), name="two")
     node.step(0, [replace(query(0), environment="one")])
-    (reply,) = node.step(1, [replace(query(1), environment=serving)])
+    *_, reply = node.step(1, [replace(query(1), environment=serving)])
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "two"
 

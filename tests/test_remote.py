@@ -16,7 +16,14 @@ from forcebound.errors import ConfigError
 from forcebound.network import listener, remote, sockets
 from forcebound.network.ends import RemoteEnd, Role, end_of
 from forcebound.network.keys import KeyPair, new_key
-from forcebound.network.notices import BURST, WINDOW_NS, Notice, NoticeLimit
+from forcebound.network.notices import (
+    BURST,
+    PAIR_NS,
+    WINDOW_NS,
+    Notice,
+    NoticeLimit,
+    StreamPairs,
+)
 from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network
 
@@ -39,7 +46,8 @@ class Peer:
         except ConfigError:
             self.network.close()
             raise
-        self.notices: list[Notice] = []
+        self.first, *rest = self.streams.watch(time.monotonic_ns())
+        self.notices: list[Notice] = rest
         self.got: list[bytes] = []
 
     def turn(self) -> None:
@@ -120,7 +128,9 @@ def test_packets_pass_in_both_directions(
     port = free_port("::1" if address == "[::1]" else "127.0.0.1")
     graph, environment = (start(end) for end in ends(port, listens, address, secure))
     meet(graph, environment)
-    run_until(lambda: graph.streams.connected and environment.streams.connected, "it to be known")
+    run_until(lambda: bool(graph.notices and environment.notices), "both logs", graph, environment)
+    assert graph.streams.connected
+    assert environment.streams.connected
     assert graph.kinds() == environment.kinds() == {"connected"}
     if secure:
         assert f"server-lab (key {SERVER.public})" in graph.text("connected")
@@ -625,7 +635,7 @@ def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
         end_of("environment", *section, tmp_path / "a")
     with pytest.raises(ConfigError, match="environment_keys is missing"):
         end_of("graph", "graph", "127.0.0.1", 7410, "lab", folder=tmp_path / "a")
-    with pytest.raises(ConfigError, match="names a key twice"):
+    with pytest.raises(ConfigError, match="a key is named twice"):
         end_of("graph", *section[:4], ["server", environment.key.public], False, tmp_path / "a")
     new_key("second", tmp_path / "b")
     with pytest.raises(ConfigError, match="secrets of several"):
@@ -640,10 +650,66 @@ def test_a_flood_of_notices_is_counted_and_summed_up() -> None:
     assert said == flood[:BURST]
     assert limit.admit(1, [Notice("connected", "friend")]) == [Notice("connected", "friend")]
     (summary,) = limit.admit(WINDOW_NS, [])
-    assert summary.message.startswith("995 more like this within 10 s: stranger 999")
+    assert summary.message.startswith("998 more like this within 10 s: stranger 999")
     assert limit.admit(2 * WINDOW_NS, []) == []
     assert limit.counts == {"refused_here": 1000, "connected": 1}
     assert limit.admit(3 * WINDOW_NS, flood[:1]) == flood[:1]
+
+
+def test_each_end_says_at_first_where_it_is(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    port = graph_end.port
+    ports = f"127.0.0.1, ports {port} (queries) and {port + 1} (replies)"
+    graph, environment = start(graph_end).first, start(environment_end).first
+    words = f"listening at {ports}, with the key device-lab; no peer yet"
+    assert (graph.kind, graph.message) == ("listening", words)
+    assert environment.message == f"connecting to {ports}, with the key server-lab"
+    assert not graph.is_problem
+    assert not environment.is_problem
+
+
+def notice(stream: str, address: str, kind: str = "connected") -> Notice:
+    message = f"a friend came from {address} ({stream})"
+    return Notice(kind, message, {"stream": stream, "address": address, "name": "a friend"})
+
+
+def test_what_happens_to_both_streams_is_said_once() -> None:
+    pairs = StreamPairs()
+    assert pairs.pair(0, [notice("replies", "h:2")]) == []
+    assert pairs.due_ns == PAIR_NS
+    (both,) = pairs.pair(PAIR_NS - 1, [notice("queries", "h:1")])
+    assert both.message == "a friend came from h:1 (queries) and h:2 (replies)"
+    assert both.data == {
+        "stream": "queries, replies",
+        "address": "h:1, h:2",
+        "name": "a friend",
+    }
+    assert pairs.due_ns is None
+    (both,) = pairs.pair(0, [notice("queries", "h"), notice("replies", "h")])
+    assert both.message == "a friend came from h (queries and replies)"
+
+
+def test_what_happens_to_one_stream_alone_is_said_after_a_short_time() -> None:
+    pairs = StreamPairs()
+    one = notice("queries", "h:1")
+    assert pairs.pair(0, [one]) == []
+    assert pairs.pair(PAIR_NS - 1, []) == []
+    assert pairs.pair(PAIR_NS, []) == [one]
+    assert pairs.pair(2 * PAIR_NS, []) == []
+
+
+def test_notices_of_one_stream_keep_their_order_and_different_ones_are_no_pair() -> None:
+    pairs = StreamPairs()
+    came, went = notice("queries", "h:1"), notice("queries", "h:1", "disconnected")
+    assert pairs.pair(0, [came, went]) == [came]
+    other = notice("replies", "h:2", "refused_here")
+    assert pairs.pair(0, [other]) == []
+    assert pairs.pair(PAIR_NS, []) == [went, other]
+
+
+def test_a_notice_that_names_no_stream_is_said_at_once() -> None:
+    first = Notice("listening", "listening", {"address": "h"})
+    assert StreamPairs().pair(0, [first]) == [first]
 
 
 def test_every_kind_of_notice_is_documented() -> None:

@@ -149,7 +149,7 @@ class Listener:
             return [self._failed(time_ns, connection, failure)]
         if peer is not None:
             message = (
-                f"{_name(peer)} at {connection} has gone ({self.stream}): it left, was silent for "
+                f"{_name(peer)} at {connection} ({self.stream}) has gone: it left, was silent for "
                 f"{HEARTBEAT_TIMEOUT_MS} ms, or sent a message of over {MAX_FRAME} bytes"
             )
             return [Notice("disconnected", message, self._data(connection, peer))]

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-BURST = 5  # notices of one kind in a window; the others are counted
+BURST = 2  # notices of one kind in a window; the others are counted
 WINDOW_NS = 10_000_000_000
+PAIR_NS = 250_000_000  # what happens to both streams of a link does not do so in one instant
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,74 @@ class Notice:
     @property
     def is_problem(self) -> bool:
         """Whether somebody should do something about it."""
-        return self.kind not in ("connected", "disconnected")
+        return self.kind not in ("listening", "connecting", "connected", "disconnected")
+
+    @property
+    def place(self) -> str:
+        """Where it happened, as the message writes it: ``192.168.1.20:7410 (queries)``."""
+        return f"{self.data.get('address')} ({self.data.get('stream')})"
+
+
+class StreamPairs:
+    """Makes one notice of two that say the same of the two streams of a link.
+
+    A notice is held back until the other stream's comes, another one of its own stream, or the end
+    of a short time.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[str, tuple[int, Notice]] = {}  # stream: until when, what
+
+    @property
+    def due_ns(self) -> int | None:
+        """When :meth:`pair` wants to be called at the latest; None if nothing is held back."""
+        return min((end_ns for end_ns, _ in self._held.values()), default=None)
+
+    def pair(self, time_ns: int, notices: list[Notice]) -> list[Notice]:
+        """Return what is to be said at ``time_ns``."""
+        said: list[Notice] = []
+        for notice in notices:
+            other = self._take_other(notice)
+            if other is not None:
+                said.append(_of_both(*sorted((other, notice), key=lambda n: n.data["stream"])))
+                continue
+            stream = notice.data.get("stream", "")
+            said += self._release(stream)
+            if notice.place in notice.message:
+                self._held[stream] = (time_ns + PAIR_NS, notice)
+            else:
+                said.append(notice)
+        for stream, (end_ns, _) in list(self._held.items()):
+            if time_ns >= end_ns:
+                said += self._release(stream)
+        return said
+
+    def _release(self, stream: str) -> list[Notice]:
+        _, notice = self._held.pop(stream, (0, None))
+        return [] if notice is None else [notice]
+
+    def _take_other(self, notice: Notice) -> Notice | None:
+        for stream, (_, held) in self._held.items():
+            if stream != notice.data.get("stream") and _without_place(held) == _without_place(
+                notice
+            ):
+                del self._held[stream]
+                return held
+        return None
+
+
+def _without_place(notice: Notice) -> tuple[str, str]:
+    return notice.kind, notice.message.replace(notice.place, "")
+
+
+def _of_both(first: Notice, second: Notice) -> Notice:
+    addresses = dict.fromkeys(notice.data["address"] for notice in (first, second))
+    streams = [notice.data["stream"] for notice in (first, second)]
+    place = f"{first.place} and {second.place}"
+    if len(addresses) == 1:
+        place = f"{first.data['address']} ({' and '.join(streams)})"
+    data = {**first.data, "stream": ", ".join(streams), "address": ", ".join(addresses)}
+    return Notice(first.kind, first.message.replace(first.place, place), data)
 
 
 class NoticeLimit:

@@ -26,7 +26,7 @@ from forcebound.network.connector import Connector
 from forcebound.network.ends import RemoteEnd, refuse_exposure
 from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
-from forcebound.network.notices import Notice, NoticeLimit
+from forcebound.network.notices import Notice, NoticeLimit, StreamPairs
 from forcebound.network.sockets import Guard, Network, Publisher
 from forcebound.network.subscriber import Subscriber
 from forcebound.network.zap import ALLOWED, ENDPOINT, REFUSED, Verdict, ZapHandler
@@ -35,6 +35,8 @@ EVENT_LIMIT = 200  # events handled in one call of watch, per socket; about 2 ms
 LOOK_NS = 1_000_000_000  # watch is due this often, in case a descriptor kept something to itself
 
 KINDS = {
+    "listening": "this end waits for the other one",
+    "connecting": "this end looks for the other one",
     "connected": "a peer may exchange packets on this stream from now on",
     "disconnected": "such a peer has gone",
     "refused_here": "we refused a peer: its key is not in our list",
@@ -74,6 +76,8 @@ class RemoteStreams:
         refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
         self.due_ns = 0
+        self._first = [_beginning(end)]
+        self._pairs = StreamPairs()
         self._limit = NoticeLimit()
         self._network = network
         self._sockets: list[zmq.Socket[bytes]] = []
@@ -101,7 +105,10 @@ class RemoteStreams:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often each kind of notice has come, also of those that were not said."""
+        """How often each kind of notice has come, also of those that were not said.
+
+        What happened to both streams at once counts once.
+        """
         return dict(self._limit.counts)
 
     def status(self) -> dict[str, Any]:
@@ -121,13 +128,13 @@ class RemoteStreams:
     def watch(self, time_ns: int) -> list[Notice]:
         """Answer who asks to come in, connect again where it is needed, say what happened.
 
-        Never waits and never raises. Of each kind, the first few notices in ten seconds are
-        returned, then how many more there were.
+        Never waits and never raises. What happens to both streams is one notice. Of each kind, the
+        first few in ten seconds are returned, then how many more there were.
 
         Args:
             time_ns: Now, on the monotonic clock.
         """
-        notices: list[Notice] = []
+        notices, self._first = self._first, []
         due = [time_ns + LOOK_NS]
         try:
             if self._handler is not None and self._serve(time_ns, self._handler, notices):
@@ -138,8 +145,11 @@ class RemoteStreams:
                     due.append(stream.due_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
             notices.append(Notice("handshake_failed", f"a socket of the remote link: {error}"))
+        said = self._pairs.pair(time_ns, notices)
+        if self._pairs.due_ns is not None:
+            due.append(self._pairs.due_ns)
         self.due_ns = min(due)
-        return self._limit.admit(time_ns, notices)
+        return self._limit.admit(time_ns, said)
 
     def close(self) -> None:
         """Close the sockets; the network closes them, too."""
@@ -209,3 +219,14 @@ class RemoteStreams:
         else:
             why = "it uses another security than this end"
         return Notice(kind, f"refused {who}: {why}", data)
+
+
+def _beginning(end: RemoteEnd) -> Notice:
+    """Return the first notice of an end."""
+    keys = "without keys" if end.key is None else f"with the key {end.key.name}"
+    ports = f"ports {end.port} (queries) and {end.port + 1} (replies)"
+    data = {"address": end.address}
+    if end.listens:
+        message = f"listening at {end.address}, {ports}, {keys}; no peer yet"
+        return Notice("listening", message, data)
+    return Notice("connecting", f"connecting to {end.address}, {ports}, {keys}", data)

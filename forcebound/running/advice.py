@@ -84,7 +84,9 @@ NOTICES: dict[str, Advice] = {
         "is something else, such as a browser or a port scan, connecting to this port?",
     ),
     "handshake_failed": Advice(
-        "what came is not the protocol of ZeroMQ", "is another program using this port?"
+        "what came is no handshake of this link",
+        "does the other end use keys, too (the same remote: section)? A listener cannot tell a peer "
+        "without keys from another program; if its log is silent, who else connects to this port?",
     ),
     "too_many_connections": Advice(
         "the port has as many connections as it takes", "end the peers that are not wanted"
