@@ -168,13 +168,15 @@ def check_run_directory(run_dir: Path) -> None:
         ConfigError: If it is another user's, or open to others.
     """
     status = run_dir.stat()
+    make_one = "make a folder of its own for it: mkdir -m 700 DIR"
     if status.st_uid != os.geteuid():
-        raise ConfigError(f"the run directory {run_dir} belongs to another user: mkdir -m 700 one")
+        raise ConfigError(f"the run directory {run_dir} belongs to another user; {make_one}")
     if status.st_mode & 0o077:
+        # Others may need this folder, such as /tmp: it is not to be closed to them.
         mode = stat.S_IMODE(status.st_mode)
         raise ConfigError(
-            f"others may enter the run directory {run_dir} (mode {mode:04o}) and command forces: "
-            f"chmod 700 {run_dir}"
+            f"others may enter the run directory {run_dir} (mode {mode:04o}) and command forces; "
+            f"{make_one}"
         )
 
 

@@ -126,6 +126,21 @@ def test_a_public_key_that_others_may_exchange_is_refused(folder: Path) -> None:
         new_key("other", folder)
 
 
+@pytest.mark.parametrize(("mode", "beside"), [(0o1777, ""), (0o777, "of others")])
+def test_a_folder_that_others_need_is_not_to_be_closed_to_them(
+    tmp_path: Path, mode: int, beside: str
+) -> None:
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    new_key("lab", folder)
+    if beside:
+        (folder / beside).touch()
+    folder.chmod(mode)
+    with pytest.raises(ConfigError, match="mkdir -m 700 DIR, named by FORCEBOUND_KEYS") as caught:
+        public_key("lab", folder)
+    assert "chmod" not in str(caught.value)
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 def test_a_secret_of_another_user_is_refused(folder: Path) -> None:
     new_key("lab", folder)

@@ -231,7 +231,19 @@ def _check_folder(folder: Path) -> None:
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(f"{folder} belongs to another user: choose a folder of your own")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise ConfigError(f"others may exchange the keys in {folder}: chmod 700 {folder}")
+        # A folder that others need, such as /tmp, is not to be closed to them.
+        action = (
+            f"chmod 700 {folder}"
+            if _is_for_keys_alone(folder, status)
+            else "keep them in a folder of their own, mkdir -m 700 DIR, named by FORCEBOUND_KEYS"
+        )
+        raise ConfigError(f"others may exchange the keys in {folder}: {action}")
+
+
+def _is_for_keys_alone(folder: Path, status: os.stat_result) -> bool:
+    if status.st_uid != os.geteuid() or status.st_mode & stat.S_ISVTX:
+        return False
+    return all(file.suffix in (PUBLIC, SECRET) for file in folder.iterdir())
 
 
 def _create(file: Path, mode: int, text: str, written: list[Path]) -> None:

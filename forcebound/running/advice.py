@@ -85,8 +85,8 @@ NOTICES: dict[str, Advice] = {
     ),
     "handshake_failed": Advice(
         "what came is no handshake of this link",
-        "does the other end use keys, too (the same remote: section)? A listener cannot tell a peer "
-        "without keys from another program; if its log is silent, who else connects to this port?",
+        "does the other end use keys, too (the same remote: section)? Who listens cannot tell a "
+        "peer without keys from another program; its own log can. Else: who else uses this port?",
     ),
     "too_many_connections": Advice(
         "the port has as many connections as it takes", "end the peers that are not wanted"
