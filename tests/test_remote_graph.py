@@ -335,6 +335,16 @@ def test_a_port_in_use_is_told_before_anything_starts(tmp_path: Path, offset: in
     load_remote(file).check_here("graph")
 
 
+def test_the_launch_file_of_the_page_is_complete(tmp_path: Path, key_folder: Path) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "remote.md").read_text()
+    file = tmp_path / "remote.yaml"
+    file.write_text(page.partition("```yaml\n")[2].partition("```")[0])
+    said = refusal(file)  # it lacks what is not on this machine, and nothing else
+    assert "remote.graph_key: no secret key 'device-lab'" in said
+    assert "remote.environment_keys: no public key 'server-lab'" in said
+    assert "remote.yaml" not in said
+
+
 def test_a_core_that_is_not_here_is_told_by_a_check(tmp_path: Path) -> None:
     file = tmp_path / "graph.yaml"
     file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\nrealtime: {cores: 99999}\n")

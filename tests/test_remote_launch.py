@@ -1,0 +1,42 @@
+"""A graph and an environment that meet over TCP on this machine: what their people read."""
+
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from live_graph import live_graph
+from remote_environment import serving, write_launch_file
+from waiting import PATIENCE, free_port, until
+
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+
+
+def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() -> None:
+    with live_graph("remote_wall", f"port:={free_port()}", is_alone=False) as graph:
+        graph.until(lambda: "environment on another machine" in graph.log, "it to wait")
+        graph.process.send_signal(signal.SIGINT)
+        out, _ = graph.process.communicate(timeout=PATIENCE)
+        assert graph.process.returncode == 130
+        assert out == b""
+        assert graph.log.splitlines()[-1] == "forcebound: interrupted"
+
+
+def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> None:
+    port = free_port()
+    remote = f"address: 127.0.0.1, port: {port}, listens: environment"
+    file = write_launch_file(tmp_path, "a.yaml", remote)
+    where = f"127.0.0.1, ports {port} (queries) and {port + 1} (replies), without keys"
+    with serving(file) as environment:
+        until(lambda: f"listening at {where}; no peer yet" in environment.log, "its address")
+        name = re.findall(r"this environment is (\S+)", environment.log)[0]
+        with live_graph(str(file)) as graph:
+            until(lambda: f"serving this graph now, as {name}" in environment.log, "its start")
+            ended = graph.end()
+        environment.end()
+    assert f"connecting to {where}" in ended.log
+    assert f"environment {name} serves now" in ended.log
+    (connected,) = re.findall(r"connected from .*", environment.log)
+    assert re.fullmatch(r"connected from \S+ \(queries\) and \S+ \(replies\)", connected)
+    (answered,) = re.findall(rf"{name} has answered (\d+) queries", environment.log)
+    assert int(answered) > 100
