@@ -101,6 +101,26 @@ def test_a_recording_is_drawn_and_summed_up(tmp_path: Path) -> None:
     assert (tmp_path / "two.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.parametrize("command", ["simulate", "launch"])
+def test_a_recording_that_is_there_is_kept(tmp_path: Path, command: str) -> None:
+    run = tmp_path / "run.mcap"
+    run.write_text("dear to somebody")
+    result = invoke(command, "stiff_wall.yaml", "--record", str(run))
+    assert result.exit_code == 2
+    assert "run.mcap exists: choose another name, or add --overwrite" in result.stderr
+    assert run.read_text() == "dear to somebody"
+
+
+@pytest.mark.parametrize("at_the_end", [True, False])
+def test_a_recording_is_replaced_if_one_says_so(tmp_path: Path, at_the_end: bool) -> None:
+    run = tmp_path / "run.mcap"
+    run.write_text("of no use")
+    words = ["--record", str(run)]
+    words.insert(len(words) if at_the_end else 0, "--overwrite")
+    assert invoke("simulate", "stiff_wall.yaml", *QUICK, *words).exit_code == 0
+    assert run.stat().st_size > 1000
+
+
 def test_check_and_show_args_start_nothing() -> None:
     assert "correct" in invoke("launch", "stiff_wall.yaml", "--check").stdout
     document = json.loads(invoke("launch", "stiff_wall.yaml", "--check", "--json").stdout)
@@ -126,6 +146,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("plot", "nothing.mcap"), "nothing.mcap"),
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "no folder /nowhere"),
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "/nowhere"),
+        (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.bag"), "must end in .mcap"),
+        (("launch", "stiff_wall.yaml", "--record", "/nowhere/run"), "must end in .mcap"),
         (("bench", "nothing"), "nothing"),
         (("sweep", "audit", "--plot"), "sweep audit takes"),
         (("sweep", "nowhere"), "nowhere"),

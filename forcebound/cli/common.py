@@ -56,12 +56,43 @@ duration_option = click.option(
 )
 
 
-record_option = click.option(
+def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
+    if path is None:
+        return None
+    if path.suffix != ".mcap":
+        raise click.BadParameter(f"a recording is MCAP: its name must end in .mcap, got {path}")
+    if path.exists() and not context.meta[_OVERWRITE]:
+        raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
+    return path
+
+
+def _keep_overwrite(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    context.meta[_OVERWRITE] = wanted
+
+
+_OVERWRITE = "forcebound.overwrite"  # key in what click keeps of a command line
+
+_overwrite_option = click.option(
+    "--overwrite",
+    is_flag=True,
+    is_eager=True,  # it is known before --record, wherever it stands
+    expose_value=False,
+    callback=_keep_overwrite,
+    help="Let --record replace a recording that is there.",
+)
+
+_record_option = click.option(
     "--record",
     type=click.Path(path_type=Path, dir_okay=False),
+    callback=_recording,
     metavar="RUN.mcap",
     help="Keep the recording in this file.",
 )
+
+
+def record_option(command: Callable[P, None]) -> Callable[P, None]:
+    """Add ``--record`` and ``--overwrite``; a command sees the first alone, checked."""
+    return _record_option(_overwrite_option(command))
 
 
 run_option = click.option(
