@@ -25,7 +25,7 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
     if kind == "device":
         return build_device(config)
     if kind == "controller":
-        return ControllerNode(config.controller.model, lease_ns(config))
+        return ControllerNode(config.controller.model, lease_ns(config), dead_lease_ns(config))
     if kind == "environment":
         return EnvironmentNode(config.environment.model, _computation(config), environment_name)
     raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
@@ -33,7 +33,15 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
 
 def lease_ns(config: GraphConfig) -> int:
     """Return the silence after which another environment may serve, in ns."""
-    return max(LEASE_NS, round(2e9 * config.device.servo.age_limit))
+    return max(LEASE_NS, dead_lease_ns(config))
+
+
+def dead_lease_ns(config: GraphConfig) -> int:
+    """Return the same after an environment whose process is known to be gone, in ns.
+
+    The force of its last answer is at zero after the age limit.
+    """
+    return round(2e9 * config.device.servo.age_limit)
 
 
 def build_device(config: GraphConfig) -> DeviceNode:

@@ -15,6 +15,7 @@ The launcher answers on a control socket of its own, ``control-launcher``: ``sta
 import os
 import selectors
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -60,6 +61,11 @@ MAX_LINE = 65_536  # bytes without a line end that are kept
 NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
 
 COLOURS = {"device": 36, "controller": 33, "environment": 35, "recorder": 32}  # ANSI
+
+
+def name_begins(pid: int) -> str:
+    """Return what the name of an environment in a process of this machine begins with."""
+    return f"{socket.gethostname()[:32]}/{pid}/"
 
 
 class Signals(SignalPipe):
@@ -360,6 +366,9 @@ class Supervisor:
             if status is not None:
                 self._running.discard(name)
                 child.read()  # what it said last, before the failure is told
+                if name == "environment" and "controller" in self._clients:
+                    died = {"process": name_begins(child.process.pid)}
+                    self._clients["controller"].ask({"request": "environment_died", **died})
                 events.append(Ended(name, status))
         return events
 

@@ -14,7 +14,6 @@ import logging
 import os
 import shutil
 import signal
-import socket
 import stat
 import sys
 import time
@@ -40,6 +39,7 @@ from forcebound.launch.live import (
 )
 from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
+from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
@@ -237,7 +237,7 @@ def _tell_refused(status: Mapping[str, Any]) -> None:
 
 def environment_name() -> str:
     """Return a name that no other environment process has."""
-    return f"{socket.gethostname()[:32]}/{os.getpid()}/{os.urandom(4).hex()}"
+    return f"{name_begins(os.getpid())}{os.urandom(4).hex()}"
 
 
 def _has_launcher(run: RunDocument) -> bool:

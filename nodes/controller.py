@@ -2,8 +2,9 @@
 
 One environment serves a graph at a time. The first one that answers gets the *lease*: every query
 names it, and answers of others are refused. The lease ends when its holder has been silent for
-longer than ``lease_ns``, which is longer than the age limit of a force: so the force is zero
-between two environments, and returns over the engage ramp.
+longer than ``lease_ns``; or, if it is known to be dead, for longer than ``dead_lease_ns``. Both are
+longer than the age limit of a force: so the force is zero between two environments, and returns
+over the engage ramp.
 """
 
 from collections.abc import Sequence
@@ -52,6 +53,8 @@ class ControllerNode:
     Args:
         controller: What it commands.
         lease_ns: Silence after which another environment may serve, in ns.
+        dead_lease_ns: The same if the process of the one that served is known to be gone; None: no
+            shorter.
 
     Attributes:
         events: What it tells.
@@ -64,9 +67,13 @@ class ControllerNode:
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: ClassVar[None] = None
 
-    def __init__(self, controller: Controller, lease_ns: int = LEASE_NS) -> None:
+    def __init__(
+        self, controller: Controller, lease_ns: int = LEASE_NS, dead_lease_ns: int | None = None
+    ) -> None:
         self._controller = controller
         self._lease_ns = lease_ns
+        self._dead_lease_ns = lease_ns if dead_lease_ns is None else dead_lease_ns
+        self._is_dead = False  # whether the environment that serves is known to be
         self._queries = 0
         self._commands = 0
         self._heard_ns = 0
@@ -78,7 +85,8 @@ class ControllerNode:
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet with one; see :class:`forcebound.nodes.Node`."""
         packets: list[Packet] = []
-        if self.environment is not None and time_ns - self._heard_ns > self._lease_ns:
+        lease_ns = self._dead_lease_ns if self._is_dead else self._lease_ns
+        if self.environment is not None and time_ns - self._heard_ns > lease_ns:
             packets.append(self._lost(time_ns))
         for packet in received:
             if type(packet) is DeviceState:
@@ -93,6 +101,15 @@ class ControllerNode:
                     continue
                 packets.append(self._command(packet, time_ns))
         return packets
+
+    def environment_died(self, process: str) -> None:
+        """Wait no longer than needed for an environment whose process is gone.
+
+        Args:
+            process: Beginning of its name, as far as the one who saw it die knows it.
+        """
+        if self.environment is not None and self.environment.startswith(process):
+            self._is_dead = True
 
     def _query(self, state: DeviceState, time_ns: int) -> EnvironmentQuery:
         seq = self._queries
@@ -125,10 +142,9 @@ class ControllerNode:
     def _lost(self, time_ns: int) -> Event:
         environment, self.environment = self.environment or "", None
         silence = (time_ns - self._heard_ns) * 1e-9
-        message = (
-            f"environment {environment} has been silent for {silence:.1f} s; "
-            "the next that answers will serve"
-        )
+        how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
+        self._is_dead = False
+        message = f"environment {environment} {how}; the next that answers will serve"
         return self.events.tell(
             time_ns, "environment_lost", message, {"environment": environment}, is_fault=True
         )

@@ -42,6 +42,9 @@ def test_a_node_killed_in_contact_is_started_anew_and_the_force_returns(victim: 
         ended = graph.end()
     check_survived(ended, harm_ns)
     assert ended.faults["process_ended"] == 1
+    if victim == "environment":
+        [lost] = ended.events("environment_lost")
+        assert "is gone" in lost.message  # the launcher has said so: no lease has to run out
     [death] = ended.events("process_ended")
     assert death.node == "launcher"
     assert death.data == {"node": victim, "status": "signal SIGKILL"}

@@ -9,7 +9,7 @@ from fakes import MS, answer, device_node
 from msgspec.structs import replace
 
 from forcebound.environments.wall import Wall
-from forcebound.launch.build import lease_ns
+from forcebound.launch.build import dead_lease_ns, lease_ns
 from forcebound.launch.loader import load
 from forcebound.messages.packets import (
     DeviceState,
@@ -309,12 +309,33 @@ def test_another_environment_serves_once_the_one_that_did_has_been_silent() -> N
     assert node.environment == "two"
 
 
+def test_the_lease_of_an_environment_that_is_gone_is_shorter_and_the_next_one_has_a_whole_one() -> (
+    None
+):
+    node = ControllerNode(DirectController(), lease_ns=1000 * MS, dead_lease_ns=200 * MS)
+    node.step(1 * MS, [reply_of("host/1/a", ask(node, 0))])
+    node.environment_died("host/12/")
+    assert ask(node, 300 * MS).environment == "host/1/a"
+    node.step(301 * MS, [reply_of("host/1/a", ask(node, 301 * MS))])
+    node.environment_died("host/1/")
+    assert ask(node, 501 * MS).environment == "host/1/a"  # the force must be at zero before
+    lost, query = node.step(502 * MS, [DeviceState(2, 502 * MS, 0.0, (0.0,), (0.0,), (0.0,))])
+    assert isinstance(lost, Event)
+    assert isinstance(query, EnvironmentQuery)
+    assert (lost.event, lost.is_fault) == ("environment_lost", True)
+    assert "host/1/a is gone" in lost.message
+    assert query.environment is None
+    node.step(503 * MS, [reply_of("host/2/b", query)])
+    assert ask(node, 1503 * MS).environment == "host/2/b"
+
+
 def test_the_lease_outlasts_the_age_limit_so_that_the_force_is_zero_between_environments() -> None:
     config = load("stiff_wall.yaml")
     servo = dataclasses.replace(config.device.servo, age_limit=3.0)
     device = dataclasses.replace(config.device, servo=servo)
     assert lease_ns(dataclasses.replace(config, device=device)) >= 6_000 * MS
     assert lease_ns(config) > 1e9 * config.device.servo.age_limit
+    assert dead_lease_ns(config) > 1e9 * config.device.servo.age_limit
 
 
 # The environment node

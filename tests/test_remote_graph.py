@@ -192,6 +192,23 @@ def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
     assert event.data == {"environment.stiffness": "5.0"}
 
 
+def test_a_controller_is_told_that_the_environment_that_served_is_gone(
+    network: Network, run_dir: Path
+) -> None:
+    node = ControllerNode(DirectController(), dead_lease_ns=1)
+    node.environment = "host/1/a"
+    runner = Runner(node, "controller", run_dir, {}, network)
+    assert runner.answer({"request": "environment_died", "process": "host/2/"}) == {"noted": True}
+    assert "error" in runner.answer({"request": "environment_died"})
+    node.step(5, [])
+    assert node.environment == "host/1/a"
+    assert runner.answer({"request": "environment_died", "process": "host/1/"}) == {"noted": True}
+    node.step(5, [])
+    assert node.environment is None
+    other = Runner(EnvironmentNode(Wall()), "environment", run_dir, {}, network)
+    assert "unknown request" in other.answer({"request": "environment_died"})["error"]
+
+
 def test_a_change_that_cannot_be_read_is_answered_and_the_process_goes_on(
     network: Network, run_dir: Path
 ) -> None:

@@ -46,6 +46,7 @@ from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
+from forcebound.nodes.controller import ControllerNode
 from forcebound.process.endpoints import (
     control_endpoint,
     event_endpoint,
@@ -284,6 +285,10 @@ class Runner:
             return {"engaged": True}
         if wanted == "configure" and self._configure is not None:
             return self._change()
+        process = request.get("process")
+        if wanted == "environment_died" and process and isinstance(self._node, ControllerNode):
+            self._node.environment_died(str(process))
+            return {"noted": True}
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
