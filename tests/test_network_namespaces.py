@@ -19,6 +19,8 @@ from live_graph import check_always, check_return, check_silence, live_graph
 from remote_environment import key_folders, serving, write_launch_file
 from waiting import PATIENCE
 
+from forcebound.messages.packets import Telemetry
+
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 
 GRAPH_IPV4, ENVIRONMENT_IPV4 = "10.231.7.1", "10.231.7.2"
@@ -142,7 +144,14 @@ def test_delay_loss_and_an_outage_far_away_are_stable_and_told(
     ):
         graph.wait(1.0)
         before_ns = time.monotonic_ns()
-        graph.wait_until_released()
+        answered_ns: list[int] = []
+
+        def is_outage(telemetry: Telemetry) -> bool:  # and no moment in which this machine was busy
+            if telemetry.device_seq is not None or not answered_ns:
+                answered_ns[:] = [telemetry.time_ns]
+            return telemetry.time_ns - answered_ns[0] > 0.5e9
+
+        graph.wait_for_telemetry(is_outage, "the outage")
         graph.wait_until_in_contact()
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
