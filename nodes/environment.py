@@ -141,7 +141,9 @@ class EnvironmentNode:
                 self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
             self._refused_for = serving
             self._is_serving = False
-            message = f"not serving: {serving} serves this graph; {self.name} waits until it leaves"
+            message = (
+                f"not serving: {serving} serves this graph; waiting until it leaves, as {self.name}"
+            )
             packets.append(
                 self.events.tell(
                     time_ns,
