@@ -23,6 +23,7 @@ check: $(STAMP)
 
 test-slow: $(STAMP)
 	$(BIN)/pytest -m slow
+	$(BIN)/pytest -n 2 -m "not slow and not live and not endurance and not examples" --hypothesis-profile=random
 
 endurance: $(STAMP)
 	$(BIN)/pytest -m endurance --junit-xml=results/endurance.xml

@@ -1,12 +1,19 @@
-"""Fixtures of tests with sockets."""
+"""Fixtures of tests with sockets; which examples hypothesis draws."""
 
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from forcebound.network.sockets import Network
+
+# The daily tests draw the same examples each day, so that a change fails for what it changes; make
+# test-slow draws others: --hypothesis-profile=random.
+settings.register_profile("daily", derandomize=True, deadline=None)  # no timing decides a test
+settings.register_profile("random", print_blob=True, deadline=None)
+settings.load_profile("daily")
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ BOUNDING_LAWS = sorted(name for name, law in LAWS.items() if not law.adds_dampin
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
 PAPER_LAWS = sorted(name for name in LAWS if "conservative" in name)
 
-light = settings(deadline=None, max_examples=25)
+light = settings(max_examples=25)
 
 samples = st.lists(
     st.tuples(

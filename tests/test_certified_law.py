@@ -115,7 +115,7 @@ def paths(draw: st.DrawFn) -> tuple[Dissipation, list[Step], int]:
 
 
 @pytest.mark.parametrize("law", CERTIFIED_LAWS)
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(paths())
 def test_on_any_path_the_true_energy_is_not_negative_nor_below_the_estimate(
     law: str, path: tuple[Dissipation, list[Step], int]

@@ -66,7 +66,7 @@ def run(device: SimulatedDevice, forces: list[float], period_ns: int = MS) -> li
     friction=st.floats(0, 1),
     stiffness=st.floats(0, 2000),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_energy_balance_holds_to_rounding(
     forces: list[float], damping: float, friction: float, stiffness: float
 ) -> None:

@@ -98,7 +98,7 @@ def mutated(draw: st.DrawFn) -> bytes:
     return text
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutated())
 def test_a_mutated_launch_file_gives_a_configuration_or_a_config_error(
     tmp_path: Path, data: bytes
@@ -112,7 +112,7 @@ def test_a_mutated_launch_file_gives_a_configuration_or_a_config_error(
     assert from_document(to_document(config)) == config
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from(["6 s", "10 N/mm", "2 ms", "seed: 1"]),
     st.from_regex(r"[-+]?[0-9]{1,30}(\.[0-9]{0,30})?([eE][-+]?[0-9]{1,12})? ?[a-zA-Z/^*%µ²]{0,8}"),

@@ -313,7 +313,7 @@ FRAGMENTS = st.sampled_from(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.binary(max_size=60)
     | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass"))
@@ -327,7 +327,7 @@ def test_any_bytes_give_a_configuration_or_a_config_error(tmp_path: Path, data: 
         str(error).encode()
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(["law", "stiffness", "mode"]), st.text(max_size=20))
 def test_any_override_gives_a_configuration_or_a_config_error(
     tmp_path: Path, name: str, text: str

@@ -103,7 +103,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.lists(numbers, min_size=1, max_size=6).map(tuple)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     position=vectors,
     energy=st.none() | numbers,
