@@ -58,7 +58,14 @@ def invoke(*words: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
-@pytest.mark.parametrize("before", [FIRST, CLASS, ANSWER])
+@pytest.mark.parametrize(
+    "before",
+    [
+        pytest.param(FIRST, marks=pytest.mark.slow),
+        pytest.param(CLASS, marks=pytest.mark.slow),
+        ANSWER,
+    ],
+)
 def test_what_never_ends_is_told_with_its_line(tmp_path: Path, before: str) -> None:
     message = error_of(tmp_path, FOR_EVER, before)
     assert "mine.py: loading it and asking for a first force took more than 6 s" in message

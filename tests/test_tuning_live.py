@@ -42,6 +42,7 @@ def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_p
     assert "process_ended" not in ended.faults
 
 
+@pytest.mark.slow
 def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path) -> None:
     remote = f"address: 127.0.0.1, port: {free_port()}, local: true"
     file = write_launch_file(tmp_path, "a.yaml", remote)
