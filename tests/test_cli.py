@@ -121,6 +121,13 @@ def test_a_recording_is_replaced_if_one_says_so(tmp_path: Path, at_the_end: bool
     assert run.stat().st_size > 1000
 
 
+def test_an_empty_file_that_is_there_is_nothing_to_keep(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.touch()
+    assert invoke("simulate", "stiff_wall.yaml", *QUICK, "--record", str(run)).exit_code == 0
+    assert run.stat().st_size > 1000
+
+
 def test_check_and_show_args_start_nothing() -> None:
     assert "correct" in invoke("launch", "stiff_wall.yaml", "--check").stdout
     document = json.loads(invoke("launch", "stiff_wall.yaml", "--check", "--json").stdout)

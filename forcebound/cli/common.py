@@ -59,9 +59,10 @@ duration_option = click.option(
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
     if path is None:
         return None
-    if path.suffix != ".mcap":
+    if path.suffix not in ("", ".mcap"):  # of another format, by its name
         raise click.BadParameter(f"a recording is MCAP: its name must end in .mcap, got {path}")
-    if path.exists() and not context.meta[_OVERWRITE]:
+    holds_something = path.exists() and path.stat().st_size > 0
+    if holds_something and not context.meta[_OVERWRITE]:
         raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
     return path
 
