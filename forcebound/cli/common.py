@@ -60,7 +60,9 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
     if path is None:
         return None
     if path.suffix not in ("", ".mcap"):  # of another format, by its name
-        raise click.BadParameter(f"a recording is MCAP: its name must end in .mcap, got {path}")
+        raise click.BadParameter(
+            f"a recording is MCAP: its name must end in .mcap, or have no ending, got {path}"
+        )
     holds_something = path.exists() and path.stat().st_size > 0
     if holds_something and not context.meta[_OVERWRITE]:
         raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
