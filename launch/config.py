@@ -17,14 +17,12 @@ from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.errors import ConfigError
 from forcebound.launch import own
 from forcebound.messages.packets import TOPICS
-from forcebound.network.addresses import numeric_address
-from forcebound.network.ends import DEFAULT_PORT, RemoteEnd, check_here, check_section, end_of
+from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.network.keys import check_key
 from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ratio, Time, Word
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ratio, Time
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
@@ -118,49 +116,10 @@ class RealtimeConfig:
 
 
 @dataclass(frozen=True)
-class RemoteConfig:
-    """An environment on another machine: where the two meet, and who may; see docs/remote.md.
+class RemoteConfig(RemoteSection):
+    """An environment on another machine: where the two meet, and who may; see docs/remote.md."""
 
-    Raises:
-        ConfigError: If something in it would be wrong on any machine.
-    """
-
-    address: Annotated[str, Word(numeric_address)]  # of the end that listens, for the other one
-    port: int = DEFAULT_PORT  # queries; replies use the next one
-    listens: Literal["graph", "environment"] = "graph"
-    graph_key: Annotated[str, Word(check_key)] | None = None  # name of a pair, or a public key
-    environment_keys: tuple[Annotated[str, Word(check_key)], ...] = ()  # who may serve
-    insecure: bool = False  # without keys beyond this machine
     local: bool = False  # whether the launcher starts the environment here, too
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.port <= 65534:
-            raise ConfigError(
-                f"port must be 1 to 65534, since replies use the next one; got {self.port}"
-            )
-        keys = self.graph_key, self.environment_keys
-        check_section(self.listens, self.address, *keys, self.insecure)
-
-    def check_here(self, role: Literal["graph", "environment"]) -> None:
-        """Check what this end needs of this machine: keys, the address, free ports.
-
-        Raises:
-            ConfigError: If anything is missing; it tells all that is.
-        """
-        check_here(role, *self._words)
-
-    def end(self, role: Literal["graph", "environment"]) -> RemoteEnd:
-        """Return this machine's end, with its keys read.
-
-        Raises:
-            ConfigError: If a key is missing or unsafe, or what is said does not fit together.
-        """
-        return end_of(role, *self._words)
-
-    @property
-    def _words(self) -> tuple[Any, ...]:
-        keys = self.graph_key, self.environment_keys
-        return self.listens, self.address, self.port, *keys, self.insecure
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from waiting import PATIENCE, free_port
 
 from forcebound.errors import ConfigError
 from forcebound.network import listener, remote, sockets
-from forcebound.network.ends import RemoteEnd, Role, end_of
+from forcebound.network.ends import RemoteEnd, RemoteSection
 from forcebound.network.keys import KeyPair, new_key
 from forcebound.network.notices import (
     BURST,
@@ -428,11 +428,9 @@ def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
     # A proxy that stops passing bytes on is a peer that hangs, or a network that is gone.
     graph_end, environment_end = ends(free_port())
     graph = start(graph_end)
-    proxies = [Proxy(graph_end.port + offset) for offset in (0, 1)]
+    port = free_port()
+    proxies = [Proxy(port + offset, graph_end.port + offset) for offset in (0, 1)]
     try:
-        port = proxies[0].port
-        if proxies[1].port != port + 1:
-            pytest.skip("no two free ports in a row")
         environment = start(replace(environment_end, port=port))
         for proxy in proxies:
             proxy.peers = (graph, environment)
@@ -460,14 +458,8 @@ def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
 class Proxy:
     """Passes bytes on while it is pumped."""
 
-    _next = 0
-
-    def __init__(self, target: int) -> None:
-        if Proxy._next == 0:
-            Proxy._next = free_port()
-        self._listener = socket.create_server(("127.0.0.1", Proxy._next))
-        self.port = Proxy._next
-        Proxy._next += 1
+    def __init__(self, port: int, target: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", port))
         self._listener.setblocking(False)
         self._target = target
         self._pairs: list[tuple[socket.socket, socket.socket]] = []
@@ -494,7 +486,6 @@ class Proxy:
         return True
 
     def close(self) -> None:
-        Proxy._next = 0
         self._listener.close()
         for source, _ in self._pairs:
             source.close()
@@ -503,9 +494,10 @@ class Proxy:
 def test_what_is_sent_cannot_be_read_on_the_way(start: Callable[..., Peer]) -> None:
     graph_end, environment_end = ends(free_port())
     graph = start(graph_end)
-    proxies = [Proxy(graph_end.port + offset) for offset in (0, 1)]
+    port = free_port()
+    proxies = [Proxy(port + offset, graph_end.port + offset) for offset in (0, 1)]
     try:
-        environment = start(replace(environment_end, port=proxies[0].port))
+        environment = start(replace(environment_end, port=port))
 
         def heard() -> bool:
             for proxy in proxies:
@@ -619,30 +611,33 @@ def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
         own = "lab" if machine == "a" else "server"
         text = (tmp_path / f"of-{own}" / f"{other}.key").read_text()
         (tmp_path / machine / f"{other}.key").write_text(text)
-    listens: Role = "graph"
-    section = (listens, "127.0.0.1", 7410, "lab", ["server"], False)
-    graph = end_of("graph", *section, tmp_path / "a")
-    environment = end_of("environment", *section, tmp_path / "b")
+    section = RemoteSection("127.0.0.1", graph_key="lab", environment_keys=("server",))
+    graph = section.end("graph", tmp_path / "a")
+    environment = section.end("environment", tmp_path / "b")
     assert graph.listens
     assert not environment.listens
     assert graph.key is not None
     assert environment.key is not None
     assert environment.peers == {graph.key.public: "lab"}
     assert graph.peers == {environment.key.public: "server"}
-    by_key = (listens, "127.0.0.1", 7410, graph.key.public, [environment.key.public], False)
-    assert end_of("environment", *by_key, tmp_path / "b").key == environment.key
+    by_key = replace(
+        section, graph_key=graph.key.public, environment_keys=(environment.key.public,)
+    )
+    assert by_key.end("environment", tmp_path / "b").key == environment.key
     with pytest.raises(
         ConfigError, match=r"no secret key 'server': looked for .*server.key_secret"
     ):
-        end_of("environment", *section, tmp_path / "a")
+        section.end("environment", tmp_path / "a")
     with pytest.raises(ConfigError, match="environment_keys is missing"):
-        end_of("graph", "graph", "127.0.0.1", 7410, "lab", folder=tmp_path / "a")
+        RemoteSection("127.0.0.1", graph_key="lab")
+    twice = replace(section, environment_keys=("server", environment.key.public))
     with pytest.raises(ConfigError, match="a key is named twice"):
-        end_of("graph", *section[:4], ["server", environment.key.public], False, tmp_path / "a")
+        twice.end("graph", tmp_path / "a")
     new_key("second", tmp_path / "b")
+    several = replace(section, environment_keys=("server", "second"))
     with pytest.raises(ConfigError, match="secrets of several"):
-        end_of("environment", *section[:4], ["server", "second"], False, tmp_path / "b")
-    assert end_of("graph", "graph", "127.0.0.1").key is None
+        several.end("environment", tmp_path / "b")
+    assert RemoteSection("127.0.0.1").end("graph").key is None
 
 
 def test_a_flood_of_notices_is_counted_and_summed_up() -> None:

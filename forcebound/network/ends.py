@@ -1,18 +1,19 @@
 """The two ends of the link to another machine: what the section ``remote`` makes of each of them.
 
-What is wrong with the section on any machine (:func:`check_section`) is told apart from what this
-machine lacks (:func:`check_here`): a key file, an address, a free port.
+What is wrong with the section on any machine is told when it is made, what this machine lacks (a
+key file, an address, a free port) by :meth:`RemoteSection.check_here`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from forcebound.errors import ConfigError
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
+from forcebound.quantities import Word
 
 DEFAULT_PORT = 7410  # queries; replies use the next one
 Role = Literal["graph", "environment"]
@@ -23,6 +24,9 @@ _WITHOUT_KEYS = (
     "new NAME) and name them under graph_key and environment_keys; or write insecure: true, if "
     "everybody on that network may feed forces to the hand"
 )
+
+
+_NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
 
 
 @dataclass(frozen=True)
@@ -51,12 +55,9 @@ class RemoteEnd:
     insecure: bool = False
 
     def __post_init__(self) -> None:
-        if not 1 <= self.port <= 65534:
-            raise ConfigError(
-                f"port must be 1 to 65534 (replies use the next one), got {self.port}"
-            )
+        _check_port(self.port)
         if self.insecure and (self.key is not None or self.peers):
-            raise ConfigError("insecure: true means no keys: name keys, or be insecure, not both")
+            raise ConfigError(_NOT_BOTH)
         if (self.key is None) != (not self.peers):
             missing = "our own key pair" if self.key is None else "the key of the other end"
             raise ConfigError(f"keys are used by both ends or by none: {missing} is missing")
@@ -67,115 +68,105 @@ class RemoteEnd:
             )
 
 
-def end_of(
-    role: Role,
-    listens: Role,
-    address: str,
-    port: int = DEFAULT_PORT,
-    graph_key: str | None = None,
-    environment_keys: Sequence[str] = (),
-    insecure: bool = False,
-    folder: Path | None = None,
-) -> RemoteEnd:
-    """Return this machine's end for the section ``remote`` of a launch file, with its keys read.
+@dataclass(frozen=True)
+class RemoteSection:
+    """Where a graph and its environment meet, and who may: the same on both machines.
 
-    Args:
-        role: Which end this process is.
+    Attributes:
+        address: Of the end that listens, as the other one reaches it.
+        port: Of the queries; replies use the next one.
         listens: Which end listens.
-        address: Of the end that listens.
-        port: Of the queries.
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose
             secret is on this machine is that of this environment.
         insecure: Whether a link without keys may leave this machine.
-        folder: Where keys are; the key folder by default.
 
     Raises:
-        ConfigError: If a key is missing or unsafe, or the parts do not fit together.
+        ConfigError: If something in it would be wrong on any machine; the message begins with the
+            name of what is wrong.
     """
-    check_section(listens, address, graph_key, environment_keys, insecure)
-    pair: KeyPair | None = None
-    peers: dict[str, str] = {}
-    if graph_key is not None:
-        pair, peers = _keys_of(role, graph_key, environment_keys, folder)
-    return RemoteEnd(role, role == listens, address, port, pair, peers, insecure)
 
+    address: Annotated[str, Word(numeric_address)]
+    port: int = DEFAULT_PORT
+    listens: Role = "graph"
+    graph_key: Annotated[str, Word(keys.check_key)] | None = None
+    environment_keys: tuple[Annotated[str, Word(keys.check_key)], ...] = ()
+    insecure: bool = False
 
-def check_section(
-    listens: Role,
-    address: str,
-    graph_key: str | None,
-    environment_keys: Sequence[str],
-    insecure: bool,
-) -> None:
-    """Check what a section ``remote`` says, as far as that can be seen on any machine.
-
-    Each message begins with the name of what is wrong.
-
-    Args:
-        listens: As for :func:`end_of`.
-        address: Likewise.
-        graph_key: Likewise.
-        environment_keys: Likewise.
-        insecure: Likewise.
-
-    Raises:
-        ConfigError: If a key or the address cannot be one, or they do not fit together.
-    """
-    both = (
-        "keys are used by both ends or by none; make a pair on each machine with forcebound keys "
-        "new NAME"
-    )
-    if environment_keys and graph_key is None:
-        raise ConfigError(f"graph_key is missing beside environment_keys: {both}")
-    if graph_key is not None and not environment_keys:
-        raise ConfigError(f"environment_keys is missing or empty beside graph_key: {both}")
-    if insecure and graph_key is not None:
-        raise ConfigError("insecure: true means no keys: name keys, or be insecure, not both")
-    if len(set(environment_keys)) < len(environment_keys):
-        raise ConfigError(f"environment_keys names a key twice: {', '.join(environment_keys)}")
-    if listens == "environment" and len(environment_keys) > 1:
-        raise ConfigError(
-            f"environment_keys has {len(environment_keys)} keys, and a graph that connects can "
-            "expect only one; let the graph listen if several may serve it"
+    def __post_init__(self) -> None:
+        _check_port(self.port)
+        known = self.environment_keys
+        both = (
+            "keys are used by both ends or by none; make a pair on each machine with forcebound "
+            "keys new NAME"
         )
-    number = numeric_address(address)
-    if number is not None and not number.is_loopback and graph_key is None and not insecure:
-        raise ConfigError(f"address {address} is on a network, and {_WITHOUT_KEYS}")
+        if known and self.graph_key is None:
+            raise ConfigError(f"graph_key is missing beside environment_keys: {both}")
+        if self.graph_key is not None and not known:
+            raise ConfigError(f"environment_keys is missing or empty beside graph_key: {both}")
+        if self.insecure and self.graph_key is not None:
+            raise ConfigError(_NOT_BOTH)
+        if len(set(known)) < len(known):
+            raise ConfigError(f"environment_keys names a key twice: {', '.join(known)}")
+        if self.listens == "environment" and len(known) > 1:
+            raise ConfigError(
+                f"environment_keys has {len(known)} keys, and a graph that connects can "
+                "expect only one; let the graph listen if several may serve it"
+            )
+        number = numeric_address(self.address)
+        if self._is_open and number is not None and not number.is_loopback:
+            raise ConfigError(f"address {self.address} is on a network, and {_WITHOUT_KEYS}")
+
+    def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
+        """Return this machine's end, with its keys read.
+
+        Args:
+            role: Which end this process is.
+            folder: Where keys are; the key folder by default.
+
+        Raises:
+            ConfigError: If a key is missing or unsafe, or the parts do not fit together.
+        """
+        pair: KeyPair | None = None
+        peers: dict[str, str] = {}
+        if self.graph_key is not None:
+            pair, peers = _keys_of(role, self.graph_key, self.environment_keys, folder)
+        listens = role == self.listens
+        return RemoteEnd(role, listens, self.address, self.port, pair, peers, self.insecure)
+
+    def check_here(self, role: Role, folder: Path | None = None) -> None:
+        """Check what an end needs of this machine: keys, the address, free ports if it listens.
+
+        Args:
+            role: Which end this process is.
+            folder: Where keys are; the key folder by default.
+
+        Raises:
+            ConfigError: If anything is missing; it tells all that is.
+        """
+        listens = role == self.listens
+        problems: list[str] = []
+        if self.graph_key is not None:
+            _noting(problems, "", _keys_of, role, self.graph_key, self.environment_keys, folder)
+        host = _noting(problems, "remote.address: ", resolve, self.address)
+        if host is not None:
+            before = len(problems)
+            _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
+            if listens and len(problems) == before:
+                _noting(problems, "remote.address: ", check_free, host, 0)
+            for port in (self.port, self.port + 1) if listens and len(problems) == before else ():
+                _noting(problems, "remote.port: ", check_free, host, port)
+        if problems:
+            raise ConfigError("\n".join(problems))
+
+    @property
+    def _is_open(self) -> bool:
+        return self.graph_key is None and not self.insecure
 
 
-def check_here(
-    role: Role,
-    listens: Role,
-    address: str,
-    port: int = DEFAULT_PORT,
-    graph_key: str | None = None,
-    environment_keys: Sequence[str] = (),
-    insecure: bool = False,
-    folder: Path | None = None,
-) -> None:
-    """Check what an end needs of this machine: keys, the address, and free ports if it listens.
-
-    Args: as for :func:`end_of`.
-
-    Raises:
-        ConfigError: If anything is missing; it tells all that is.
-    """
-    check_section(listens, address, graph_key, environment_keys, insecure)
-    problems: list[str] = []
-    if graph_key is not None:
-        _noting(problems, "", _keys_of, role, graph_key, environment_keys, folder)
-    host = _noting(problems, "remote.address: ", resolve, address)
-    if host is not None:
-        is_open = graph_key is None and not insecure
-        before = len(problems)
-        _noting(problems, "", refuse_exposure, host, address, role == listens, is_open)
-        if role == listens and len(problems) == before:
-            _noting(problems, "remote.address: ", check_free, host, 0)
-        for place in (port, port + 1) if role == listens and len(problems) == before else ():
-            _noting(problems, "remote.port: ", check_free, host, place)
-    if problems:
-        raise ConfigError("\n".join(problems))
+def _check_port(port: int) -> None:
+    if not 1 <= port <= 65534:
+        raise ConfigError(f"port must be 1 to 65534, since replies use the next one; got {port}")
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:
