@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import msgpack
@@ -191,6 +192,11 @@ def reply(query: Packet, force: tuple[float, ...], seq: int = 0) -> bytes:
     )
 
 
+def always(data: bytes) -> Callable[[Packet], bytes]:
+    """Return what answers everything with the same bytes."""
+    return lambda _: data
+
+
 def malformed(good: bytes, random_: random.Random) -> list[bytes]:
     """Return one message, by its frames, that no receiver may accept."""
     fields = msgpack.unpackb(good)
@@ -247,7 +253,7 @@ def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path
                     "keys": msgpack.packb({**msgpack.unpackb(good), "more": 0}),
                     "value": msgpack.packb({**msgpack.unpackb(good), "force": ["1"]}),
                 }
-                one.until_rejected(reason, lambda _, data=frames[reason]: data)  # type: ignore[misc]
+                one.until_rejected(reason, always(frames[reason]))
             malformed_ns = time.monotonic_ns()
             for tick in range(1000):  # well-formed, at 50 times the rate, of any force
                 state = one.next()
@@ -272,8 +278,8 @@ def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> N
             first = one.newest()
             assert isinstance(first, DeviceState)
             for force in ((nan,), (inf,), (-inf,)):
-                one.until_rejected("not_finite", lambda s, force=force: command(s, force))  # type: ignore[misc]
-            one.until_rejected("wrong_length", lambda s: command(s, (1.0, 1.0)))
+                one.until_rejected("not_finite", partial(command, force=force))
+            one.until_rejected("wrong_length", partial(command, force=(1.0, 1.0)))
             far = 2**62
             jumps: dict[str, Callable[[DeviceState], dict[str, int]]] = {
                 "from_the_future": lambda s: {"device_seq": s.seq + far},
@@ -288,7 +294,7 @@ def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> N
                 one.until_rejected(reason, make)
             replayed = command(first, (5.0,))  # a packet that was good once
             graph.wait(2 * AGE_LIMIT)
-            one.until_rejected("too_old", lambda _: replayed)
+            one.until_rejected("too_old", always(replayed))
             false_ns = time.monotonic_ns()
             seq = iter(range(10**9))
             held: list[bytes] = []

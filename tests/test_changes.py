@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -341,7 +342,7 @@ def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
 
 def test_a_reloader_names_a_document_that_is_gone(config: GraphConfig, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"launch\.json"):
-        Reloader(config, tmp_path / "launch.json")(None)  # type: ignore[arg-type]  # not reached
+        Reloader(config, tmp_path / "launch.json")(Mock())
 
 
 # --- Phases --------------------------------------------------------------------------------------

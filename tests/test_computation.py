@@ -47,9 +47,16 @@ def test_a_fixed_time_is_exact() -> None:
     assert {ComputationTime(Impairment(0.003)).next_ns(at) for at in range(5)} == {3 * MS}
 
 
-@pytest.mark.parametrize("distribution", ["uniform", "normal", "pareto", "paretonormal"])
-def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(distribution: str) -> None:
-    impairment = Impairment(0.003, 0.001, distribution=distribution, correlation=0.5)  # type: ignore[arg-type]  # one of them
+@pytest.mark.parametrize(
+    "impairment",
+    [
+        Impairment(0.003, 0.001, distribution="uniform", correlation=0.5),
+        Impairment(0.003, 0.001, distribution="normal", correlation=0.5),
+        Impairment(0.003, 0.001, distribution="pareto", correlation=0.5),
+        Impairment(0.003, 0.001, distribution="paretonormal", correlation=0.5),
+    ],
+)
+def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(impairment: Impairment) -> None:
     computation = ComputationTime(impairment, seed=7)
     chances = Chances(impairment, generators(7))
     times = [computation.next_ns(0) for _ in range(200)]

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,10 +25,10 @@ def make_run() -> Iterator[MakeRun]:
     """Makes a run directory that has an owner until the end of the test."""
     with ExitStack() as stack:
 
-        def make(folder: Path, name: str, is_alive: bool = True, **document: bool | str) -> Path:
+        def make(folder: Path, name: str, is_alive: bool = True, **document: Any) -> Path:
             run_dir = folder / f"forcebound-{name}"
             run_dir.mkdir()
-            run = RunDocument(os.getpid(), None, "", [], **document)  # type: ignore[arg-type]  # as a test says
+            run = RunDocument(os.getpid(), None, "", [], **document)
             run.write(run_dir)
             with ExitStack() as own:
                 own.enter_context(hold(run_dir))

@@ -1,7 +1,6 @@
 """The walls in other languages as processes, and a graph of bytes that asks them."""
 
 import itertools
-import random
 import re
 import signal
 import subprocess
@@ -13,10 +12,11 @@ from pathlib import Path
 
 import pytest
 import zmq
-from waiting import PATIENCE
+from waiting import PATIENCE, free_port
 
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
+from forcebound.network import sockets
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
@@ -82,7 +82,7 @@ def wait_until(happened: Callable[[], object], what: str, *walls: Wall) -> None:
         logs = "\n".join(wall.log for wall in walls)
         assert all(wall.process.poll() is None for wall in walls), f"it ended:\n{logs}"
         assert time.monotonic() < end, f"waited {PATIENCE} s for: {what}\n{logs}"
-        time.sleep(0.01)
+        sockets.wait((), 10_000_000)
 
 
 @contextmanager
@@ -109,19 +109,9 @@ class FakeGraph:
         self.queries, self.replies = context.socket(zmq.PUB), context.socket(zmq.SUB)
         self.queries.linger = self.replies.linger = 0
         self.replies.subscribe(b"")
-        for _ in range(100):
-            self.port = 2 * random.SystemRandom().randrange(5_000, 15_000)
-            try:
-                self.queries.bind(f"tcp://127.0.0.1:{self.port}")
-            except zmq.ZMQError:
-                continue
-            try:
-                self.replies.bind(f"tcp://127.0.0.1:{self.port + 1}")
-            except zmq.ZMQError:
-                self.queries.unbind(f"tcp://127.0.0.1:{self.port}")
-                continue
-            return
-        pytest.skip("no two free ports in a row")
+        self.port = free_port()
+        self.queries.bind(f"tcp://127.0.0.1:{self.port}")
+        self.replies.bind(f"tcp://127.0.0.1:{self.port + 1}")
 
     def send(self, *frames: bytes) -> None:
         self.queries.send_multipart(frames)
