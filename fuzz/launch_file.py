@@ -6,11 +6,12 @@ Run by ``make fuzz``; one input again: ``python fuzz/launch_file.py FILE``.
 import json
 import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 import atheris
 
-import forcebound.devices  # noqa: F401  # before: numba cannot compile what atheris has changed
+import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
 
 with atheris.instrument_imports(include=["forcebound.launch", "forcebound.quantities", "ruamel"]):
     from forcebound.errors import ConfigError

@@ -5,7 +5,6 @@ but time are not looked at.
 """
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -29,20 +28,9 @@ def calm(tmp_path: Path) -> str:
     return str(file)
 
 
-def run(graph: LiveGraph, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "forcebound", *words],
-        env={**os.environ, "TMPDIR": str(graph.folder)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-
-
 def examine(graph: LiveGraph) -> tuple[int, dict[str, dict[str, Any]]]:
     """Return the exit status of ``forcebound doctor``, and what it found by kind."""
-    done = run(graph, "doctor", "--run", str(graph.run_dir), "--json")
+    done = graph.order("doctor", "--run", str(graph.run_dir), "--json")
     assert done.stderr == ""
     document = json.loads(done.stdout)
     assert document["graph"] == str(graph.run_dir.resolve())
@@ -73,8 +61,8 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         graph.signal("environment", signal.SIGCONT)
         graph.wait_until_in_contact()
 
-        done = run(
-            graph, "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=1"
+        done = graph.order(
+            "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=1"
         )
         assert done.returncode == 0, done.stderr
         graph.wait_until_released()
@@ -84,14 +72,14 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert found["hop_broken"]["where"] == "link environment_query"
         assert "lost on purpose" in found["hop_broken"]["seen"]
 
-        done = run(
-            graph, "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=0"
+        done = graph.order(
+            "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=0"
         )
         assert done.returncode == 0, done.stderr
         graph.wait_until_in_contact()
-        done = run(graph, "stop", "environment", "--run", str(graph.run_dir))
+        done = graph.order("stop", "environment", "--run", str(graph.run_dir))
         assert done.returncode == 0, done.stderr
-        done = run(graph, "doctor", "--run", str(graph.run_dir))
+        done = graph.order("doctor", "--run", str(graph.run_dir))
         assert done.returncode == 1
         assert "problem  environment: is stopped on request" in done.stdout
         assert "-> forcebound start environment" in done.stdout
