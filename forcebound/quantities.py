@@ -107,7 +107,6 @@ class Word:
 
 POSITIVE = Range(above=0)
 NOT_NEGATIVE = Range(at_least=0)
-SHARE = Range(at_least=0, at_most=1)
 
 DataRate: TypeAlias = Annotated[float, Unit("B/s")]
 Damping: TypeAlias = Annotated[float, Unit("N s/m")]

@@ -413,8 +413,6 @@ def describe_status(status: int) -> str:
     """Return an exit status, or minus the number of a signal, in words."""
     if status >= 0:
         return f"exit status {status}"
-    import signal  # only its names
-
     try:
         return f"signal {signal.Signals(-status).name}"
     except ValueError:

@@ -79,8 +79,15 @@ class RunDocument:
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":
-        """Return what the launcher left."""
-        return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
+        """Return what the launcher left.
+
+        Raises:
+            ConfigError: If it is not there, not yet or not any more, or not of this version.
+        """
+        try:
+            return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            raise ConfigError(f"{run_dir} is not the run directory of a graph that runs") from error
 
 
 def run_live(
@@ -213,7 +220,7 @@ def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
 
 def write_launch_document(run_dir: Path, config: GraphConfig) -> None:
     """Leave what runs, for the processes and for those who look into the run or change it."""
-    partial = run_dir / f"{LAUNCH_FILE}.new"
+    partial = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # its own, for others may write, too
     partial.write_text(json.dumps(to_document(config)), encoding="utf-8")
     partial.replace(run_dir / LAUNCH_FILE)
 
@@ -270,7 +277,7 @@ def remove_left_over(folders: Iterable[Path]) -> list[Path]:
             run = RunDocument.read(run_dir)
             if not run.is_temporary or (run_dir / RECORDING).exists():
                 continue
-        except (OSError, ValueError, TypeError):
+        except (OSError, ConfigError):
             continue  # no run, one that just begins or ends
         with seize(run_dir) as is_free:
             if is_free:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
-from forcebound.quantities import POSITIVE, SHARE, Range, Time, parse_quantity
+from forcebound.quantities import POSITIVE, Range, Time, parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_value_out_of_range_says_the_bound_and_its_unit(
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_a_share_includes_its_bounds(value: float) -> None:
-    assert SHARE.check(value) == value
+    assert Range(at_least=0, at_most=1).check(value) == value
 
 
 @dataclass(frozen=True)

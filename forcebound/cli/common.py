@@ -51,9 +51,12 @@ def _duration(_: click.Context, parameter: click.Parameter, text: str | None) ->
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 
 
-duration_option = click.option(
-    "--duration", callback=_duration, metavar="TIME", help="How long to run, such as 5s or 500ms."
-)
+def duration_option_for(told: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Return an option ``--duration`` for something else than a run."""
+    return click.option("--duration", callback=_duration, metavar="TIME", help=told)
+
+
+duration_option = duration_option_for("How long to run, such as 5s or 500ms.")
 
 
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from forcebound.cli.common import (
-    duration_option,
+    duration_option_for,
     json_option,
     print_json,
     reports_errors,
@@ -62,7 +62,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     metavar="TRACE.csv",
     help="Write the delays as a trace, to be replayed on a link.",
 )
-@duration_option
+@duration_option_for("How long to watch the graph that runs; 5s by default. Not for a recording.")
 @json_option
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:

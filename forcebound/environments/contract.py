@@ -102,7 +102,7 @@ def check(
             at least ``FEWEST`` for each number of axes. None: all.
         tell: Called before each answer with the question, the answers until now and all.
     """
-    axes = tuple(axes)
+    axes = tuple(dict.fromkeys(axes))
     known = {
         count: list(_questions(environment, count, Random(seed * 100 + count), rounds))
         for count in axes

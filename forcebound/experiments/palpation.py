@@ -9,7 +9,6 @@ from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
-FREQUENCY = 2.0  # Hz; paper, Fig. 19
 
 
 def run(runs: Runs) -> Outcome:

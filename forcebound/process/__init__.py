@@ -7,6 +7,7 @@ records; :mod:`~forcebound.process.endpoints` says where the processes of a run 
 from forcebound.process.endpoints import (
     control_endpoint,
     event_endpoint,
+    has_control,
     remote_endpoint,
     topic_endpoint,
 )
@@ -23,6 +24,7 @@ __all__ = [
     "Stop",
     "control_endpoint",
     "event_endpoint",
+    "has_control",
     "record",
     "remote_endpoint",
     "run",

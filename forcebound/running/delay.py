@@ -70,7 +70,10 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
     run_dir = find(run, of_graph=True, option="forcebound delay ")
-    document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
+    try:
+        document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
+    except OSError:
+        raise RunError(f"the graph in {run_dir} has ended meanwhile") from None
     columns = watch(run_dir, DURATION if duration is None else duration)
     return Measured(loop_delays(columns), document)
 
@@ -83,6 +86,7 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         duration: How long, in s.
 
     Raises:
+        ConfigError: If it is no run directory, or not any more.
         RunError: If none came.
     """
     packets: list[Telemetry] = []

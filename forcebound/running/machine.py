@@ -18,7 +18,6 @@ from forcebound.errors import ConfigError
 from forcebound.network import keys, sockets
 from forcebound.running.findings import Finding
 
-OLDEST_PYTHON = (3, 11)
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
 SMALL_SPACE = 200_000_000  # B in the temporary folder; a recording of some minutes
 NO_SPACE = 10_000_000  # B, with which no run can begin
@@ -189,13 +188,7 @@ def _clocks(machine: Machine) -> Iterator[Finding]:
 
 def _software(machine: Machine) -> Iterator[Finding]:
     version = ".".join(map(str, machine.python))
-    if machine.python < OLDEST_PYTHON:
-        oldest = ".".join(map(str, OLDEST_PYTHON))
-        text = f"{version} is older than {oldest}"
-        action = f"install Python {oldest} or newer, and forcebound in it"
-        yield Finding("problem", "old_python", "Python", text, action)
-    else:
-        yield Finding("fine", "python", "Python", version)
+    yield Finding("fine", "python", "Python", version)
     if machine.has_curve:
         yield Finding("fine", "libzmq", "libzmq", f"{machine.zmq}, with CURVE encryption")
     else:

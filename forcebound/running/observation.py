@@ -16,16 +16,16 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import PROCESSES, RunDocument
 from forcebound.launch.supervisor import LAUNCHER
+from forcebound.process import has_control
 from forcebound.recording import TelemetryColumns
 from forcebound.running.delay import watch
-from forcebound.running.orders import ask_all
+from forcebound.running.orders import PATIENCE, ask_all
+from forcebound.running.presence import UNKNOWN
 from forcebound.running.runs import running
 from forcebound.running.tuning import configuration
 
 DURATION = 2.0  # s between the two answers of a process
-PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
 
-UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
 SUSPENDED = ("T", "t")  # states in /proc/PID/stat: stopped by a signal, or by a debugger
 
 _STATUS = {"request": "status"}
@@ -134,7 +134,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     run = _read(run_dir)
     cores = realtime.stand_aside(run.core)  # who looks must not be the cause of what is seen
     try:
-        names = [name for name in PROCESSES if _has_control(run_dir, name)]
+        names = [name for name in PROCESSES if has_control(run_dir, name)]
         size, first_time = _size(run.record), time.monotonic()
         first = ask_all(run_dir, [*names, LAUNCHER], _STATUS, PATIENCE)
         try:
@@ -144,7 +144,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
         except (OSError, ValueError):
             raise _ended(run_dir) from None
         interval = time.monotonic() - first_time
-        names = [name for name in PROCESSES if _has_control(run_dir, name)]
+        names = [name for name in PROCESSES if has_control(run_dir, name)]
         last = ask_all(run_dir, [*names, LAUNCHER], _STATUS, PATIENCE)
         growth = _size(run.record) - size
     finally:
@@ -158,11 +158,11 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
         if name in nodes or name in names
     }
     launcher = None
-    if _has_control(run_dir, LAUNCHER):
+    if has_control(run_dir, LAUNCHER):
         seen = {"pid": run.launcher, "state": "running"}
         launcher = _process(seen, first[LAUNCHER], last[LAUNCHER], interval)
     return Observations(
-        config=configuration(run_dir),
+        config=configuration(run_dir, serves=False),
         processes=processes,
         telemetry=telemetry,
         phase=told.get("phase"),
@@ -196,16 +196,12 @@ def _process(
 def _read(run_dir: Path) -> RunDocument:
     try:
         return RunDocument.read(run_dir)
-    except (OSError, ValueError, TypeError):
+    except ConfigError:
         raise _ended(run_dir) from None
 
 
 def _ended(run_dir: Path) -> RunError:
     return RunError(f"the graph in {run_dir} has ended meanwhile")
-
-
-def _has_control(run_dir: Path, name: str) -> bool:
-    return (run_dir / f"control-{name}").exists()
 
 
 def _kernel_state(pid: int | None) -> str:
@@ -241,9 +237,9 @@ def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:
     for other in running():
         try:
             shares = other != run_dir and RunDocument.read(other).core == core
-            if shares and configuration(other).realtime.policy == "fifo":
+            if shares and configuration(other, serves=False).realtime.policy == "fifo":
                 found.append(str(other))
-        except (OSError, ValueError, TypeError, ConfigError):
+        except ConfigError:
             continue  # it ended just now
     return tuple(found)
 

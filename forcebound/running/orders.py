@@ -9,9 +9,10 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.launch.supervisor import LAUNCHER
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import control_endpoint
+from forcebound.process import control_endpoint, has_control
 
 ANSWER_TIME = 5.0  # s that a launcher may take for an answer; it needs milliseconds
+PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
 STOP_TIME = 10.0  # s that a node may take until it is gone; after 2 s it is killed
 START_TIME = 60.0  # s until it answers; a cold start on a busy machine
 POLL_NS = 50_000_000  # between two looks
@@ -64,7 +65,7 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
         ConfigError: If it refuses, or there is no launcher; the message says why.
         RunError: If it does not answer.
     """
-    if not (run_dir / f"control-{LAUNCHER}").exists():
+    if not has_control(run_dir, LAUNCHER):
         raise ConfigError(
             f"nobody takes orders in {run_dir}: its launcher starts just now, or this is a node "
             "that was started by hand, and Ctrl-C stops it there"
@@ -112,4 +113,6 @@ def _order(run_dir: Path, request: str, node: str, wanted: str, patience: float)
         if time.monotonic() > end:
             raise RunError(f"{node} is still {state} after {patience:g} s; its log may say why")
         sockets.wait((), POLL_NS)
+        if not has_control(run_dir, LAUNCHER):
+            raise RunError(f"the run has ended meanwhile; {node} was {state}")
         answer = ask_launcher(run_dir, {"request": "status"})

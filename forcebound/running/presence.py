@@ -5,19 +5,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forcebound.errors import ConfigError
 from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RunDocument
 from forcebound.launch.supervisor import LAUNCHER
 from forcebound.network import sockets
-from forcebound.running.orders import ask_all
+from forcebound.process import has_control
+from forcebound.running.orders import PATIENCE, ask_all
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 
 LOOK_NS = 100_000_000  # in which an environment that serves answers, but for a very slow one
 KNOCKS = 1  # answers in this time of one that waits
-
-PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
+UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Present:
         nodes: Those whose place is here, whether they run or not; the others are elsewhere.
         asked: Those of them that can be asked: they have a control socket, or a launcher.
         states: What the launcher says of them, see ``docs/protocol.md``; of nodes that were started
-            by hand, ``unknown`` if they can be asked.
+            by hand, :data:`UNKNOWN` if they can be asked.
         answers: The status of those that answered, the launcher included.
         is_graph: Whether a graph is here, and not only an environment for one elsewhere.
         serving: Name of the environment that serves in place of the one here; None if that is not
@@ -51,7 +52,7 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
         config: What it runs with; None: no matter whose place is here while nobody knows them.
     """
     is_graph = _is_graph(run_dir)
-    controls = {name for name in (*NODE_KINDS, LAUNCHER) if (run_dir / f"control-{name}").exists()}
+    controls = {name for name in (*NODE_KINDS, LAUNCHER) if has_control(run_dir, name)}
     told = ask_all(run_dir, sorted(controls), {"request": "status"}, PATIENCE)
     answers = {name: answer for name, answer in told.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
@@ -60,7 +61,7 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
         nodes = asked = frozenset(NODE_KINDS) & states.keys()
     else:
         asked = frozenset(controls - {LAUNCHER})
-        states = dict.fromkeys(asked, "unknown")
+        states = dict.fromkeys(asked, UNKNOWN)
         nodes = frozenset(NODE_KINDS if is_graph else {ENVIRONMENT})
         if is_graph and config is not None and config.remote is not None:
             nodes -= {ENVIRONMENT} - asked
@@ -96,5 +97,5 @@ def _replies(controller: Mapping[str, Any]) -> int:
 def _is_graph(run_dir: Path) -> bool:
     try:
         return RunDocument.read(run_dir).is_graph
-    except (OSError, ValueError, TypeError):
+    except ConfigError:
         return True

@@ -13,6 +13,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.holding import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
 from forcebound.launch.supervisor import LAUNCHER
+from forcebound.process import has_control
 
 
 def running(folders: Iterable[Path] | None = None) -> list[Path]:
@@ -81,7 +82,7 @@ def _told(run_dir: Path) -> str:
 def _document(run_dir: Path, name: str) -> object:
     try:
         return getattr(RunDocument.read(run_dir), name)
-    except (OSError, ValueError, TypeError):
+    except ConfigError:
         return None  # it ended just now
 
 
@@ -94,7 +95,7 @@ def _is_own(run_dir: Path) -> bool:
 
 
 def _is_launched(run_dir: Path) -> bool:
-    return (run_dir / f"control-{LAUNCHER}").exists()
+    return has_control(run_dir, LAUNCHER)
 
 
 def _runs(run_dir: Path) -> bool:

@@ -48,8 +48,12 @@ class Change:
     notes: tuple[str, ...] = ()
 
 
-def configuration(run_dir: Path) -> GraphConfig:
+def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
     """Return what a graph runs with now.
+
+    Args:
+        run_dir: Of the run.
+        serves: Whether the environment matters: one of the user's own is code, and runs then.
 
     Raises:
         ConfigError: If the run directory does not say.
@@ -58,7 +62,7 @@ def configuration(run_dir: Path) -> GraphConfig:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return from_document(document)
+    return from_document(document, serves)
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
@@ -90,7 +94,7 @@ def changed_parameters(run_dir: Path) -> dict[str, Any]:
     """
     try:
         started = json.loads(RunDocument.read(run_dir).metadata["launch"])
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (ValueError, KeyError) as error:
         raise ConfigError(f"{run_dir} does not say with what its graph was started") from error
     return differences(started, configuration(run_dir))
 
