@@ -25,7 +25,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
-from forcebound.nodes.events import EventLog
+from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
 
@@ -150,6 +150,7 @@ class DeviceNode:
         self._velocity = self._zero
         self._read_ns = 0
         self._is_answered = False
+        self._tell_ns = 0
         self.deadline_misses = 0
         self.events = EventLog("device")
 
@@ -190,7 +191,11 @@ class DeviceNode:
             return []
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
-            if self.is_engaged and self._is_answered != (self._chain.answered_tick is not None):
+            if (
+                self._is_answered != (self._chain.answered_tick is not None)
+                and self.is_engaged
+                and time_ns >= self._tell_ns
+            ):
                 packets.append(self._tell(time_ns))
             return packets
         return [self._sample(time_ns)]
@@ -256,7 +261,8 @@ class DeviceNode:
         return telemetry
 
     def _tell(self, time_ns: int) -> Event:
-        """Say that the force is gone, or comes."""
+        """Say that the force is gone, or comes; a delay near the age limit may change it often."""
+        self._tell_ns = time_ns + STATE_INTERVAL_NS
         self._is_answered = not self._is_answered
         if self._is_answered:
             return self.events.tell(time_ns, "force_engages", "answers come: force over the ramp")

@@ -24,7 +24,7 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
-from forcebound.nodes.events import EventLog
+from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 
 KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
 
@@ -57,6 +57,8 @@ class EnvironmentNode:
         self._done_ns = 0
         self._seq = 0
         self._is_serving = False
+        self._told: tuple[bool, str | None] = (False, None)
+        self._tell_ns = 0
         self._refused_for: str | None = None  # who serves instead
         self._knocked_ns = 0
         self.events = EventLog("environment")
@@ -98,15 +100,17 @@ class EnvironmentNode:
         replies: list[Packet] = []
         for packet in received:
             if type(packet) is EnvironmentQuery:
-                if packet.environment == self.name:
-                    if not self._is_serving:
-                        replies.append(self._begin(time_ns))
-                elif packet.environment is None:
+                self._is_serving = packet.environment == self.name
+                if self._is_serving or packet.environment is None:
                     self._refused_for = None
-                    self._is_serving = False
-                elif not self._knocks(packet.environment, time_ns, replies):
+                elif not self._knocks(packet.environment, time_ns):
                     continue
                 self._waiting = packet
+        state = (self._is_serving, self._refused_for)
+        if state != self._told and time_ns >= self._tell_ns:
+            self._told = state
+            if state != (False, None):
+                replies.append(self._tell(time_ns))
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -127,32 +131,24 @@ class EnvironmentNode:
                 self._done_ns = time_ns + delay_ns
         return replies
 
-    def _begin(self, time_ns: int) -> Event:
-        """Say that the graph takes our answers from now on."""
-        self._is_serving = True
-        self._refused_for = None
-        message = f"serving this graph now, as {self.name}"
-        return self.events.tell(time_ns, "serving", message, {"environment": self.name})
+    def _tell(self, time_ns: int) -> Event:
+        """Say whether the graph takes our answers; queries may change it as often as they come."""
+        self._tell_ns = time_ns + STATE_INTERVAL_NS
+        data = {"environment": self.name}
+        if self._refused_for is None:
+            message = f"serving this graph now, as {self.name}"
+            return self.events.tell(time_ns, "serving", message, data)
+        message = (
+            f"not serving: {self._refused_for} serves this graph; waiting until it leaves, "
+            f"as {self.name}"
+        )
+        return self.events.tell(time_ns, "environment_refused", message, data, is_fault=True)
 
-    def _knocks(self, serving: str, time_ns: int, packets: list[Packet]) -> bool:
-        """Whether to answer a query that is meant for another environment; say it at first."""
-        if serving != self._refused_for:
-            if self._refused_for is None:
-                self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
-            self._refused_for = serving
-            self._is_serving = False
-            message = (
-                f"not serving: {serving} serves this graph; waiting until it leaves, as {self.name}"
-            )
-            packets.append(
-                self.events.tell(
-                    time_ns,
-                    "environment_refused",
-                    message,
-                    {"environment": self.name},
-                    is_fault=True,
-                )
-            )
+    def _knocks(self, serving: str, time_ns: int) -> bool:
+        """Whether to answer a query that is meant for another environment."""
+        if self._refused_for is None:
+            self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
+        self._refused_for = serving
         if time_ns - self._knocked_ns < KNOCK_INTERVAL_NS:
             return False
         self._knocked_ns = time_ns

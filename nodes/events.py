@@ -7,6 +7,8 @@ from forcebound.messages.packets import MAX_TEXT, Event
 
 PHASE_BEGINS = "phase"  # kind of event: a part of a scripted run begins; its data has the name
 LINK_COUNTED = "link_counted"  # kind of event: how many packets of a link had which fate
+STATE_INTERVAL_NS = 200_000_000  # between two words about a state that each packet may change
+MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
 
 
 class EventLog:
@@ -54,7 +56,7 @@ class EventLog:
             event=event,
             is_fault=is_fault,
             message=message[:MAX_TEXT],
-            data={name: text[:MAX_TEXT] for name, text in (data or {}).items()},
+            data=_bounded(data or {}),
         )
 
     def tell_link(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
@@ -62,3 +64,17 @@ class EventLog:
         told = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
         data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
         return self.tell(time_ns, LINK_COUNTED, f"{topic}: {told or 'nothing'}", data)
+
+
+def _bounded(data: Mapping[str, str]) -> dict[str, str]:
+    """Return what of the data a packet can hold, and how many entries were left out."""
+    kept: dict[str, str] = {}
+    size = 0
+    for name, text in data.items():
+        kept[name] = text[:MAX_TEXT]
+        size += len(name.encode()) + len(kept[name].encode())
+        if size > MAX_DATA or len(kept) > MAX_ENTRIES:
+            del kept[name]
+            kept["left_out"] = str(len(data) - len(kept))
+            break
+    return kept

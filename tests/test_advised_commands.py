@@ -20,6 +20,9 @@ _IN_PROSE = re.compile(r"\bforcebound ([a-z]+(?: [^;,()`\n]+)?)")
 _END = re.compile(r"[.:]?(?= and | on |\s*$| there\b| to | shows | with | for | of |\. )|[.:]$")
 
 
+PROSE = ("in", "on")  # words after the name of the project, which are no commands
+
+
 def advised_in_messages() -> Iterator[tuple[str, str]]:
     """Give file and command of each string of the package that names one; a field becomes 1."""
     for file in sorted(PACKAGE.rglob("*.py")):
@@ -35,7 +38,7 @@ def advised_in_messages() -> Iterator[tuple[str, str]]:
             if id(node) in documents or id(node) in inner:
                 continue
             for command in _IN_PROSE.findall(text_of(node)):
-                if command.split()[0] in main.commands:
+                if command.split()[0] not in PROSE:
                     yield file.name, _END.split(command, maxsplit=1)[0]
 
 
@@ -49,7 +52,8 @@ def text_of(node: ast.AST) -> str:
 
 def advised_in_pages() -> Iterator[tuple[str, str]]:
     """Give file and command of each line of a page's shell examples."""
-    for page in sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")]):
+    pages = [ROOT / "README.md", ROOT / "examples/README.md", *(ROOT / "docs").glob("*.md")]
+    for page in sorted(pages):
         for block in re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
             for line in block.replace("\\\n", " ").splitlines():
                 found = re.match(r"(?:[\w-]+\$ |\$ )?forcebound ([^|>&]*)", line)
@@ -58,6 +62,7 @@ def advised_in_pages() -> Iterator[tuple[str, str]]:
 
 
 MESSAGES = sorted(set(advised_in_messages()))
+assert len(MESSAGES) > 10, "the messages that advise a command are not found any more"
 PAGES = sorted(set(advised_in_pages()))
 
 

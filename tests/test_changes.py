@@ -352,6 +352,7 @@ def test_a_run_is_as_long_as_its_phases_and_each_begins_with_the_file(tmp_path: 
     config = load(written(tmp_path, PHASES))
     assert config.duration == pytest.approx(1.0)
     parts = timetable(config)
+    assert not any(part.config.phases for part in parts)  # each would be checked in each again
     assert [part.name for part in parts] == ["quiet", "late", "gone", "quiet again"]
     assert [part.start_ns for part in parts] == [0, 300_000_000, 500_000_000, 800_000_000]
     late, gone = parts[1].config, parts[2].config

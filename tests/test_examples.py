@@ -229,7 +229,7 @@ def test_of_the_queries_that_wait_the_newest_is_answered(
         assert reply is not None
         answered.append(reply.query_seq)
     assert answered == sorted(set(answered))
-    assert len(answered) < 250
+    assert len(answered) < 500  # of all, the one before included: not each in turn
 
 
 def test_wrong_arguments_are_said_on_one_line(

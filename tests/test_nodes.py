@@ -3,6 +3,7 @@
 import dataclasses
 import logging
 import math
+from itertools import pairwise
 
 import pytest
 from fakes import MS, answer, device_node
@@ -11,6 +12,7 @@ from msgspec.structs import replace
 from forcebound.environments.wall import Wall
 from forcebound.launch.build import dead_lease_ns, lease_ns
 from forcebound.launch.loader import load
+from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -26,6 +28,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import CONTROLLERS, ControllerNode, DirectController
 from forcebound.nodes.device import DeviceNode, ServoSettings
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.events import EventLog
 
 
 def sample(node: DeviceNode, time_ns: int) -> DeviceState:
@@ -353,6 +356,47 @@ def test_an_environment_that_does_not_serve_says_so_and_answers_once_a_second() 
     assert answers == 3
     assert [event.event for event in events] == ["environment_refused"]
     assert "one" in events[0].message
+
+
+def test_an_environment_whose_queries_change_their_mind_says_so_now_and_then() -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    events: list[Event] = []
+    for tick in range(1000):
+        asked = replace(query(tick), environment=("one", "two", None, "three")[tick % 4])
+        events += [p for p in node.step(tick * MS, [asked]) if isinstance(p, Event)]
+    assert 2 <= len(events) <= 6
+    last = replace(query(2000), environment="four")
+    (told,) = (p for p in node.step(2000 * MS, [last]) if isinstance(p, Event))
+    assert "four serves this graph" in told.message
+
+
+def test_a_device_whose_answers_come_near_the_age_limit_says_so_now_and_then() -> None:
+    node, _ = device_node(age_limit=0.002)
+    node.engage()
+    events: list[Event] = []
+    states: list[DeviceState] = []
+    for _ in range(2000):
+        assert node.wake_ns is not None
+        received = [answer(states[-1], (1.0,), seq=len(states))] if len(states) % 5 == 1 else []
+        for packet in node.step(node.wake_ns, received):
+            if isinstance(packet, DeviceState):
+                states.append(packet)
+            elif isinstance(packet, Event):
+                events.append(packet)
+    kinds = [event.event for event in events]
+    assert {"force_engages", "force_released"} <= set(kinds)
+    assert 4 <= len(kinds) <= 6  # in a second, and not the 400 that there were
+    apart = [b.time_ns - a.time_ns for a, b in pairwise(events)]
+    assert min(apart) >= 200 * MS
+
+
+def test_an_event_with_much_to_tell_fits_into_a_packet() -> None:
+    log = EventLog("device")
+    few = log.tell(0, "parameter_set", "", {"a": "1"})
+    assert few.data == {"a": "1"}
+    many = log.tell(0, "parameter_set", "x" * 5000, {f"name{i}": "y" * 300 for i in range(200)})
+    assert decode(encode(many)) == many
+    assert int(many.data["left_out"]) == 200 - (len(many.data) - 1)
 
 
 @pytest.mark.parametrize("serving", [None, "two"])

@@ -254,7 +254,7 @@ def test_the_status_and_the_force_are_asked_for_on_the_control_socket(
     servo.turn(0)
     assert device.engaged_ns == 0
     assert servo.answer({"request": "stop"}) == {"stopping": True}
-    assert "known: status, engage, stop" in servo.answer({"request": "dance"})["error"]
+    assert "known: status, stop, configure, engage" in servo.answer({"request": "dance"})["error"]
     assert "unknown request None" in servo.answer({})["error"]
 
 

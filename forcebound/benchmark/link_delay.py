@@ -98,7 +98,7 @@ class ReceiverNode:
 
     Attributes:
         times_ns: From sending to the node, less what the link added, in ns.
-        missed: Packets that a newer one replaced in the socket; not those that jitter overtook.
+        missed: Packets for which a newer one was there already; not those that jitter overtook.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)

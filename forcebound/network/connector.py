@@ -13,13 +13,17 @@ import zmq
 
 from forcebound.network.monitor import MISMATCH, Monitor, SocketEvent
 from forcebound.network.notices import Notice
-from forcebound.network.sockets import HANDSHAKE_MS, HEARTBEAT_TIMEOUT_MS, MAX_FRAME
+from forcebound.network.sockets import (
+    HANDSHAKE_MS,
+    HANDSHAKE_TIMEOUT_NS,
+    HEARTBEAT_TIMEOUT_MS,
+    MAX_FRAME,
+)
 from forcebound.network.zap import FULL
 
 FIRST_PAUSE_NS = 500_000_000
 LONGEST_PAUSE_NS = 5_000_000_000
 NO_ANSWER_NS = 3_000_000_000  # after this time without a connection it is said, once
-_PATIENCE_NS = HANDSHAKE_MS * 900_000  # a failure after this was the handshake's time limit
 _FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH,
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL,
@@ -171,7 +175,7 @@ class Connector:
             )
             return self._notice("other_security", f"cannot talk to {self._where}: {why}")
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
-            if self._since_ns is not None and time_ns - self._since_ns >= _PATIENCE_NS:
+            if self._since_ns is not None and time_ns - self._since_ns >= HANDSHAKE_TIMEOUT_NS:
                 why = f"it did not finish its handshake in {HANDSHAKE_MS / 1000:g} s"
                 return self._notice("handshake_timeout", f"cannot talk to {self._where}: {why}")
             why = (

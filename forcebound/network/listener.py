@@ -28,12 +28,16 @@ import zmq
 
 from forcebound.network.monitor import CRYPTOGRAPHIC, MISMATCH, Monitor, SocketEvent
 from forcebound.network.notices import Notice
-from forcebound.network.sockets import HANDSHAKE_MS, HEARTBEAT_TIMEOUT_MS, MAX_FRAME
+from forcebound.network.sockets import (
+    HANDSHAKE_MS,
+    HANDSHAKE_TIMEOUT_NS,
+    HEARTBEAT_TIMEOUT_MS,
+    MAX_FRAME,
+)
 from forcebound.network.zap import Verdict
 
 MAX_CONNECTIONS = 64  # of one port, established or not
 MAX_PEERS = 16  # established ones of one port
-_PATIENCE_NS = HANDSHAKE_MS * 900_000  # a failure after this was the handshake's time limit
 
 
 @dataclass
@@ -93,10 +97,11 @@ class Listener:
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events; :attr:`due_ns` tells whether there may be more."""
-        while self._admitted and self._admitted[0][0] < time_ns - HANDSHAKE_MS * 1_000_000:
-            self._admitted.popleft()
         notices: list[Notice] = []
         self.due_ns = time_ns if self._read(time_ns, limit, notices) else None
+        # After the events: a peer that is through may have waited here for longer than that.
+        while self._admitted and self._admitted[0][0] < time_ns - HANDSHAKE_MS * 1_000_000:
+            self._admitted.popleft()
         while sum(not c.is_shut for c in self._open.values()) > MAX_CONNECTIONS:
             if not self._shut_one(time_ns, limit, notices):
                 self.due_ns = time_ns
@@ -140,7 +145,11 @@ class Listener:
     def _lose(self, time_ns: int, descriptor: int) -> list[Notice]:
         failure, self._failure = self._failure, None
         connection = self._open.pop(descriptor, None)
-        if connection is None or (connection.is_shut and connection.peer is None):
+        if connection is None:
+            return []
+        if connection.is_shut and connection.peer is None:
+            if failure is None and self._refused:  # it was refused just before
+                self._refused -= 1
             return []
         peer = connection.peer
         if failure is not None:
@@ -171,7 +180,7 @@ class Listener:
                 if self._with_keys
                 else "it uses keys (CURVE), which this end does not (insecure, or without keys)"
             )
-        elif failure.kind and time_ns - connection.since_ns >= _PATIENCE_NS:
+        elif failure.kind and time_ns - connection.since_ns >= HANDSHAKE_TIMEOUT_NS:
             kind = "handshake_timeout"
             why = f"it was not through its handshake in {HANDSHAKE_MS / 1000:g} s"
         elif failure.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:

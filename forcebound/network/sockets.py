@@ -3,7 +3,7 @@
 Only this room imports zmq, and only ``make_socket`` opens sockets. What was measured (pyzmq 27.3,
 libzmq 4.3.5) and what is done:
 
-1. Options, CONFLATE above all, work only if set before connect or bind: every one is set before.
+1. Options work only if set before connect or bind: every one is set before.
 2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
    IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time; and at a SUB,
    IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
@@ -46,6 +46,7 @@ from forcebound.network.subscriber import Subscriber
 MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
 QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
 HANDSHAKE_MS = 2_000
+HANDSHAKE_TIMEOUT_NS = HANDSHAKE_MS * 900_000  # a failure after this was that limit
 RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
 TCP_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream
 TCP_RECONNECT_MAX_MS = 200

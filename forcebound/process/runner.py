@@ -206,15 +206,15 @@ class Runner:
         Args:
             stop_descriptor: Ends the sleep when it is readable.
         """
-        self._readable = [s.descriptor for s in self._unsettled if s.pending()]
+        readable = [s.descriptor for s in self._unsettled if s.pending()]
         self._unsettled.clear()
-        if self._readable:
-            return time.monotonic_ns()
         next_ns = self._next_ns()
         timeout_ns = IDLE_NS if next_ns is None else min(IDLE_NS, next_ns - time.monotonic_ns())
-        readable = sockets.wait((*self._descriptors, stop_descriptor), timeout_ns)
+        if readable:  # a flood on one stream must not keep the others, and the control, waiting
+            timeout_ns = 0
+        readable += sockets.wait((*self._descriptors, stop_descriptor), timeout_ns)
         # Now and then everything is looked at, in case a descriptor has kept something to itself.
-        self._readable = None if not readable and next_ns is None else readable
+        self._readable = None if not readable and timeout_ns == IDLE_NS else readable
         if self._readable is None or self._control.descriptor in self._readable:
             self._control.serve(self.answer)
         if self._remote is not None:
@@ -223,7 +223,7 @@ class Runner:
 
     def _watch(self, remote: RemoteStreams, readable: Collection[int]) -> None:
         time_ns = time.monotonic_ns()
-        if time_ns >= remote.due_ns or not set(remote.descriptors).isdisjoint(readable):
+        if time_ns >= remote.due_ns or not self._remote_descriptors.isdisjoint(readable):
             for notice in remote.watch(time_ns):
                 event = f"remote_{notice.kind}"
                 self.tell(event, notice.message, notice.data, is_fault=notice.is_problem)
@@ -250,6 +250,8 @@ class Runner:
             subscriber, link = inlet.subscriber, inlet.link
             if readable is None:
                 arrived = subscriber.receive()
+                if arrived and not subscriber.emptied and self._servo is None:
+                    self._unsettled.append(subscriber)
             elif subscriber.descriptor in readable:
                 arrived = subscriber.receive_ready()
                 if not subscriber.emptied:
@@ -292,7 +294,8 @@ class Runner:
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
-        known = "status, stop" if self._servo is None else "status, engage, stop"
+        known = "status, stop, configure" + (", engage" if self._servo is not None else "")
+        known += ", environment_died" if isinstance(self._node, ControllerNode) else ""
         return {"error": f"unknown request {wanted!r}; known: {known}"}
 
     @property
@@ -343,8 +346,8 @@ class Runner:
         self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
         self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
         self._descriptors.append(self._control.descriptor)
-        if self._remote is not None:
-            self._descriptors += self._remote.descriptors
+        self._remote_descriptors = frozenset(self._remote.descriptors if self._remote else ())
+        self._descriptors += self._remote_descriptors
         self._readable = None
         self._unsettled.clear()
 
@@ -440,6 +443,7 @@ class Runner:
                         publish[type(sent)](encode(sent))
 
     def _run_on_arrival(self, stop: Stop) -> None:
+        self.turn(time.monotonic_ns())  # what the run on perfect links has left
         while not (stop.requested or self._stop_requested):
             self.turn(self.wait(stop.descriptor))
 
