@@ -218,7 +218,8 @@ class Lifecycle:
         if node not in RESTARTED:
             return f"without its {node} a run ends; to end it: Ctrl-C at its launcher"
         if self.phase is not Phase.RUNNING:
-            return f"the run is {self.phase.name.lower()}; nodes stop and start while it is running"
+            phase = self.phase.name.lower()
+            return f"the run is {phase}; nodes stop and start while it is running: try again then"
         return None
 
     @property

@@ -113,7 +113,7 @@ def run_live(
         ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
             too often) or did not stop.
-        KeyboardInterrupt: If the run was interrupted before its first sample.
+        KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
     core = realtime.choose_core(config.realtime.cores)
@@ -146,13 +146,13 @@ def run_live(
             os.sched_setaffinity(0, cores)
         try:
             result = replace(RunResult.from_recording(recording), interrupted=interrupted)
-            if interrupted and not result.summary["samples"]:  # while it waited for somebody
-                raise KeyboardInterrupt
-            return result
+            if not interrupted or result.summary["samples"]:
+                return result
         except ConfigError as error:
-            if interrupted:
-                raise KeyboardInterrupt from None  # before the first sample: there is no result
-            raise RunError(str(error)) from error
+            if not interrupted:
+                raise RunError(str(error)) from error
+        recording.unlink(missing_ok=True)  # before the first sample: there is no result
+        raise KeyboardInterrupt
 
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:

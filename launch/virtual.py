@@ -1,6 +1,7 @@
 """A launch file in virtual time: the very nodes of a live run, in this process."""
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from forcebound.errors import RunError
@@ -16,7 +17,11 @@ from forcebound.simulation import Simulation
 
 
 def run_virtual(
-    config: GraphConfig, duration: float | None = None, record: Path | None = None
+    config: GraphConfig,
+    duration: float | None = None,
+    record: Path | None = None,
+    *,
+    may_end_early: bool = False,
 ) -> RunResult:
     """Run a graph in virtual time.
 
@@ -24,9 +29,11 @@ def run_virtual(
         config: What to run.
         duration: How long, in s of virtual time; None: as the launch file says.
         record: Where to write a recording; the same configuration writes the same bytes.
+        may_end_early: Whether an interrupt ends the run early, and gives the result until then.
 
     Raises:
         RunError: If the run is too short to have a sample.
+        KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     metadata = run_metadata(config)
     samples: list[Telemetry] = []
@@ -54,8 +61,11 @@ def run_virtual(
     seconds = duration or config.duration
     end_ns = round(seconds * 1e9)
     began = time.perf_counter()
+    interrupted = False
+    ends_it = (KeyboardInterrupt,) if may_end_early else ()
     try:
-        with without_garbage_collection():
+        with without_garbage_collection(), suppress(*ends_it):
+            interrupted = True  # until it has come to its end
             now = config
             for part in timetable(config):
                 if part.start_ns < end_ns:
@@ -64,6 +74,7 @@ def run_virtual(
                     now = part.config
                     observe(launcher.tell(part.start_ns, PHASE_BEGINS, part.message, part.data))
             simulation.run(end_ns)
+            interrupted = False
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
@@ -73,7 +84,18 @@ def run_virtual(
         took = time.perf_counter() - began
         if recorder is not None:
             recorder.close()
+    if not samples and interrupted:
+        if record is not None:
+            record.unlink(missing_ok=True)
+        raise KeyboardInterrupt
     if not samples:
         raise RunError("the run ended before its first sample; ask for a longer --duration")
     columns = TelemetryColumns.from_packets(samples)
-    return RunResult(columns, to_document(config), events, times_real_time=seconds / took)
+    ran = simulation.time_ns * 1e-9
+    return RunResult(
+        columns,
+        to_document(config),
+        events,
+        interrupted=interrupted,
+        times_real_time=ran / took,
+    )

@@ -2,15 +2,18 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from waiting import PATIENCE, until
 
 from forcebound.bounding import LAWS
 from forcebound.cli import main
+from forcebound.launch.results import RunResult
 
 QUICK = ("--duration", "200 ms")
 
@@ -126,6 +129,34 @@ def test_an_empty_file_that_is_there_is_nothing_to_keep(tmp_path: Path) -> None:
     run.touch()
     assert invoke("simulate", "stiff_wall.yaml", *QUICK, "--record", str(run)).exit_code == 0
     assert run.stat().st_size > 1000
+
+
+def test_a_simulation_that_is_interrupted_gives_the_result_until_then(tmp_path: Path) -> None:
+    run = tmp_path / "run.mcap"
+    command = [
+        sys.executable,
+        "-m",
+        "forcebound",
+        "simulate",
+        "delayed_wall",
+        "--duration",
+        "9999 s",
+    ]
+    with subprocess.Popen(
+        [*command, "--record", str(run), "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as simulation:
+        until(lambda: run.exists() and run.stat().st_size > 100_000, "some samples")
+        simulation.send_signal(signal.SIGINT)
+        out, said = simulation.communicate(timeout=PATIENCE)
+    assert simulation.returncode == 0, said
+    assert "interrupted; this is the run until then" in said
+    summary = json.loads(out)
+    assert summary["interrupted"]
+    assert summary["links"]["environment_query"]["sent"] > 0
+    assert RunResult.from_recording(run).summary["samples"] == summary["samples"]
 
 
 def test_check_and_show_args_start_nothing() -> None:

@@ -81,7 +81,8 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
         return
     for name, value in document["loop_delay_ms"].items():
         click.echo(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
-    click.echo(f"lost {document['lost_share']:>14.1%} of {document['ticks']} ticks")
+    why = "lost, or overtaken by a newer answer"
+    click.echo(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
     if output is not None:
         click.echo(f"trace: {output}")
 

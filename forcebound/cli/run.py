@@ -88,7 +88,7 @@ def simulate(
         return
     from forcebound.launch.virtual import run_virtual
 
-    result = run_virtual(config, duration, record)
+    result = run_virtual(config, duration, record, may_end_early=True)
     click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
 

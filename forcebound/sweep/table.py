@@ -51,6 +51,8 @@ def read_table(path: Path) -> Table:
         ConfigError: If it is none.
     """
     try:
+        if not path.exists():
+            raise ConfigError(f"there is no file {path}; forcebound sweep makes one, or goes on")
         table = pq.read_table(path)
         about = json.loads((table.schema.metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
