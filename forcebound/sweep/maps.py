@@ -129,11 +129,11 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
             axes[number].set_ylabel(_label(drawing["y"]).replace(" (", "\n("))
     assert mesh is not None
     label = (
-        "energy given to the hand (mJ); blue: none; dark blue: none, but no rest"
+        "energy given to the hand (mJ)\nblue: none; dark blue: none, but no rest"
         if is_energy
         else _label(drawing["value"])
     )
-    figure.colorbar(mesh, ax=axes.tolist(), label=label)
+    figure.colorbar(mesh, ax=axes.tolist()).set_label(label, fontsize=8)
     handles, labels = axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
