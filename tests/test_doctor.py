@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import load
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
 from forcebound.messages.packets import Telemetry
 from forcebound.network.notices import Notice
 from forcebound.network.remote import KINDS

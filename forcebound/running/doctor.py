@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from forcebound.bounding import LAWS
-from forcebound.launch.config import LINKS, GraphConfig
+from forcebound.config.graph import LINKS, GraphConfig
 from forcebound.process import COMPLETE
 from forcebound.running.advice import NOTICES, REASONS, UNKNOWN_REASON
 from forcebound.running.findings import Finding, Severity
