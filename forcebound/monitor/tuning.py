@@ -27,8 +27,8 @@ from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, write_launch_document
 from forcebound.launch.supervisor import LAUNCHER
-from forcebound.running.orders import ANSWER_TIME, ask_all
-from forcebound.running.presence import ENVIRONMENT, Present, present
+from forcebound.monitor.control import ANSWER_TIME, ask_all
+from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 
