@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from waiting import until
 
 from forcebound.cli import main
+from forcebound.config.loader import build
 from forcebound.errors import ConfigError
-from forcebound.launch.loader import build
 from forcebound.sweep.command import run
 from forcebound.sweep.maps import draw
 from forcebound.sweep.parts import parts_of
