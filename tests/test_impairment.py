@@ -183,7 +183,8 @@ def test_correlation_is_the_recursion_of_netem() -> None:
     rho, count = 0.7, 2000
     found = delays(Impairment(0.01, 0.004, correlation=rho), count, seed=3)
     u: float | None = None
-    for new, delay_ns in zip(uniform_numbers(3, "jitter", count).tolist(), found, strict=True):
+    draws: list[float] = uniform_numbers(3, "jitter", count).tolist()
+    for new, delay_ns in zip(draws, found, strict=True):
         u = new if u is None else (1 - rho) * new + rho * u
         assert abs(delay_ns - (10 * MS + 4 * MS * (2 * u - 1))) <= 1
 
@@ -269,7 +270,8 @@ def test_correlated_loss_is_the_recursion_of_netem() -> None:
     rho, loss, count = 0.5, 0.3, 2000
     u: float | None = None
     expected = []
-    for new in uniform_numbers(2, "loss", count).tolist():
+    draws: list[float] = uniform_numbers(2, "loss", count).tolist()
+    for new in draws:
         u = new if u is None else (1 - rho) * new + rho * u
         expected.append(u < loss)
     assert losses(Impairment(loss=loss, loss_correlation=rho), count, seed=2) == expected

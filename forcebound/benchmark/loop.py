@@ -15,7 +15,7 @@ telemetry alone, which the device sends after the loop is closed.
 
 import contextlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from forcebound.benchmark.figures import Measured, compare, judge, plan
@@ -45,7 +45,7 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     rounds, count = plan(duration, len(contestants), rate)
     timing = (round(1e9 / rate), count)
     bare = (core, settings.policy, *timing)
-    rest = {  # module, roles, arguments after the folder
+    rest: dict[str, tuple[str, Sequence[str], Sequence[object]]] = {  # module, roles, arguments after the folder
         "graph": ("graph_loop", CHAIN, (LAUNCH_FILE, *timing)),
         "bare": ("bare_loop", CHAIN, bare),
         "default": ("bare_loop", CHAIN, (-1, "other", *timing)),

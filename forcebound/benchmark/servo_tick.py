@@ -36,7 +36,7 @@ class AnswerNode:
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
     publishes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     wakes_on_arrival: ClassVar[bool] = True
-    wake_ns: ClassVar[None] = None
+    wake_ns: int | None = None
 
     def __init__(self) -> None:
         self.events = EventLog("controller")
