@@ -45,7 +45,9 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     rounds, count = plan(duration, len(contestants), rate)
     timing = (round(1e9 / rate), count)
     bare = (core, settings.policy, *timing)
-    rest: dict[str, tuple[str, Sequence[str], Sequence[object]]] = {  # module, roles, arguments after the folder
+    rest: dict[
+        str, tuple[str, Sequence[str], Sequence[object]]
+    ] = {  # module, roles, arguments after the folder
         "graph": ("graph_loop", CHAIN, (LAUNCH_FILE, *timing)),
         "bare": ("bare_loop", CHAIN, bare),
         "default": ("bare_loop", CHAIN, (-1, "other", *timing)),
