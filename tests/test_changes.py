@@ -20,9 +20,9 @@ from forcebound.launch.live import RunDocument
 from forcebound.launch.loader import from_document, load
 from forcebound.launch.parameters import differences, holders, parameters
 from forcebound.launch.virtual import run_virtual
-from forcebound.network.impairment import Impairment
-from forcebound.running import presence, tuning
-from forcebound.running.tuning import (
+from forcebound.monitor import nodes, tuning
+from forcebound.monitor.formatting import as_written
+from forcebound.monitor.tuning import (
     changed_parameters,
     configuration,
     find_parameters,
@@ -30,7 +30,7 @@ from forcebound.running.tuning import (
     read_settings,
     set_parameters,
 )
-from forcebound.running.values import as_written
+from forcebound.network.impairment import Impairment
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +194,7 @@ def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
-    monkeypatch.setattr(presence, "PATIENCE", 0.1)
+    monkeypatch.setattr(nodes, "PATIENCE", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
@@ -253,7 +253,7 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
         made = Answering(tmp_path, **answers)
-        for module in (tuning, presence):
+        for module in (tuning, nodes):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 

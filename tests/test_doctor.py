@@ -9,13 +9,13 @@ import pytest
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.loader import load
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.advice import NOTICES, REASONS
+from forcebound.monitor.doctor import CHAIN, examine
+from forcebound.monitor.findings import Finding
+from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
 from forcebound.network.notices import Notice
 from forcebound.network.remote import KINDS
 from forcebound.recording import TelemetryColumns
-from forcebound.running.advice import NOTICES, REASONS
-from forcebound.running.doctor import CHAIN, examine
-from forcebound.running.findings import Finding
-from forcebound.running.observation import Observations, ProcessSeen, RecordingSeen
 
 PERIOD_NS = 1_000_000
 TICKS = 2000

@@ -23,13 +23,13 @@ from forcebound.launch.traces import loop_delays, read_trace, shortest_of
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.delay import Measured, measure, watch
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns
-from forcebound.running.delay import Measured, measure, watch
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
 

@@ -10,9 +10,9 @@ from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RunDocument
 from forcebound.launch.supervisor import LAUNCHER
+from forcebound.monitor.control import PATIENCE, ask_all
 from forcebound.network import sockets
 from forcebound.process import has_control
-from forcebound.running.orders import PATIENCE, ask_all
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 

@@ -27,8 +27,8 @@ from forcebound.launch.parameters import (
 from forcebound.launch.problems import Problems
 from forcebound.launch.supervisor import LAUNCHER
 from forcebound.launch.tree import parse
-from forcebound.running.orders import ANSWER_TIME, ask_all
-from forcebound.running.presence import ENVIRONMENT, Present, present
+from forcebound.monitor.control import ANSWER_TIME, ask_all
+from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 

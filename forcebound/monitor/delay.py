@@ -16,12 +16,12 @@ from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
 from forcebound.launch.traces import loop_delays
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.runs import find
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns, read
-from forcebound.running.runs import find
 
 DURATION = 5.0  # s, how long a running graph is watched
 _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph

@@ -1,6 +1,6 @@
 """What is wrong with a running graph, now, and what to do about it?
 
-:func:`examine` judges what :mod:`forcebound.running.observation` saw, and touches nothing. Each
+:func:`examine` judges what :mod:`forcebound.monitor.observation` saw, and touches nothing. Each
 rule gives findings; a cause is told once, and not again by all that follows from it: of the chain
 device, controller, environment, controller, device only the first hop that is broken is named.
 
@@ -14,10 +14,10 @@ import numpy as np
 
 from forcebound.bounding import LAWS
 from forcebound.launch.config import LINKS, GraphConfig
+from forcebound.monitor.advice import NOTICES, REASONS, UNKNOWN_REASON
+from forcebound.monitor.findings import Finding, Severity
+from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
 from forcebound.process import COMPLETE
-from forcebound.running.advice import NOTICES, REASONS, UNKNOWN_REASON
-from forcebound.running.findings import Finding, Severity
-from forcebound.running.observation import SUSPENDED, Observations, ProcessSeen
 
 # Topic, sender and receiver of each hop of the loop, in order.
 CHAIN = (
