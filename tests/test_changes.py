@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.analysis.metrics import phase_rows
+from forcebound.analysis.tables import phase_rows
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.changes import Reloader, change, timetable
 from forcebound.launch.config import GraphConfig, to_document
