@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
+from forcebound.config.changes import Part, timetable
+from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.parameters import differences, holders
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.build import NODE_KINDS
-from forcebound.launch.changes import Part, timetable
-from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.holding import hold, seize
 from forcebound.launch.lifecycle import Limits
-from forcebound.launch.parameters import differences, holders
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.supervisor import LAUNCHER, Step, Supervisor
 from forcebound.messages.packets import (

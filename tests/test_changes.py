@@ -13,12 +13,13 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
+from forcebound.config.changes import change, timetable
+from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.parameters import differences, holders, parameters
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.changes import Reloader, change, timetable
-from forcebound.launch.config import GraphConfig, to_document
+from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument
-from forcebound.launch.loader import from_document, load
-from forcebound.launch.parameters import differences, holders, parameters
 from forcebound.launch.virtual import run_virtual
 from forcebound.monitor import nodes, tuning
 from forcebound.monitor.formatting import as_written

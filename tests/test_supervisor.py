@@ -18,10 +18,10 @@ import pytest
 from live_graph import children_of, is_alive
 from waiting import PATIENCE, until
 
+from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
-from forcebound.launch.loader import load
 from forcebound.launch.supervisor import Supervisor
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor import control

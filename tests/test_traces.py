@@ -15,11 +15,11 @@ from launch_texts import GOOD, problems_of, written
 from test_impairment import MS, Packet
 
 from forcebound.cli import main
+from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.traces import loop_delays, read_trace, shortest_of
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import build_links
 from forcebound.launch.live import RunDocument, run_live
-from forcebound.launch.loader import from_document, load, to_document
-from forcebound.launch.traces import loop_delays, read_trace, shortest_of
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import Telemetry

@@ -67,7 +67,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
     """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
-    from forcebound.launch.traces import as_link_trace
+    from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
 
     measured = measure(run, duration)

@@ -11,9 +11,9 @@ from typing import Any, cast
 import numpy as np
 
 from forcebound import realtime
+from forcebound.config.traces import loop_delays
 from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
-from forcebound.launch.traces import loop_delays
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find
@@ -32,7 +32,7 @@ _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet woul
 class Measured:
     """The loop delays of a graph."""
 
-    trace: DelayTrace  # see :func:`forcebound.launch.traces.loop_delays`
+    trace: DelayTrace  # see :func:`forcebound.config.traces.loop_delays`
     document: Mapping[str, Any]  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
 

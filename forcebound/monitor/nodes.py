@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
 from forcebound.launch.build import NODE_KINDS
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RunDocument
 from forcebound.launch.supervisor import LAUNCHER
 from forcebound.monitor.control import PATIENCE, ask_all

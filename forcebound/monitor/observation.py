@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
+from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import PROCESSES, RunDocument
 from forcebound.launch.supervisor import LAUNCHER
 from forcebound.monitor.control import PATIENCE, ask_all

@@ -13,20 +13,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.errors import ConfigError, RunError
-from forcebound.launch.changes import change
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import LAUNCH_FILE, RunDocument, write_launch_document
-from forcebound.launch.loader import from_document
-from forcebound.launch.parameters import (
+from forcebound.config.changes import change
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import from_document
+from forcebound.config.parameters import (
     differences,
     holders,
     parameters,
     unknown_parameter,
 )
-from forcebound.launch.problems import Problems
+from forcebound.config.problems import Problems
+from forcebound.config.tree import parse
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.live import LAUNCH_FILE, RunDocument, write_launch_document
 from forcebound.launch.supervisor import LAUNCHER
-from forcebound.launch.tree import parse
 from forcebound.monitor.control import ANSWER_TIME, ask_all
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 
