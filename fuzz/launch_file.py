@@ -15,8 +15,9 @@ import_module("forcebound.devices")  # before: numba cannot compile what atheris
 
 with atheris.instrument_imports(include=["forcebound.launch", "forcebound.quantities", "ruamel"]):
     from forcebound.errors import ConfigError
-    from forcebound.launch.build import NODE_KINDS, build_links, build_node
+    from forcebound.launch.build import build_links, build_node
     from forcebound.launch.loader import arguments_of, from_document, load, to_document
+    from forcebound.processes import NODES
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
 
@@ -33,7 +34,7 @@ def one(data: bytes) -> None:
     document = json.loads(json.dumps(to_document(config), allow_nan=False))
     assert from_document(document) == config, document
     build_links(config)
-    for kind in NODE_KINDS:
+    for kind in NODES:
         build_node(kind, config)
 
 

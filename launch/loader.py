@@ -25,7 +25,6 @@ from forcebound.launch.config import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
@@ -50,6 +49,7 @@ from forcebound.launch.problems import Place, Problems
 from forcebound.launch.substitution import Substitution
 from forcebound.launch.traces import shortest_of, trace_of
 from forcebound.launch.tree import Value, from_plain, scalar
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator

@@ -12,7 +12,6 @@ from forcebound.launch.config import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
@@ -22,6 +21,7 @@ from forcebound.launch.config import (
 from forcebound.launch.fields import Field, adapter, fields_of
 from forcebound.launch.own_parts import OWN
 from forcebound.launch.phases import PhaseHead
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 

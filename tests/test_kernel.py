@@ -12,9 +12,10 @@ import pytest
 from forcebound.bounding import LAWS
 from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.adversary import NegativeDamper
-from forcebound.launch.config import LINKS, GraphConfig
+from forcebound.launch.config import GraphConfig
 from forcebound.launch.loader import load
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand

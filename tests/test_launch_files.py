@@ -6,13 +6,14 @@ from typing import Any
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.launch.config import COMPUTATION, KINDS, LINKS
+from forcebound.launch.config import COMPUTATION, KINDS
 from forcebound.launch.document import shipped
 from forcebound.launch.fields import fields_of
 from forcebound.launch.loader import arguments_of, from_document, load, to_document
 from forcebound.launch.own_parts import OWN
 from forcebound.launch.schema import json_schema
 from forcebound.launch.tree import scalar
+from forcebound.messages.packets import LINKS
 from forcebound.nodes.device import ServoSettings
 
 # --- what ships ----------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import PROCESSES, RunDocument
-from forcebound.launch.supervisor import LAUNCHER
+from forcebound.launch.live import RunDocument
 from forcebound.process import has_control
+from forcebound.processes import LAUNCHER, PROCESSES
 from forcebound.recording import TelemetryColumns
 from forcebound.running.delay import watch
 from forcebound.running.orders import PATIENCE, ask_all

@@ -25,8 +25,8 @@ from forcebound.launch.parameters import (
     unknown_parameter,
 )
 from forcebound.launch.problems import Problems
-from forcebound.launch.supervisor import LAUNCHER
 from forcebound.launch.tree import parse
+from forcebound.processes import LAUNCHER
 from forcebound.running.orders import ANSWER_TIME, ask_all
 from forcebound.running.presence import ENVIRONMENT, Present, present
 
