@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RunDocument
+from forcebound.monitor.control import PATIENCE, ask_all
 from forcebound.network import sockets
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER, NODES
-from forcebound.running.orders import PATIENCE, ask_all
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 
