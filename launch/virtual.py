@@ -14,8 +14,9 @@ from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
-from forcebound.recording import Recorder, TelemetryColumns
+from forcebound.recording import Recorder
 from forcebound.simulation import Simulation
+from forcebound.telemetry import TelemetryColumns
 
 
 def run_virtual(

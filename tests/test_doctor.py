@@ -15,7 +15,7 @@ from forcebound.monitor.findings import Finding
 from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
 from forcebound.network.notices import Notice
 from forcebound.network.remote import KINDS
-from forcebound.recording import TelemetryColumns
+from forcebound.telemetry import TelemetryColumns
 
 PERIOD_NS = 1_000_000
 TICKS = 2000

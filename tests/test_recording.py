@@ -31,7 +31,8 @@ from forcebound.messages.packets import (
     field_types,
 )
 from forcebound.nodes.events import EventLog
-from forcebound.recording import DESCRIPTIONS, Recorder, Recording, TelemetryColumns, read, schema
+from forcebound.recording import DESCRIPTIONS, Recorder, Recording, read, schema
+from forcebound.telemetry import TelemetryColumns
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
 

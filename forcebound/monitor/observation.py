@@ -22,7 +22,7 @@ from forcebound.monitor.runs import running
 from forcebound.monitor.tuning import configuration
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER, PROCESSES
-from forcebound.recording import TelemetryColumns
+from forcebound.telemetry import TelemetryColumns
 
 DURATION = 2.0  # s between the two answers of a process
 
