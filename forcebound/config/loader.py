@@ -26,7 +26,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
@@ -50,6 +49,7 @@ from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
