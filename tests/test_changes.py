@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.analysis.metrics import phase_rows
+from forcebound.analysis.tables import phase_rows
 from forcebound.config.changes import change, timetable
 from forcebound.config.graph import GraphConfig, to_document
 from forcebound.config.loader import from_document, load

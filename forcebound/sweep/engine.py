@@ -17,9 +17,9 @@ from forcebound.nodes.controller import DirectController
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.recording import TelemetryColumns
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.timing import Timing, timing_of
+from forcebound.telemetry import TelemetryColumns
 
 Engine: TypeAlias = Literal["kernel", "graph"]
 
