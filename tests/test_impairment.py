@@ -507,7 +507,7 @@ def test_a_launch_file_takes_all_of_it(tmp_path: Path) -> None:
         ("rate: 512 kbit/s, loss: 200 %", "16:47", "loss: must be 0 to 1"),
         ("rate: 3 ms", "16:29", "rate: expected a data rate in B/s, for example 64 kB/s"),
         ("distribution: gamma", "16:37", "distribution: expected 'uniform', 'normal'"),
-        ("gemodel: {p: 1 %, r: 200 %}", "16:48", "gemodel.r: must be 0 to 1"),
+        ("gemodel: {p: 1 %, r: 200 %}", "16:44", "gemodel.r: must be 0 to 1"),
         ("gemodel: {p: 1 %, x: 3}", "16:44", "gemodel: has no key 'x'"),
         ("gemodel: {p: 1 %}", "16:32", "gemodel: needs 'r'"),
         ("gemodel: 3 %", "16:32", "gemodel: expected a mapping, got '3 %'"),
