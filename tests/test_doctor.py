@@ -1,4 +1,4 @@
-"""What the doctor says of what was seen: case by case, without processes."""
+"""Findings of the doctor, case by case, without processes."""
 
 from collections.abc import Mapping
 from dataclasses import replace
