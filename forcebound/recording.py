@@ -154,13 +154,13 @@ class Recorder:
         self._writer.start(profile="", library="forcebound")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
         # All topics from the start: the file does not depend on which packet happens to come first.
-        self._channels = {packet: self._register(topic) for topic, packet in TOPICS.items()}
+        self._channels = {packet: self._register(topic) for packet, topic in TOPIC_OF.items()}
         self.flush()
 
     def _register(
         self, topic: str
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
-        packet = TOPICS[topic]
+        packet = TOPICS[topic].packet
         schema_id = self._writer.register_schema(
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(schema(packet)).encode()
         )
@@ -241,7 +241,7 @@ class Recording:
         """
         if topic not in TOPICS:
             raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
-        decode = _decoder(TOPICS[topic])
+        decode = _decoder(TOPICS[topic].packet)
         try:
             return [decode(json.loads(data)) for data in self._messages.get(topic, ())]
         except (KeyError, TypeError, ValueError, AttributeError) as error:

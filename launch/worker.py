@@ -13,7 +13,6 @@ import json
 import logging
 import os
 import shutil
-import signal
 import stat
 import sys
 import time
@@ -43,9 +42,8 @@ from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.processes import PROCESSES
 from forcebound.recording import Recorder
-
-FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
 
 _logger = logging.getLogger(__name__)
 
@@ -85,7 +83,7 @@ def run_node(
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
-        realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
+        realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))

@@ -243,9 +243,9 @@ def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
 def test_an_event_may_stand_for_several_faults() -> None:
     log = EventLog("controller")
     events = [
-        log.tell(1, "remote_refused_here", "", is_fault=True),
-        log.tell(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
-        log.tell(3, "environment_serves", ""),
+        log.emit(1, "remote_refused_here", "", is_fault=True),
+        log.emit(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
+        log.emit(3, "environment_serves", ""),
     ]
     assert summarize_events(events)["faults"] == {"remote_refused_here": 8}
 

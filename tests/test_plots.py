@@ -260,15 +260,15 @@ def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names(
     log = EventLog("device")
     start_ns = int(run[1].time_ns[0])
     told = [
-        log.tell(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
-        log.tell(start_ns + 3_000_000, "force_released", "", is_fault=True),
-        log.tell(start_ns + 4_000_000, "force_released", "", is_fault=True),
-        log.tell(start_ns + 3_000_000, "parameter_set", ""),
-        log.tell(start_ns + 3_000_000, "force_engages", ""),
+        log.emit(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
+        log.emit(start_ns + 3_000_000, "force_released", "", is_fault=True),
+        log.emit(start_ns + 4_000_000, "force_released", "", is_fault=True),
+        log.emit(start_ns + 3_000_000, "parameter_set", ""),
+        log.emit(start_ns + 3_000_000, "force_engages", ""),
     ]
     phases = [
-        log.tell(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
-        log.tell(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
+        log.emit(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
+        log.emit(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
     ]
 
     def marks(axes: Any) -> Counter[str]:

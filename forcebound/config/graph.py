@@ -16,7 +16,6 @@ from forcebound.config import own
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.controller import CONTROLLERS, Controller
@@ -36,15 +35,11 @@ KINDS: dict[str, Mapping[str, type]] = {
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 
-# Topics whose link can be impaired. The others are for looking on: nothing waits for them.
-LINKS = tuple(topic for topic in TOPICS if topic not in ("telemetry", "event"))
-
 __all__ = [
     "COMPUTATION",
     "FORMAT",
     "KINDS",
     "LAWS",
-    "LINKS",
     "RUN_KEYS",
     "ControllerConfig",
     "DeviceConfig",

@@ -26,7 +26,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
@@ -50,6 +49,7 @@ from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
@@ -258,7 +258,7 @@ def _check_format(top: Section) -> None:
     if version is None:
         top.add_here(f"the launch file needs 'forcebound: {FORMAT}', the version of its format")
     elif (version.content is True or version.content != FORMAT) and not version.is_broken:
-        message = f"this forcebound reads launch files of format {FORMAT}, this one is {version}"
+        message = f"this version reads launch files of format {FORMAT}, this one is {version}"
         top.add(message, version)
 
 

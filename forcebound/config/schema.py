@@ -13,7 +13,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
@@ -22,6 +21,7 @@ from forcebound.config.graph import (
 )
 from forcebound.config.own_parts import OWN
 from forcebound.config.phases import PhaseHead
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 

@@ -15,19 +15,12 @@ import numpy as np
 
 from forcebound import realtime
 from forcebound.bounding import LAWS
-from forcebound.config.graph import LINKS, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.findings import Fact, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
 from forcebound.monitor.wording import NOTICES, REASONS
 from forcebound.process import COMPLETE
-
-# Topic, sender and receiver of each hop of the loop, in order.
-CHAIN = (
-    ("device_state", "device", "controller"),
-    ("environment_query", "controller", "environment"),
-    ("environment_reply", "environment", "controller"),
-    ("force_command", "controller", "device"),
-)
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
@@ -82,7 +75,8 @@ def _silent(name: str, process: ProcessSeen) -> Finding:
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what arrives at the end has passed every hop
-    for topic, sender, receiver in CHAIN:
+    for topic in LINKS:
+        sender, receiver = str(TOPICS[topic].sender), str(TOPICS[topic].receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
         if sender in seen.processes and not sending.answers:
             return  # has a finding of its own
@@ -106,7 +100,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
-    receiver = seen.process(next(hop[2] for hop in CHAIN if hop[0] == topic))
+    receiver = seen.process(str(TOPICS[topic].receiver))
     if not receiver.answers:
         return 0
     if receiver.status("links", topic) is not None:
