@@ -1,4 +1,4 @@
-"""Parameters of a running graph: their names, what may be set, phases, in virtual time and live."""
+"""Parameters of a running graph: names, permitted values, phases, in virtual time and live."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""How long an environment computes, and that it answers nothing else meanwhile."""
+"""The computation time of an environment, during which it answers nothing else."""
 
 import json
 import math

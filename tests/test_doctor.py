@@ -1,4 +1,4 @@
-"""What the doctor says of what was seen: case by case, without processes."""
+"""Findings of the doctor, case by case, without processes."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The doctor at live graphs: healthy, with a suspended node, with a link that loses everything.
+"""The doctor with live graphs: healthy, with a suspended node, with a link that loses everything.
 
 How punctual a graph is depends on the machine that runs the tests, so findings that are of nothing
 but time are not looked at.

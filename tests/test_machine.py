@@ -1,4 +1,4 @@
-"""What the doctor says of a machine on which no graph runs."""
+"""Findings of the doctor on a machine without a running graph."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Summaries against runs whose stiffness, hardness, turns and energies are known beforehand."""
+"""Summaries of runs with known stiffness, rate-hardness, bounces and energies."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""A picture shows the data that it was given, in scales that keep every run readable."""
+"""Plots: the given data, in scales that keep every run readable."""
 
 import math
 from collections import Counter

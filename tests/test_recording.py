@@ -1,4 +1,4 @@
-"""A recording holds every packet exactly, survives a killed recorder, and opens elsewhere."""
+"""Recordings: exact packets, a killed recorder, other readers of MCAP."""
 
 import json
 import math

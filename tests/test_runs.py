@@ -1,4 +1,4 @@
-"""Run directories: which of them are of graphs that run, and what becomes of those of the dead."""
+"""Run directories: those of running graphs, and removal of the others."""
 
 import json
 import os
