@@ -1,4 +1,4 @@
-"""Fixtures of tests with sockets and processes; the examples that hypothesis draws."""
+"""Fixtures of tests with sockets and processes; profiles of hypothesis."""
 
 import tempfile
 from collections.abc import Iterator
