@@ -1,4 +1,4 @@
-"""What an experiment gives: numbers beside the paper's, a figure, and what was run."""
+"""The outcome of an experiment: numbers beside the paper's, a figure, and what was run."""
 
 from __future__ import annotations
 
@@ -29,6 +29,11 @@ class Number:
             "paper": self.paper,
             "ours": self.ours,
         }
+
+
+def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list[Number]:
+    """Return one number for each law, none of which the paper prints."""
+    return [Number(quantity, unit, value, None, law) for law, value in values.items()]
 
 
 @dataclass(frozen=True)

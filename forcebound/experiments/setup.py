@@ -2,7 +2,7 @@
 
 One hand holds the device in all experiments. Between the speeds only its approach speed, its way to
 the wall and how far behind the surface it wants to be differ, as they do between two motions of a
-person. ``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` tells how and why.
+person. ``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` says how and why.
 """
 
 from collections.abc import Callable
@@ -94,8 +94,8 @@ class Contact:
         return self.run.columns.position[self._shown, 0]
 
     @property
-    def asked(self) -> Floats:
-        """Force asked for, in N."""
+    def commanded(self) -> Floats:
+        """Commanded force, in N."""
         return self.run.columns.commanded_force[self._shown, 0]
 
     @property
@@ -135,8 +135,14 @@ class Contact:
         return float((true[first] - true[first - 1]) / (self.time[first] - self.time[first - 1]))
 
     @property
+    def bounces(self) -> int:
+        """How often the hand turned round after contact."""
+        count: int = self.run.summary["contact_bounces"]
+        return count
+
+    @property
     def lowest_energy(self) -> float:
-        """Least energy that the hand has put in, in mJ; below zero it got energy out."""
+        """Minimum energy (ground truth) that the hand has put in, in mJ; below 0 it got energy."""
         return float(self.run.columns.true_energy[self._shown].min()) * 1e3
 
 
