@@ -99,9 +99,9 @@ by including friction</cite>, International Journal of Precision Engineering and
 <p>Every experiment below is a simulated run, in virtual time, of the same nodes and launch files
 that drive a live system. The paper's numbers are given for comparison. The laws
 <code>certified</code> and <code>certified_memoryless</code> are this project's own, not the
-paper's: they are shown in every comparison. The energy is the ground truth of the simulation; below zero, the hand received more
-than it put in. With a quantised encoder no law of the paper rules that out; the certified laws
-do.</p>
+paper's: they are shown in every comparison. The energy is the ground truth of the simulation;
+below zero, the hand received more than it put in. With a quantised encoder no law of the paper
+rules that out; the certified laws do.</p>
 <pre>{_text(command)}</pre>
 <p class="quiet">forcebound {_text(version("forcebound"))}, Python
 {_text(platform.python_version())}, numpy {_text(version("numpy"))}, numba

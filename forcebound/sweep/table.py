@@ -59,14 +59,14 @@ def read_about(path: Path) -> dict[str, Any]:
     """Return the metadata of a sweep's file: ``name``, ``description``, ``map``, ``digest``.
 
     Raises:
-        ConfigError: If there is no such file, or it is no result of a sweep.
+        ConfigError: If there is no such file, or it is not a result of a sweep.
     """
     if not path.exists():
         raise ConfigError(f"there is no file {path}; forcebound sweep makes one")
     try:
         about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-        raise ConfigError(f"{path} is not the result of a sweep: {error}") from error
+        raise ConfigError(f"{path} is not a result of a sweep: {error}") from error
     return about
 
 
