@@ -1,7 +1,7 @@
 """From a configuration to the objects that run: the nodes and the links of a graph."""
 
-from forcebound.launch.config import EnvironmentConfig, GraphConfig
-from forcebound.launch.traces import trace_of
+from forcebound.config.graph import EnvironmentConfig, GraphConfig
+from forcebound.config.traces import trace_of
 from forcebound.messages.packets import Packet
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
@@ -10,12 +10,11 @@ from forcebound.nodes import Node
 from forcebound.nodes.controller import LEASE_NS, ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
-
-NODE_KINDS = ("environment", "controller", "device")  # in the order in which they start
+from forcebound.processes import NODES
 
 
 def build_node(kind: str, config: GraphConfig, environment_name: str = "environment") -> Node:
-    """Return the node of ``kind``, one of ``NODE_KINDS``.
+    """Return the node of ``kind``, one of ``NODES``.
 
     Args:
         kind: Of the node.
@@ -28,7 +27,7 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
         return ControllerNode(config.controller.model, lease_ns(config), dead_lease_ns(config))
     if kind == "environment":
         return EnvironmentNode(config.environment.model, _computation(config), environment_name)
-    raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
+    raise ValueError(f"expected a kind of node ({', '.join(NODES)}), got {kind!r}")
 
 
 def lease_ns(config: GraphConfig) -> int:

@@ -10,11 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from forcebound.analysis.metrics import summarize, summarize_events, summarize_phases
-from forcebound.launch import own
-from forcebound.launch.config import GraphConfig, to_document
+from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
+from forcebound.config import own
+from forcebound.config.graph import GraphConfig, to_document
 from forcebound.messages.packets import TOPIC_OF, Event
-from forcebound.recording import TelemetryColumns, read
+from forcebound.recording import read
+from forcebound.telemetry import TelemetryColumns
 
 _logger = logging.getLogger(__name__)
 
@@ -68,7 +69,7 @@ class RunResult:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The key figures; see :func:`forcebound.analysis.metrics.summarize`.
+        """The key figures; see :func:`forcebound.analysis.summary.summarize`.
 
         A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
         """

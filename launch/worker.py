@@ -13,7 +13,6 @@ import json
 import logging
 import os
 import shutil
-import signal
 import stat
 import sys
 import time
@@ -23,10 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import process, realtime
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import from_document, load_tried
 from forcebound.errors import ConfigError
+from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
-from forcebound.launch.changes import Reloader
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.holding import hold, is_held
 from forcebound.launch.live import (
     LAUNCH_FILE,
@@ -37,15 +37,13 @@ from forcebound.launch.live import (
     run_directory,
     write_launch_document,
 )
-from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
 from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.processes import PROCESSES
 from forcebound.recording import Recorder
-
-FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
 
 _logger = logging.getLogger(__name__)
 
@@ -85,7 +83,7 @@ def run_node(
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
-        realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
+        realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))

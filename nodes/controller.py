@@ -7,9 +7,9 @@ longer than the age limit of a force: so the force is zero between two environme
 over the engage ramp.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from forcebound.messages.packets import (
     DeviceState,
@@ -20,6 +20,7 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
+from forcebound.nodes import Node
 from forcebound.nodes.events import EventLog
 
 
@@ -47,7 +48,7 @@ LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
 TELL_INTERVAL_NS = 1_000_000_000  # between two events about refused environments
 
 
-class ControllerNode:
+class ControllerNode(Node):
     """Asks the environment about each device state and commands what it answers.
 
     Args:
@@ -57,14 +58,13 @@ class ControllerNode:
             shorter.
 
     Attributes:
-        events: What it tells.
         environment: Name of the environment that serves; None: the first that answers will.
-        rejected: Answers refused so far, by reason.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, EnvironmentReply)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand, Event)
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[str, ...]] = ("environment_died",)
     wake_ns: ClassVar[None] = None
 
     def __init__(
@@ -80,7 +80,7 @@ class ControllerNode:
         self._told_ns: int | None = None
         self.events = EventLog("controller")
         self.environment: str | None = None
-        self.rejected: dict[str, int] = {}
+        self._rejected: dict[str, int] = {}
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet with one; see :class:`forcebound.nodes.Node`."""
@@ -102,14 +102,28 @@ class ControllerNode:
                 packets.append(self._command(packet, time_ns))
         return packets
 
-    def environment_died(self, process: str) -> None:
-        """Wait no longer than needed for an environment whose process is gone.
+    def reject(self, reason: str) -> None:
+        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
-        Args:
-            process: Beginning of its name, as far as the one who saw it die knows it.
+    def status(self) -> dict[str, Any]:
+        """Return ``environment``, which serves (None: nobody yet), and ``rejected``."""
+        return {"rejected": dict(self._rejected), "environment": self.environment}
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Answer ``environment_died``: the process of an environment is known to be gone.
+
+        ``process`` is the beginning of the environment's name, as far as it is known. The node
+        waits no longer than needed for it.
         """
-        if self.environment is not None and self.environment.startswith(process):
+        if request.get("request") != "environment_died":
+            return None
+        process = request.get("process")
+        if not process:
+            return {"error": "environment_died needs process: the beginning of the name"}
+        if self.environment is not None and self.environment.startswith(str(process)):
             self._is_dead = True
+        return {"noted": True}
 
     def _query(self, state: DeviceState, time_ns: int) -> EnvironmentQuery:
         seq = self._queries
@@ -135,7 +149,7 @@ class ControllerNode:
         self.environment = environment
         self._heard_ns = time_ns
         message = f"environment {environment} serves now"
-        return self.events.tell(
+        return self.events.emit(
             time_ns, "environment_serves", message, {"environment": environment}
         )
 
@@ -145,19 +159,19 @@ class ControllerNode:
         how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
         self._is_dead = False
         message = f"environment {environment} {how}; the next that answers will serve"
-        return self.events.tell(
+        return self.events.emit(
             time_ns, "environment_lost", message, {"environment": environment}, is_fault=True
         )
 
     def _refuse(self, environment: str, time_ns: int) -> list[Packet]:
         """Count an answer of an environment that does not serve; tell it now and then."""
-        self.rejected["second_environment"] = self.rejected.get("second_environment", 0) + 1
+        self.reject("second_environment")
         if self._told_ns is not None and time_ns - self._told_ns < TELL_INTERVAL_NS:
             return []
         self._told_ns = time_ns
         message = f"refused environment {environment}: {self.environment} serves this graph"
         return [
-            self.events.tell(
+            self.events.emit(
                 time_ns, "environment_refused", message, {"environment": environment}, is_fault=True
             )
         ]

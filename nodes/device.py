@@ -12,7 +12,7 @@ tick whose time it is.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
@@ -109,6 +109,7 @@ class DeviceNode:
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
+    requests: ClassVar[tuple[str, ...]] = ("engage",)
 
     def __init__(self, device: Device, dissipation: Dissipation, servo: ServoSettings) -> None:
         self._device = device
@@ -146,11 +147,6 @@ class DeviceNode:
         return self._wake_ns
 
     @property
-    def rejected(self) -> Mapping[str, int]:
-        """Packets refused so far, by reason."""
-        return self._chain.rejected
-
-    @property
     def is_engaged(self) -> bool:
         """Whether force may be shown: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
@@ -160,8 +156,23 @@ class DeviceNode:
         self._engage_requested = True
 
     def reject(self, reason: str) -> None:
-        """Count a packet that was refused before it reached the node."""
+        """Count a packet that was rejected before it reached the node."""
         self._chain.reject(reason)
+
+    def status(self) -> dict[str, Any]:
+        """Return ``engaged``, ``deadline_misses`` and ``rejected``."""
+        return {
+            "rejected": dict(self._chain.rejected),
+            "engaged": self.is_engaged,
+            "deadline_misses": self.deadline_misses,
+        }
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Answer ``engage``; see :class:`forcebound.nodes.Node`."""
+        if request.get("request") != "engage":
+            return None
+        self.engage()
+        return {"engaged": True}
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on."""
@@ -251,10 +262,10 @@ class DeviceNode:
         self._tell_ns = time_ns + STATE_INTERVAL_NS
         self._is_answered = not self._is_answered
         if self._is_answered:
-            return self.events.tell(time_ns, "force_engages", "answers come: force over the ramp")
+            return self.events.emit(time_ns, "force_engages", "answers come: force over the ramp")
         limit = self._servo.age_limit * 1e3
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
-        return self.events.tell(time_ns, "force_released", message, is_fault=True)
+        return self.events.emit(time_ns, "force_released", message, is_fault=True)
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

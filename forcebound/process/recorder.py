@@ -82,7 +82,7 @@ def record(
                 for data in subscriber.receive():
                     any_came = True
                     try:
-                        packet = decode(data, TOPICS[topic])
+                        packet = decode(data, TOPICS[topic].packet)
                     except PacketError as error:
                         rejected[error.reason] = rejected.get(error.reason, 0) + 1
                         continue
@@ -137,4 +137,9 @@ class _Patient:
 def _recorder_status(
     counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
 ) -> dict[str, Any]:
-    return {**readiness(counts), "rejected": dict(rejected), "recording": sink.state, "log": []}
+    return {
+        **readiness(counts),
+        "rejected": dict(rejected),
+        "recording": sink.state,
+        "realtime": [],
+    }

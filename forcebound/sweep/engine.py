@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
+from forcebound.config.graph import GraphConfig, kind_of, to_document
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
-from forcebound.launch.config import GraphConfig, kind_of, to_document
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.controller import DirectController
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.recording import TelemetryColumns
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.timing import Timing, timing_of
+from forcebound.telemetry import TelemetryColumns
 
 Engine: TypeAlias = Literal["kernel", "graph"]
 

@@ -1,6 +1,6 @@
 """What is wrong with a running graph, now, and what to do about it?
 
-:func:`examine` judges what :mod:`forcebound.running.observation` saw, and touches nothing. Each
+:func:`examine` judges what :mod:`forcebound.monitor.observation` saw, and touches nothing. Each
 rule gives findings; a cause is told once, and not again by all that follows from it: of the chain
 device, controller, environment, controller, device only the first hop that is broken is named.
 
@@ -12,20 +12,14 @@ from typing import TypeAlias
 
 import numpy as np
 
+from forcebound import realtime
 from forcebound.bounding import LAWS
-from forcebound.launch.config import LINKS, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.messages.packets import LINKS, TOPICS
+from forcebound.monitor.advice import NOTICES, REASONS, UNKNOWN_REASON
+from forcebound.monitor.findings import Finding, Severity
+from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
 from forcebound.process import COMPLETE
-from forcebound.running.advice import NOTICES, REASONS, UNKNOWN_REASON
-from forcebound.running.findings import Finding, Severity
-from forcebound.running.observation import SUSPENDED, Observations, ProcessSeen
-
-# Topic, sender and receiver of each hop of the loop, in order.
-CHAIN = (
-    ("device_state", "device", "controller"),
-    ("environment_query", "controller", "environment"),
-    ("environment_reply", "environment", "controller"),
-    ("force_command", "controller", "device"),
-)
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
@@ -100,7 +94,10 @@ def _restarts(process: ProcessSeen) -> str:
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what comes at the end has come all the way
-    for topic, sender, receiver in CHAIN:
+    for topic in LINKS:
+        _, sender, receiver = TOPICS[topic]
+        assert sender is not None
+        assert receiver is not None
         sending, receiving = seen.processes.get(sender), seen.processes.get(receiver)
         if sending is not None and not sending.answers:
             return  # has been said
@@ -127,7 +124,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """How many packets of a topic have reached the node that they are for."""
-    receiver = seen.processes.get(next(hop[2] for hop in CHAIN if hop[0] == topic))
+    receiver = seen.processes.get(TOPICS[topic].receiver or "")
     if receiver is None or not receiver.answers:
         return 0
     if receiver.status("links", topic) is not None:
@@ -312,11 +309,9 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
 def _punctuality(seen: Observations) -> str:
     """Return the likely causes of lateness, with what to do about each."""
     device = seen.processes.get("device")
-    causes = [
-        line
-        for line in ((device.status("log") if device is not None else None) or ())
-        if line.startswith(("ordinary scheduling", "memory not locked", "on any core", "not on"))
-    ]
+    told = () if device is None else device.status("realtime") or ()
+    facts = [realtime.Fact(fact["code"], fact["data"]) for fact in told]
+    causes = [fact.sentence for fact in facts if fact.is_hindrance]
     if seen.neighbours:
         others = ", ".join(seen.neighbours)
         causes.append(f"core {seen.core} is shared with {others}: set realtime.cores")

@@ -8,10 +8,9 @@ import difflib
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from forcebound.devices import DEVICES
-from forcebound.launch.config import (
+from forcebound.config.fields import fields_of
+from forcebound.config.graph import (
     KINDS,
-    LINKS,
     RUN_KEYS,
     GraphConfig,
     RealtimeConfig,
@@ -19,14 +18,8 @@ from forcebound.launch.config import (
     plain,
     to_document,
 )
-from forcebound.launch.fields import fields_of
-from forcebound.messages.packets import (
-    TOPIC_OF,
-    DeviceState,
-    EnvironmentQuery,
-    EnvironmentReply,
-    ForceCommand,
-)
+from forcebound.devices import DEVICES
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import CONTROLLERS
 from forcebound.nodes.device import ServoSettings
@@ -35,19 +28,11 @@ from forcebound.operators import OPERATORS
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
 
-RECEIVERS = {
-    TOPIC_OF[DeviceState]: "controller",
-    TOPIC_OF[EnvironmentQuery]: "environment",
-    TOPIC_OF[EnvironmentReply]: "controller",
-    TOPIC_OF[ForceCommand]: "device",
-}  # the process that holds the model of a link
-
-
 def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
     """Return all that can be changed, by name, as plain JSON values in SI units.
 
     Args:
-        config: A configuration, or its document (:func:`forcebound.launch.config.to_document`).
+        config: A configuration, or its document (:func:`forcebound.config.graph.to_document`).
     """
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
@@ -115,7 +100,7 @@ def holders(names: Iterable[str]) -> set[str]:
     found = set()
     for name in names:
         section, entry, *_ = name.split(".")
-        found.add(RECEIVERS[entry] if section == "links" else "environment")
+        found.add((TOPICS[entry].receiver if section == "links" else None) or "environment")
     return found
 
 
