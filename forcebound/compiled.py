@@ -87,10 +87,12 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
 def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:
     """Return the plain functions that ``function`` encloses, or names and are not a library's."""
     own = {__name__.partition(".")[0], function.__module__.partition(".")[0]}
-    named = [function.__globals__.get(name) for name in function.__code__.co_names]
-    enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
-    return [one for one in enclosed if isinstance(one, FunctionType)] + [
-        one
-        for one in named
-        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] in own
-    ]
+    called: list[Callable[..., Any]] = []
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            called.append(cell.cell_contents)
+    for name in function.__code__.co_names:
+        one = function.__globals__.get(name)
+        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] in own:
+            called.append(one)
+    return called
