@@ -16,7 +16,8 @@ import_module("forcebound.devices")  # before: numba cannot compile what atheris
 with atheris.instrument_imports(
     include=["forcebound.config", "forcebound.launch", "forcebound.quantities", "ruamel"]
 ):
-    from forcebound.config.loader import arguments_of, from_document, load, to_document
+    from forcebound.config.loader import arguments_of, from_document, load
+    from forcebound.config.resolved import to_document
     from forcebound.errors import ConfigError
     from forcebound.launch.build import build_links, build_node
     from forcebound.processes import NODES
