@@ -302,7 +302,7 @@ def accepts(schema: dict[str, Any], value: Any) -> bool:
         return False
     if "enum" in schema and value not in schema["enum"]:
         return False
-    if "pattern" in schema and not re.search(schema["pattern"], value):
+    if "pattern" in schema and not re.search(schema["pattern"], str(value)):
         return False
     if "anyOf" in schema and not any(accepts(option, value) for option in schema["anyOf"]):
         return False
