@@ -66,7 +66,7 @@ def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
 
 
 def run(runs: Runs) -> Outcome:
-    """Compare both equations with runs, and with what the paper's user study measured."""
+    """Compare both equations with runs, and with the measurements of the paper's user study."""
     numbers: list[Number] = []
     for speed in SPEEDS:
         numbers += _numbers(runs, speed)
@@ -81,7 +81,7 @@ def run(runs: Runs) -> Outcome:
         paper="Depends on penetration: larger when shallow, 2B when deep.",
         finding=(
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
-            "active, also where the hand turns round. Eq. 42 falls from the shallow to 2B. In the "
+            "active, also where the hand reverses. Eq. 42 falls with depth to 2B. In the "
             "runs the stiffness at one depth is not one number: every move, inwards or outwards, "
             "adds friction, so a hand that bounced feels more."
         ),

@@ -1,7 +1,7 @@
 """Figures 18, 20, 21: laws computed on the recorded trace of another law's run.
 
-The trace gives readings and the commanded force; a law computed on it keeps its own
-ledger and its own forces, but no force moves the hand: the comparison is of the laws alone.
+The trace has readings and commanded forces; a law computed on it has its own ledger and its own
+forces, but no force moves the hand: only the laws are compared.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float
 
 
 def dissipation(contact: Contact) -> Dissipation:
-    """Return what the law of a run relied on."""
+    """Return the dissipation on which the law of a run relied."""
     device = from_document(contact.run.document).device
     return dissipation_of(device.model, device.servo)
 
@@ -77,16 +77,16 @@ def run_fig18(runs: Runs) -> Outcome:
         finding=(
             f"{extra['aol']:.1f} % more force: mean AOL force over mean applied force, all samples "
             "in contact. The AOL is a reconstruction (docs/theory.md): the exact causal bound, "
-            "whose F_max has f_c where the less conservative law guesses from the last move, so "
+            "whose F_max has f_c where the less conservative law extrapolates the last move, so "
             f"the extra is about 0.12 N over the force, here {mean_force:.1f} N; 5.9 % are 2.0 N. "
             f"The certified law gives {extra['certified']:+.1f} %, its memoryless variant "
-            f"{extra['certified_memoryless']:+.1f} % on the same trace; both are certain for the "
-            "true position, of which the encoder shows only steps."
+            f"{extra['certified_memoryless']:+.1f} % on the same trace; both hold for the "
+            "true position, which the encoder only quantises."
         ),
         numbers=numbers,
         drawing=draw_rows(
             [
-                Row("position (mm)", [Line("read", contact.time, contact.position * 1e3)]),
+                Row("position (mm)", [Line("reading", contact.time, contact.position * 1e3)]),
                 Row("force (N)", lines),
                 Row("force (N)\nat contact", lines, window=around_contact(contact)),
             ]
