@@ -184,7 +184,7 @@ def _check_reach(names: Iterable[str], here: Present) -> None:
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
     if ENVIRONMENT in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
-    raise ConfigError(f"{listed}: {why}; use forcebound param set there")
+    raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
 
 
 def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
