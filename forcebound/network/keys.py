@@ -287,7 +287,7 @@ def _check_file(file: Path, status: os.stat_result) -> None:
     if file.suffix == SECRET and status.st_mode & 0o077:
         raise ConfigError(
             f"others can read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o})",
-            f"chmod 600 {file}; if they may have done so, make a new one: `forcebound keys new NAME`",
+            f"chmod 600 {file}; if they may have done so: `forcebound keys new NAME`",
         )
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise ConfigError(f"others can replace the public key {file}", f"chmod 644 {file}")
