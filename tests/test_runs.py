@@ -95,7 +95,7 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
         f"  {second}  (stress.yaml, process {os.getpid()})",
     ]
     with pytest.raises(ConfigError, match="name one with `forcebound delay DIR`"):
-        find(None, [tmp_path], option="forcebound delay ")
+        find(None, [tmp_path], option="`forcebound delay DIR`")
     assert find(second, [tmp_path]) == second
 
 
