@@ -35,3 +35,7 @@ class Node(Protocol):
         Never raises for anything that a peer sent.
         """
         ...
+
+    def close(self) -> None:
+        """Close what the node has opened; called once, whatever came before."""
+        ...

@@ -10,6 +10,7 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick whose time it is.
 """
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
     DeviceState,
     Event,
@@ -28,6 +30,9 @@ from forcebound.messages.packets import (
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
+
+
+_logger = logging.getLogger(__name__)
 
 
 class _Unknown(NamedTuple):
@@ -178,10 +183,17 @@ class DeviceNode:
         self._chain.reject(reason)
 
     def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on."""
+        """Write zero force, now and from now on; a device that fails then is left to its watchdog."""
         self._stopped = True
         self._chain.disengage()
-        self._device.write(time_ns, self._zero)
+        try:
+            self._device.write(time_ns, self._zero)
+        except DeviceError as error:
+            _logger.warning("the device did not take the last zero force: %s", error)
+
+    def close(self) -> None:
+        """Close the device."""
+        self._device.close()
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""

@@ -39,6 +39,6 @@ class PhantomPremium15:
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must be >= 0 {unit}, got {getattr(self, name)} {unit}")
 
-    def open(self, operator: Operator, hold_limit: float) -> SimulatedDevice:
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
         return SimulatedDevice(self, operator, hold_limit)
