@@ -19,8 +19,8 @@ from itertools import product
 from statistics import mean
 from typing import Any
 
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import load
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
 from forcebound.sweep.engine import run_all
 
 LAWS = (

@@ -7,9 +7,9 @@ from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
 from forcebound.cli import print_table
+from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
 from forcebound.launch.live import run_live
-from forcebound.launch.loader import load
 
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 

@@ -17,17 +17,17 @@ How it works:
    A FIFO process that spins lets nobody else run on its core, so the spin is short, and shorter
    still when the wait is short.
 
-Nothing here is required for a correct run, only for a punctual one: what is not permitted is said
-in a sentence with what to do about it, and the run goes on.
+Nothing here is required for a correct run, only for a punctual one. What is not permitted becomes a
+:class:`Fact`, worded with what to do about it (:data:`SENTENCES`), and the run goes on.
 """
 
 import ctypes
 import gc
 import os
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from forcebound.errors import ConfigError
@@ -43,6 +43,30 @@ PERMIT_FIFO = (
     "or give CAP_SYS_NICE"
 )
 PERMIT_LOCK = "add '@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
+
+# What :func:`enter` sets or cannot set, by the code of the fact.
+SENTENCES = {
+    "core": "on core {core}",
+    "core_refused": "not on core {core}: {error}; choose another one with realtime.cores",
+    "any_core": (
+        "on any core (realtime.cores: none); one core for the chain is about twice as fast"
+    ),
+    "fifo": "SCHED_FIFO priority {priority}",
+    "fifo_not_wanted": "ordinary scheduling (realtime.policy: other)",
+    "fifo_without_core": (
+        "ordinary scheduling, because SCHED_FIFO without a core of its own is slower"
+    ),
+    "fifo_not_permitted": (
+        "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; "
+        + PERMIT_FIFO
+    ),
+    "fifo_refused": "ordinary scheduling, because SCHED_FIFO is refused here: {error}",
+    "memory_locked": "memory locked",
+    "memory_limited": (
+        "memory not locked, because the limit is {limit} B: expect rare late ticks; " + PERMIT_LOCK
+    ),
+    "memory_refused": "memory not locked: {error}",
+}
 
 TIMER_SLACK_NS = 1  # smallest that is not "the default of 50 us"
 
@@ -69,6 +93,29 @@ class Settings:
     core: int | None = None
     lock_memory: bool = True
     spin_ns: int = 30_000
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One thing that makes a process punctual, or that could not be had.
+
+    Attributes:
+        code: Which, a key of :data:`SENTENCES`.
+        data: The values in its sentence.
+    """
+
+    code: str
+    data: Mapping[str, int | str] = field(default_factory=dict)
+
+    @property
+    def is_hindrance(self) -> bool:
+        """Whether ticks may be late because of it."""
+        return self.code not in ("core", "fifo", "memory_locked")
+
+    @property
+    def sentence(self) -> str:
+        """The fact in words, with what to do about it."""
+        return SENTENCES[self.code].format_map(self.data)
 
 
 def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> int | None:
@@ -108,7 +155,7 @@ def stand_aside(core: int | None) -> set[int]:
     return before
 
 
-def enter(settings: Settings, role: str) -> list[str]:
+def enter(settings: Settings, role: str) -> list[Fact]:
     """Make this process as punctual as it is permitted to be.
 
     Call it before the ZeroMQ context exists: its input and output thread inherits what is set
@@ -120,16 +167,16 @@ def enter(settings: Settings, role: str) -> list[str]:
             is kept off the chain's core and scheduled ordinarily.
 
     Returns:
-        Sentences for the log: what was set, what was not permitted and what to do about it.
+        What was set and what was not permitted.
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
     if role not in PRIORITIES:
         stand_aside(settings.core)
         return []
-    said = [_pin(settings.core), _schedule(settings, role)]
+    facts = [_pin(settings.core), _schedule(settings, role)]
     if settings.lock_memory:
-        said.append(_lock_memory())
-    return said
+        facts.append(_lock_memory())
+    return facts
 
 
 def freeze_garbage() -> None:
@@ -203,50 +250,44 @@ def memory_lock_limit() -> int | None:
     return None if unlimited else hard
 
 
-def _pin(core: int | None) -> str:
+def _pin(core: int | None) -> Fact:
     if core is None:
-        return "on any core (realtime.cores: none); one core for the chain is about twice as fast"
+        return Fact("any_core")
     try:
         os.sched_setaffinity(0, {core})
     except OSError as error:
-        return f"not on core {core}: {error.strerror}; choose another one with realtime.cores"
-    return f"on core {core}"
+        return Fact("core_refused", {"core": core, "error": str(error.strerror)})
+    return Fact("core", {"core": core})
 
 
-def _schedule(settings: Settings, role: str) -> str:
+def _schedule(settings: Settings, role: str) -> Fact:
     if settings.policy != "fifo":
-        return "ordinary scheduling, as asked (realtime.policy: other)"
+        return Fact("fifo_not_wanted")
     if settings.core is None or os.sched_getaffinity(0) != {settings.core}:
-        return "ordinary scheduling, because SCHED_FIFO without a core of its own is slower"
+        return Fact("fifo_without_core")
     priority = PRIORITIES[role]
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
-        return (
-            "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; "
-            f"{PERMIT_FIFO}"
-        )
+        return Fact("fifo_not_permitted")
     except OSError as error:
-        return f"ordinary scheduling, because SCHED_FIFO is refused here: {error.strerror}"
-    return f"SCHED_FIFO priority {priority}"
+        return Fact("fifo_refused", {"error": str(error.strerror)})
+    return Fact("fifo", {"priority": priority})
 
 
-def _lock_memory() -> str:
+def _lock_memory() -> Fact:
     # With a finite limit the call itself may succeed and a later allocation then fails.
     import resource
 
     limit = memory_lock_limit()
     if limit is not None:
-        return (
-            f"memory not locked, because the limit is {limit // 1024} KiB: expect rare late ticks; "
-            f"{PERMIT_LOCK}"
-        )
+        return Fact("memory_limited", {"limit": limit})
     soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if soft != hard == resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
     if _libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
-        return f"memory not locked: {os.strerror(ctypes.get_errno())}"
-    return "memory locked"
+        return Fact("memory_refused", {"error": os.strerror(ctypes.get_errno())})
+    return Fact("memory_locked")
 
 
 def _has_capability(number: int) -> bool:

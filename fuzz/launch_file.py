@@ -13,10 +13,12 @@ import atheris
 
 import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
 
-with atheris.instrument_imports(include=["forcebound.launch", "forcebound.quantities", "ruamel"]):
+with atheris.instrument_imports(
+    include=["forcebound.config", "forcebound.launch", "forcebound.quantities", "ruamel"]
+):
+    from forcebound.config.loader import arguments_of, from_document, load, to_document
     from forcebound.errors import ConfigError
     from forcebound.launch.build import NODE_KINDS, build_links, build_node
-    from forcebound.launch.loader import arguments_of, from_document, load, to_document
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
 

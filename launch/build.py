@@ -1,7 +1,7 @@
 """From a configuration to the objects that run: the nodes and the links of a graph."""
 
-from forcebound.launch.config import EnvironmentConfig, GraphConfig
-from forcebound.launch.traces import trace_of
+from forcebound.config.graph import EnvironmentConfig, GraphConfig
+from forcebound.config.traces import trace_of
 from forcebound.messages.packets import Packet
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment

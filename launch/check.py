@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from forcebound.config import own
+from forcebound.config.child import Tell, in_a_child, nobody_listens
+from forcebound.config.graph import member_document
+from forcebound.config.loader import member_of
 from forcebound.environments import Environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
-from forcebound.launch import own
-from forcebound.launch.child import Tell, in_a_child, nobody_listens
-from forcebound.launch.config import member_document
-from forcebound.launch.loader import member_of
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import parse_quantity
 

@@ -5,12 +5,14 @@ The run directory is private (0700) and holds the sockets and two documents for 
 (:class:`RunDocument`). What a crash has left of one is removed by the next that is made.
 """
 
+import fcntl
 import json
 import logging
 import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -19,14 +21,14 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
+from forcebound.config.changes import Part, timetable
+from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.parameters import differences, holders
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.build import NODE_KINDS
-from forcebound.launch.changes import Part, timetable
-from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.holding import hold, seize
 from forcebound.launch.lifecycle import Limits
-from forcebound.launch.parameters import differences, holders
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.supervisor import LAUNCHER, Step, Supervisor
 from forcebound.messages.packets import (
@@ -53,6 +55,10 @@ PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
+
+UPDATE_LOCK = "launch.lock"  # file; its lock belongs to the process that changes launch.json
+UPDATE_POLL = 1e-3  # s between two attempts to lock it; a change takes some 10 ms
+PHASE_PATIENCE = 0.1  # s that the launcher waits for it at the beginning of a phase
 
 PREFIX = "forcebound-"  # of the names of run directories
 SHORTEST = "/tmp"  # folder for temporary files whose path is short enough for any socket
@@ -195,7 +201,8 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
 
 
 def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Sequence[str]:
-    write_launch_document(run_dir, part.config)
+    with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not hold the launcher
+        write_launch_document(run_dir, part.config)
     return concerned
 
 
@@ -223,6 +230,37 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> None:
     partial = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # its own, for others may write, too
     partial.write_text(json.dumps(to_document(config)), encoding="utf-8")
     partial.replace(run_dir / LAUNCH_FILE)
+
+
+@contextmanager
+def updating(run_dir: Path, patience: float) -> Iterator[bool]:
+    """Lock the launch document between reading it and writing it anew.
+
+    Args:
+        run_dir: Of the run.
+        patience: How long to wait for another one who changes it, in s.
+
+    Yields:
+        Whether nobody else changes it meanwhile.
+    """
+    end = time.monotonic() + patience
+    descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        is_locked = _try_lock(descriptor)
+        while not is_locked and time.monotonic() < end:
+            time.sleep(UPDATE_POLL)
+            is_locked = _try_lock(descriptor)
+        yield is_locked
+    finally:
+        os.close(descriptor)  # and so the lock is free
+
+
+def _try_lock(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _starts_here(config: GraphConfig) -> bool:

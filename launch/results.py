@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from forcebound.analysis.metrics import summarize, summarize_events, summarize_phases
-from forcebound.launch import own
-from forcebound.launch.config import GraphConfig, to_document
+from forcebound.config import own
+from forcebound.config.graph import GraphConfig, to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import TelemetryColumns, read
 

@@ -4,10 +4,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from forcebound.config.changes import timetable
+from forcebound.config.graph import GraphConfig, to_document
 from forcebound.errors import RunError
+from forcebound.launch.application import apply
 from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
-from forcebound.launch.changes import apply, timetable
-from forcebound.launch.config import GraphConfig, to_document
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog

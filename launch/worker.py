@@ -23,10 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import process, realtime
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import from_document, load_tried
 from forcebound.errors import ConfigError
+from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
-from forcebound.launch.changes import Reloader
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.holding import hold, is_held
 from forcebound.launch.live import (
     LAUNCH_FILE,
@@ -37,7 +38,6 @@ from forcebound.launch.live import (
     run_directory,
     write_launch_document,
 )
-from forcebound.launch.loader import from_document, load_tried
 from forcebound.launch.results import run_metadata
 from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS

@@ -22,11 +22,11 @@ from waiting import PATIENCE
 
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Event, Telemetry
+from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import topic_endpoint
 from forcebound.recording import Recording, TelemetryColumns, read
-from forcebound.running.orders import ask_launcher
 
 AGE_LIMIT = 0.1  # s, of the shipped launch files
 ENGAGE_TIME = 0.1  # s

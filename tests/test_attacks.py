@@ -43,9 +43,9 @@ from forcebound.messages.packets import (
     Packet,
     Telemetry,
 )
+from forcebound.monitor.control import ask
 from forcebound.network import sockets
 from forcebound.process import topic_endpoint
-from forcebound.running.orders import ask
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 

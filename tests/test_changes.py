@@ -2,6 +2,8 @@
 
 import copy
 import json
+import subprocess
+import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +15,17 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.analysis.metrics import phase_rows
+from forcebound.config.changes import change, timetable
+from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.parameters import differences, holders, parameters
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.changes import Reloader, change, timetable
-from forcebound.launch.config import GraphConfig, to_document
-from forcebound.launch.live import RunDocument
-from forcebound.launch.loader import from_document, load
-from forcebound.launch.parameters import differences, holders, parameters
+from forcebound.launch.application import Reloader
+from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
-from forcebound.network.impairment import Impairment
-from forcebound.running import presence, tuning
-from forcebound.running.tuning import (
+from forcebound.monitor import nodes, tuning
+from forcebound.monitor.formatting import as_written
+from forcebound.monitor.tuning import (
     changed_parameters,
     configuration,
     find_parameters,
@@ -30,7 +33,7 @@ from forcebound.running.tuning import (
     read_settings,
     set_parameters,
 )
-from forcebound.running.values import as_written
+from forcebound.network.impairment import Impairment
 
 
 @pytest.fixture(scope="module")
@@ -194,11 +197,47 @@ def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
-    monkeypatch.setattr(presence, "PATIENCE", 0.1)
+    monkeypatch.setattr(nodes, "PATIENCE", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
         set_parameters(tmp_path, {"environment.stiffness": 500})
+
+
+SETTER = """
+import sys
+from pathlib import Path
+from forcebound.monitor.tuning import configuration, find_parameters, set_parameters
+run_dir, name = Path(sys.argv[1]), sys.argv[2]
+for value in (number * 1e-3 for number in range(1, 26)):
+    set_parameters(run_dir, {name: value})
+    [found] = find_parameters(configuration(run_dir), [name]).values()
+    assert found == value, f"{name} is {found}, not {value}: a change was lost"
+"""
+
+
+def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_path: Path) -> None:
+    (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
+    names = ("environment.stiffness", "links.device_state.delay")
+    setters = [
+        subprocess.Popen([sys.executable, "-c", SETTER, tmp_path, name], stderr=subprocess.PIPE)
+        for name in names
+    ]
+    errors = [setter.communicate()[1].decode() for setter in setters]
+    assert [setter.returncode for setter in setters] == [0, 0], errors
+    assert find_parameters(configuration(tmp_path), names) == dict.fromkeys(names, 0.025)
+
+
+def test_a_change_that_another_command_does_not_end_is_said(
+    config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.02)
+    (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
+    with updating(tmp_path, 0.0) as is_alone:
+        assert is_alone
+        with pytest.raises(RunError, match=r"another command .* suspended"):
+            set_parameters(tmp_path, {"environment.stiffness": 500})
+    assert set_parameters(tmp_path, {"environment.stiffness": 500}).values
 
 
 def test_what_ends_on_another_machine_is_changed_there(tmp_path: Path) -> None:
@@ -253,7 +292,7 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
         made = Answering(tmp_path, **answers)
-        for module in (tuning, presence):
+        for module in (tuning, nodes):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 

@@ -15,10 +15,10 @@ from launch_texts import GOOD, written
 from waiting import until
 
 from forcebound.cli import main
+from forcebound.config.child import in_a_child, nobody_listens
+from forcebound.config.loader import load, load_tried, try_out
 from forcebound.errors import ConfigError
 from forcebound.launch.check import check_here, lines
-from forcebound.launch.child import in_a_child, nobody_listens
-from forcebound.launch.loader import load, load_tried, try_out
 
 SOURCE = """\
 import ctypes, os, subprocess, sys, time
@@ -137,12 +137,12 @@ def test_a_kind_of_the_package_needs_no_child(monkeypatch: pytest.MonkeyPatch) -
 def test_who_waits_long_is_told_for_what_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("forcebound.launch.child.REMARK", 0.0)
+    monkeypatch.setattr("forcebound.config.child.REMARK", 0.0)
     error_of(tmp_path, "os._exit(3)")
     said = [record.getMessage() for record in caplog.records]
     assert said.count("mine.py: beginning takes long; given up after 60 s") == 1
     assert len(said) == len(set(said))
-    monkeypatch.setattr("forcebound.launch.child.REMARK", 60.0)
+    monkeypatch.setattr("forcebound.config.child.REMARK", 60.0)
     caplog.clear()
     error_of(tmp_path, "os._exit(3)")
     assert not caplog.records

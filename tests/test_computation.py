@@ -10,12 +10,13 @@ import pytest
 from fakes import MS, press
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.config.changes import change
+from forcebound.config.graph import EnvironmentConfig
+from forcebound.config.loader import from_document, load, to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
+from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_links, build_node
-from forcebound.launch.changes import apply, change
-from forcebound.launch.config import EnvironmentConfig
-from forcebound.launch.loader import from_document, load, to_document
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Chances, Impairment, generators

@@ -9,8 +9,8 @@ from statistics import NormalDist
 import pytest
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.config.loader import from_document, load, to_document
 from forcebound.errors import ConfigError
-from forcebound.launch.loader import from_document, load, to_document
 from forcebound.network.distribution import LONGEST, read_distribution
 from forcebound.network.impairment import Chances, Impairment, generators
 

@@ -6,21 +6,25 @@ from typing import Any
 
 import pytest
 
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import load
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.advice import NOTICES, REASONS
+from forcebound.monitor.doctor import CHAIN, examine
+from forcebound.monitor.findings import Finding
+from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
 from forcebound.network.notices import Notice
 from forcebound.network.remote import KINDS
 from forcebound.recording import TelemetryColumns
-from forcebound.running.advice import NOTICES, REASONS
-from forcebound.running.doctor import CHAIN, examine
-from forcebound.running.findings import Finding
-from forcebound.running.observation import Observations, ProcessSeen, RecordingSeen
 
 PERIOD_NS = 1_000_000
 TICKS = 2000
 SERVING = "here/1/a"
-FIFO_LOG = ["on core 1", "SCHED_FIFO priority 50", "memory locked"]
+PUNCTUAL = [
+    {"code": "core", "data": {"core": 1}},
+    {"code": "fifo", "data": {"priority": 50}},
+    {"code": "memory_locked", "data": {}},
+]
 
 
 def telemetry(
@@ -63,7 +67,12 @@ HEALTHY = telemetry()
 
 def process(*topics: str, grown: int = TICKS, pid: int = 7, **status: Any) -> ProcessSeen:
     """Return a process that has received ``grown`` packets of each topic between two answers."""
-    first = {"received": dict.fromkeys(topics, 5), "rejected": {}, "links": {}, "log": FIFO_LOG}
+    first = {
+        "received": dict.fromkeys(topics, 5),
+        "rejected": {},
+        "links": {},
+        "realtime": PUNCTUAL,
+    }
     last = {**first, "received": dict.fromkeys(topics, 5 + grown), **status}
     return ProcessSeen("running", pid, 0, "S", first, last, 2.0)
 
@@ -413,8 +422,8 @@ def test_a_loop_that_is_late_with_no_delay_injected_is_a_problem() -> None:
 
 
 def test_late_ticks_are_told_with_their_likely_causes() -> None:
-    log = ["on core 1", "ordinary scheduling, because SCHED_FIFO is not permitted: ..."]
-    seen = healthy(device=process("force_command", log=log))
+    facts = [{"code": "core", "data": {"core": 1}}, {"code": "fifo_not_permitted", "data": {}}]
+    seen = healthy(device=process("force_command", realtime=facts))
     seen = replace(
         seen, telemetry=telemetry(lost_every=20), load=5.0, neighbours=("/tmp/forcebound-b",)
     )
@@ -422,9 +431,10 @@ def test_late_ticks_are_told_with_their_likely_causes() -> None:
     assert (finding.severity, finding.kind) == ("problem", "ticks_lost")
     assert "ticks/s, 4.7% of all" in finding.seen
     causes = finding.advice.split("; ")
-    assert causes[0] == log[1]
-    assert causes[1].startswith("core 1 is shared with /tmp/forcebound-b")
-    assert causes[2].startswith("the load is 5.0 on 2 cores")
+    assert causes[0].startswith("ordinary scheduling, because SCHED_FIFO is not permitted")
+    causes = causes[-2:]
+    assert causes[0].startswith("core 1 is shared with /tmp/forcebound-b")
+    assert causes[1].startswith("the load is 5.0 on 2 cores")
 
 
 def test_a_tick_lost_now_and_then_is_a_note() -> None:

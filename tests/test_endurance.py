@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 from live_graph import live_graph
 
+from forcebound.config.changes import timetable
+from forcebound.config.loader import load
+from forcebound.launch.application import apply
 from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
-from forcebound.launch.changes import apply, timetable
-from forcebound.launch.loader import load
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
 from forcebound.simulation import Simulation
 

@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.schema import json_schema
 from forcebound.errors import ConfigError
-from forcebound.launch.loader import from_document, load, to_document
-from forcebound.launch.schema import json_schema
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply

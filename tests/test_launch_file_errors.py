@@ -7,11 +7,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.config.document import MAX_BYTES
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.document import MAX_BYTES
-from forcebound.launch.loader import from_document, load, to_document
-from forcebound.launch.problems import unknown
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.launch.config import COMPUTATION, KINDS, LINKS
-from forcebound.launch.document import shipped
-from forcebound.launch.fields import fields_of
-from forcebound.launch.loader import arguments_of, from_document, load, to_document
-from forcebound.launch.own_parts import OWN
-from forcebound.launch.schema import json_schema
-from forcebound.launch.tree import scalar
+from forcebound.config.document import shipped
+from forcebound.config.fields import fields_of
+from forcebound.config.graph import COMPUTATION, KINDS, LINKS
+from forcebound.config.loader import arguments_of, from_document, load, to_document
+from forcebound.config.own_parts import OWN
+from forcebound.config.schema import json_schema
+from forcebound.config.tree import scalar
 from forcebound.nodes.device import ServoSettings
 
 # --- what ships ----------------------------------------------------------------------------------
@@ -318,7 +318,7 @@ def accepts(schema: dict[str, Any], value: Any) -> bool:
 def as_plain(name: str) -> Any:
     from ruamel.yaml import YAML
 
-    from forcebound.launch.document import SHIPPED
+    from forcebound.config.document import SHIPPED
 
     return YAML(typ="safe", pure=True).load((SHIPPED / name).read_text())
 

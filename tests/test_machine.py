@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
+from forcebound.monitor import machine, runs
+from forcebound.monitor.machine import Machine
 from forcebound.network.keys import new_key
-from forcebound.running import machine, runs
-from forcebound.running.machine import Machine
 
 GOOD = Machine(
     permits_fifo=True,

@@ -9,9 +9,9 @@ import pytest
 from fakes import MS, answer, device_node
 from msgspec.structs import replace
 
+from forcebound.config.loader import load
 from forcebound.environments.wall import Wall
 from forcebound.launch.build import dead_lease_ns, lease_ns
-from forcebound.launch.loader import load
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,

@@ -11,11 +11,11 @@ from click.testing import CliRunner, Result
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.cli import main
+from forcebound.config.changes import change
+from forcebound.config.graph import member_document
+from forcebound.config.loader import from_document, load, member_of, to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
-from forcebound.launch.changes import change
-from forcebound.launch.config import member_document
-from forcebound.launch.loader import from_document, load, member_of, to_document
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -17,10 +18,10 @@ import gc, json, os, sys
 from forcebound import realtime
 asked = json.loads(sys.argv[1])
 role = asked.pop("role")
-said = realtime.enter(realtime.Settings(**asked), role)
+facts = realtime.enter(realtime.Settings(**asked), role)
 realtime.freeze_garbage()
 print(json.dumps({
-    "said": said,
+    "facts": {fact.code: dict(fact.data) for fact in facts},
     "policy": os.sched_getscheduler(0),
     "priority": os.sched_getparam(0).sched_priority,
     "cores": sorted(os.sched_getaffinity(0)),
@@ -85,13 +86,13 @@ def test_most_of_a_wait_is_slept_however_long_the_spin(monkeypatch: pytest.Monke
 def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
     became = enter(role, core=CORES[-1])
     assert became["cores"] == [CORES[-1]]
-    assert became["said"][0] == f"on core {CORES[-1]}"
+    assert became["facts"]["core"] == {"core": CORES[-1]}
     if became["policy"] == os.SCHED_FIFO:
         assert became["priority"] == realtime.PRIORITIES[role]
-        assert f"SCHED_FIFO priority {became['priority']}" in became["said"]
+        assert became["facts"]["fifo"] == {"priority": became["priority"]}
     else:
-        assert any("rtprio" in text or "refused" in text for text in became["said"])
-    assert any(text.startswith("memory ") for text in became["said"])
+        assert {"fifo_not_permitted", "fifo_refused"} & set(became["facts"])
+    assert {"memory_locked", "memory_limited", "memory_refused"} & set(became["facts"])
     assert became["frozen"]
     assert not became["collects"]
 
@@ -101,14 +102,14 @@ def test_without_a_core_there_is_no_fifo() -> None:
     became = enter("device", core=None, lock_memory=False)
     assert became["policy"] == os.SCHED_OTHER
     assert became["cores"] == CORES
-    assert len(became["said"]) == 2
+    assert list(became["facts"]) == ["any_core", "fifo_without_core"]
 
 
 @pytest.mark.live
 def test_a_core_that_is_gone_is_said_and_the_run_goes_on() -> None:
     became = enter("device", core=max(CORES) + 1000, lock_memory=False)
     assert became["policy"] == os.SCHED_OTHER
-    assert "choose another one with realtime.cores" in became["said"][0]
+    assert became["facts"]["core_refused"]["core"] == max(CORES) + 1000
 
 
 @pytest.mark.live
@@ -116,6 +117,7 @@ def test_ordinary_scheduling_can_be_asked_for() -> None:
     became = enter("device", core=CORES[-1], policy="other", lock_memory=False)
     assert became["policy"] == os.SCHED_OTHER
     assert became["cores"] == [CORES[-1]]
+    assert list(became["facts"]) == ["core", "fifo_not_wanted"]
 
 
 @pytest.mark.live
@@ -123,6 +125,14 @@ def test_the_recorder_keeps_off_the_core_of_the_chain() -> None:
     became = enter("recorder", core=CORES[-1])
     assert became["policy"] == os.SCHED_OTHER
     assert became["cores"] == (CORES[:-1] or CORES)
+
+
+@pytest.mark.parametrize("code", sorted(realtime.SENTENCES))
+def test_each_fact_has_a_sentence_with_its_data(code: str) -> None:
+    data: dict[str, int | str] = {"core": 7, "priority": 40, "limit": 65536, "error": "why"}
+    sentence = realtime.Fact(code, data).sentence
+    named = re.findall(r"{(\w+)}", realtime.SENTENCES[code])
+    assert all(str(data[name]) in sentence for name in named)
 
 
 def test_the_device_goes_before_the_controller_before_the_environment() -> None:

@@ -13,10 +13,10 @@ from fakes import MS
 from waiting import free_port, until
 
 from forcebound.cli import main
+from forcebound.config.graph import RemoteConfig, to_document
+from forcebound.config.loader import from_document, load
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
-from forcebound.launch.config import RemoteConfig, to_document
-from forcebound.launch.loader import from_document, load
 from forcebound.launch.worker import run_node
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (

@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
+from forcebound.config.loader import load
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS, palpation, saturated, table1, traces
 from forcebound.experiments.contacts import UNBOUNDED
 from forcebound.experiments.reproduce import Reproduction, choose, reproduce
 from forcebound.experiments.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
-from forcebound.launch.loader import load
 
 pytestmark = pytest.mark.xdist_group("reproduction")  # made once, for all of them
 

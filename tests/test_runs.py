@@ -15,7 +15,7 @@ import pytest
 from forcebound.errors import ConfigError
 from forcebound.launch.holding import LOCK_FILE, hold, is_held
 from forcebound.launch.live import RECORDING, RUN_FILE, RunDocument, remove_left_over, run_directory
-from forcebound.running.runs import find, running
+from forcebound.monitor.runs import find, running
 
 MakeRun = Callable[..., Path]
 

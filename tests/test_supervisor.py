@@ -18,18 +18,18 @@ import pytest
 from live_graph import children_of, is_alive
 from waiting import PATIENCE, until
 
+from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
-from forcebound.launch.loader import load
 from forcebound.launch.supervisor import Supervisor
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor import control
+from forcebound.monitor.control import ask_launcher, start_node, stop_node
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint
 from forcebound.recording import read
-from forcebound.running import orders
-from forcebound.running.orders import ask_launcher, start_node, stop_node
 
 NODES = ("environment", "controller", "device", "recorder")
 
@@ -180,7 +180,7 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
 def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(orders, "ANSWER_TIME", 0.1)
+    monkeypatch.setattr(control, "ANSWER_TIME", 0.1)
     with pytest.raises(ConfigError, match=r"nobody takes orders in .*started by hand"):
         ask_launcher(run_dir, {"request": "status"})
     (run_dir / "control-launcher").touch()

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from forcebound.config.loader import build
 from forcebound.errors import ConfigError
-from forcebound.launch.loader import build
 from forcebound.sweep.command import run
 from forcebound.sweep.maps import draw
 from forcebound.sweep.plan import SHIPPED, load_sweep, shipped

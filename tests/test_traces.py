@@ -15,21 +15,21 @@ from launch_texts import GOOD, problems_of, written
 from test_impairment import MS, Packet
 
 from forcebound.cli import main
+from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.traces import loop_delays, read_trace, shortest_of
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import build_links
 from forcebound.launch.live import RunDocument, run_live
-from forcebound.launch.loader import from_document, load, to_document
-from forcebound.launch.traces import loop_delays, read_trace, shortest_of
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.delay import Measured, measure, watch
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns
-from forcebound.running.delay import Measured, measure, watch
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
 

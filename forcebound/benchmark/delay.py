@@ -16,7 +16,7 @@ from forcebound.benchmark.figures import Measured, beyond, plan
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.link_delay import LINKS
 from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
-from forcebound.launch.loader import load
+from forcebound.config.loader import load
 
 LAUNCH_FILE = "delayed_wall"
 OWN = "own"

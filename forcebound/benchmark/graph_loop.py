@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, write_times
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
 from forcebound.launch.build import build_links, build_node
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import load
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import EventLog

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.workers import WARMUP, write_times
-from forcebound.launch.loader import load
+from forcebound.config.loader import load
 from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network.impairment import Chances, Impairment, generators
 from forcebound.network.link import PACKET_SIZE, Link

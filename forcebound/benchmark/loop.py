@@ -21,7 +21,7 @@ from typing import Any
 from forcebound.benchmark.figures import Measured, compare, judge, plan
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
-from forcebound.launch.loader import load
+from forcebound.config.loader import load
 
 LAUNCH_FILE = "stiff_wall"
 CHAIN = ("environment", "controller", "device")  # in the order in which they start

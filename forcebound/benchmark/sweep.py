@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from forcebound.benchmark.figures import Measured, compare, judge, judge_speed
 from forcebound.benchmark.workers import conditions
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.errors import RunError
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import load
 from forcebound.sweep.engine import block_arguments, ticks_of
 from forcebound.sweep.kernel import WIDTH, KernelArguments, kernel
 from forcebound.sweep.timing import timing_of

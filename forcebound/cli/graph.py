@@ -16,7 +16,7 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.running.findings import Finding
+    from forcebound.monitor.findings import Finding
 
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
@@ -27,9 +27,9 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 @reports_errors
 def stop(node_name: str, run_dir: Path | None) -> None:
     """Stop NODE (environment or controller) of a running graph, until it is started again."""
-    from forcebound.running.orders import stop_node
-    from forcebound.running.presence import ENVIRONMENT, present
-    from forcebound.running.runs import find
+    from forcebound.monitor.control import stop_node
+    from forcebound.monitor.nodes import ENVIRONMENT, present
+    from forcebound.monitor.runs import find
 
     run = find(run_dir, of_graph=True)
     serving = present(run).serving if node_name == ENVIRONMENT else None
@@ -46,8 +46,8 @@ def stop(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def start(node_name: str, run_dir: Path | None) -> None:
     """Start NODE (environment or controller) of a running graph again after a stop."""
-    from forcebound.running.orders import start_node
-    from forcebound.running.runs import find
+    from forcebound.monitor.control import start_node
+    from forcebound.monitor.runs import find
 
     start_node(find(run_dir, of_graph=True), node_name)
     click.echo(f"{node_name} runs")
@@ -67,8 +67,8 @@ def start(node_name: str, run_dir: Path | None) -> None:
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
     """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
-    from forcebound.launch.traces import as_link_trace
-    from forcebound.running.delay import measure
+    from forcebound.config.traces import as_link_trace
+    from forcebound.monitor.delay import measure
 
     measured = measure(run, duration)
     if not measured.is_complete:
@@ -118,8 +118,8 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
     """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
-    from forcebound.running import tuning
-    from forcebound.running.runs import find
+    from forcebound.monitor import tuning
+    from forcebound.monitor.runs import find
 
     run = find(run_dir)
     change = tuning.set_parameters(run, tuning.read_settings(settings))
@@ -133,8 +133,8 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
 def _show_parameters(
     names: tuple[str, ...], run_dir: Path | None, as_json: bool, changed: bool = False
 ) -> None:
-    from forcebound.running import tuning
-    from forcebound.running.runs import find
+    from forcebound.monitor import tuning
+    from forcebound.monitor.runs import find
 
     run = find(run_dir)
     found = tuning.changed_parameters(run) if changed else {}
@@ -144,8 +144,8 @@ def _show_parameters(
 
 
 def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
-    from forcebound.running.tuning import configuration, found_elsewhere
-    from forcebound.running.values import as_written
+    from forcebound.monitor.formatting import as_written
+    from forcebound.monitor.tuning import configuration, found_elsewhere
 
     config = configuration(run)
     elsewhere = found_elsewhere(run, config, values)
@@ -163,8 +163,8 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
 
     Exit status 0: no problem; 1: at least one; 2: there is no such graph.
     """
-    from forcebound.running import doctor, machine, runs
-    from forcebound.running.observation import observe
+    from forcebound.monitor import doctor, machine, runs
+    from forcebound.monitor.observation import observe
 
     graph = None if run_dir is None and not runs.running() else runs.find(run_dir)
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))

@@ -20,7 +20,7 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.launch.config import GraphConfig
+    from forcebound.config.graph import GraphConfig
 
 
 check_option = click.option(
@@ -152,7 +152,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 @click.command()
 def schema() -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
-    from forcebound.launch.schema import json_schema
+    from forcebound.config.schema import json_schema
 
     print_json(json_schema())
 
@@ -169,7 +169,7 @@ def _configuration(
     """Return what a launch file describes; None if that, or its arguments, was only to be shown."""
     from dataclasses import replace
 
-    from forcebound.launch.loader import load_tried
+    from forcebound.config.loader import load_tried
 
     if show_args:
         _show_arguments(file, as_json)
@@ -186,7 +186,7 @@ def _configuration(
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
-    from forcebound.launch.loader import arguments_of
+    from forcebound.config.loader import arguments_of
 
     arguments = arguments_of(file)
     if as_json:
@@ -232,6 +232,6 @@ def _print_phases(phases: list[Any]) -> None:
 
 
 def _print_document(config: Any) -> None:
-    from forcebound.launch.config import to_document
+    from forcebound.config.graph import to_document
 
     print_json(to_document(config))

@@ -18,7 +18,7 @@ from forcebound.analysis.metrics import (
     penetration,
     surface,
 )
-from forcebound.launch.loader import load
+from forcebound.config.loader import load
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 

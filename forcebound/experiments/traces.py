@@ -15,10 +15,10 @@ from forcebound.analysis.metrics import Floats
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal
+from forcebound.config.loader import from_document
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
-from forcebound.launch.loader import from_document
 from forcebound.nodes.device import dissipation_of
 
 NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float]]

@@ -137,4 +137,9 @@ class _Patient:
 def _recorder_status(
     counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
 ) -> dict[str, Any]:
-    return {**readiness(counts), "rejected": dict(rejected), "recording": sink.state, "log": []}
+    return {
+        **readiness(counts),
+        "rejected": dict(rejected),
+        "recording": sink.state,
+        "realtime": [],
+    }

@@ -157,20 +157,22 @@ class Runner:
         self._unsettled: list[Subscriber] = []  # to be asked before their descriptors are
         self._listen()
         self._stop_requested = False
-        self._log: Sequence[str] = ()
+        self._facts: Sequence[realtime.Fact] = ()
         self.steps = 0
         self.rejected: dict[str, int] = {}
         self._next_complaint_ns = 0
 
-    def run(self, stop: Stop, log: Sequence[str] = (), engages_itself: bool = False) -> None:
+    def run(
+        self, stop: Stop, facts: Sequence[realtime.Fact] = (), engages_itself: bool = False
+    ) -> None:
         """Step the node until ``stop`` is requested; then force zero and the last telemetry.
 
         Args:
             stop: Ends the loop.
-            log: What the status answers under ``log``.
+            facts: What the status answers under ``realtime``.
             engages_itself: Whether a servo engages when it is ready, rather than on request.
         """
-        self._log = log
+        self._facts = facts
         try:
             if self._node.wakes_on_arrival:
                 self._run_on_perfect_links(stop)  # until they are not, which may be at once
@@ -387,7 +389,7 @@ class Runner:
             "remote": None if self._remote is None else self._remote.status(),
             "engaged": bool(getattr(self._node, "is_engaged", False)),
             "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
-            "log": list(self._log),
+            "realtime": [{"code": fact.code, "data": dict(fact.data)} for fact in self._facts],
         }
 
     def _counts(self) -> dict[str, dict[str, int]]:
@@ -507,11 +509,11 @@ def run(
     Raises:
         ConfigError: If an endpoint is in use or not permitted.
     """
-    said = realtime.enter(settings, name)
-    _logger.info("; ".join(said))
+    facts = realtime.enter(settings, name)
+    _logger.info("; ".join(fact.sentence for fact in facts))
     with Network() as network:
         remote = None if remote_end is None else RemoteStreams(network, remote_end)
         runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
         realtime.freeze_garbage()
-        runner.run(stop, said, engages_itself)
+        runner.run(stop, facts, engages_itself)
         return runner.status()

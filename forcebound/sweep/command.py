@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from forcebound.launch.loader import build
+from forcebound.config.loader import build
 from forcebound.sweep.plan import load_sweep
 from forcebound.sweep.runner import cluster_executor, run_sweep
 from forcebound.workers import local_executor

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
+from forcebound.config.graph import GraphConfig, kind_of, to_document
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
-from forcebound.launch.config import GraphConfig, kind_of, to_document
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.controller import DirectController

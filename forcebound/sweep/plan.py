@@ -26,14 +26,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from forcebound.config.document import MAX_BYTES, find
+from forcebound.config.fields import Section
+from forcebound.config.graph import FORMAT
+from forcebound.config.loader import arguments_of, read_template
+from forcebound.config.problems import Problems, unknown
+from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import reason
-from forcebound.launch.config import FORMAT
-from forcebound.launch.document import MAX_BYTES, find
-from forcebound.launch.fields import Section
-from forcebound.launch.loader import arguments_of, read_template
-from forcebound.launch.problems import Problems, unknown
-from forcebound.launch.tree import Value, parse
 from forcebound.quantities import parse_quantity, split_quantity
 
 MAX_CASES = 2_000_000
@@ -52,7 +52,7 @@ class Sweep:
     Attributes:
         name: Of its file, without the ending.
         description: What it is for.
-        template: The launch file; :func:`forcebound.launch.loader.build` makes a case of it.
+        template: The launch file; :func:`forcebound.config.loader.build` makes a case of it.
         duration: Of each run, in s; None: as the launch file says.
         constants: Arguments that are the same in all cases, as text.
         columns: Names of the arguments that vary, in order.

@@ -24,9 +24,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import build
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.loader import build
 from forcebound.quantities import to_si
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.plan import Sweep

@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.launch.config import GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.network.impairment import Impairment, uniform_numbers
 from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes.safety import REMEMBERED

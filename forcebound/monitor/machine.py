@@ -15,8 +15,8 @@ from pathlib import Path
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.monitor.findings import Finding
 from forcebound.network import keys, sockets
-from forcebound.running.findings import Finding
 
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
 SMALL_SPACE = 200_000_000  # B in the temporary folder; a recording of some minutes

@@ -1,10 +1,10 @@
 """Reads launch files; tells every problem at once.
 
-1. :mod:`forcebound.launch.document` reads the file, and those that it includes, into a tree.
-2. :mod:`forcebound.launch.arguments` finds the value of each argument, and
-   :mod:`forcebound.launch.substitution` puts them where they are asked for.
-3. The sections of the tree become the dataclasses of :mod:`forcebound.launch.config`
-   (:mod:`forcebound.launch.fields`), and what concerns several sections is checked.
+1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
+2. :mod:`forcebound.config.arguments` finds the value of each argument, and
+   :mod:`forcebound.config.substitution` puts them where they are asked for.
+3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
+   (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
 Each step notes its problems and passes on what is sound, so that a person sees all of them.
 """
@@ -16,11 +16,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from forcebound.errors import ConfigError
-from forcebound.launch import own
-from forcebound.launch.arguments import Argument, Arguments, check_overrides_are_used
-from forcebound.launch.child import Tell, in_a_child
-from forcebound.launch.config import (
+from forcebound.config import own
+from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
+from forcebound.config.child import Tell, in_a_child
+from forcebound.config.document import find, missing, read
+from forcebound.config.fields import Field, Section, fields_of
+from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
@@ -35,9 +36,7 @@ from forcebound.launch.config import (
     RemoteConfig,
     to_document,
 )
-from forcebound.launch.document import find, missing, read
-from forcebound.launch.fields import Field, Section, fields_of
-from forcebound.launch.own_parts import (
+from forcebound.config.own_parts import (
     OWN,
     can_be_written,
     check_answer,
@@ -45,11 +44,12 @@ from forcebound.launch.own_parts import (
     own_file,
     without_own,
 )
-from forcebound.launch.phases import KEY, phase_duration, read_phases
-from forcebound.launch.problems import Place, Problems
-from forcebound.launch.substitution import Substitution
-from forcebound.launch.traces import shortest_of, trace_of
-from forcebound.launch.tree import Value, from_plain, scalar
+from forcebound.config.phases import KEY, phase_duration, read_phases
+from forcebound.config.problems import Place, Problems
+from forcebound.config.substitution import Substitution
+from forcebound.config.traces import shortest_of, trace_of
+from forcebound.config.tree import Value, from_plain, scalar
+from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator

@@ -10,14 +10,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from forcebound.config.problems import Place, Problems
+from forcebound.config.substitution import Substitution
+from forcebound.config.tree import Value, parse
 from forcebound.files import reason
-from forcebound.launch.problems import Place, Problems
-from forcebound.launch.substitution import Substitution
-from forcebound.launch.tree import Value, parse
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
 
-SHIPPED = Path(__file__).parent
+SHIPPED = Path(__file__).parent.parent / "launch"
 
 
 def find(path: Path, beside: Path | None = None) -> Path | None:

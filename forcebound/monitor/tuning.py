@@ -13,22 +13,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.errors import ConfigError, RunError
-from forcebound.launch.changes import change
-from forcebound.launch.config import GraphConfig
-from forcebound.launch.live import LAUNCH_FILE, RunDocument, write_launch_document
-from forcebound.launch.loader import from_document
-from forcebound.launch.parameters import (
+from forcebound.config.changes import change
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import from_document
+from forcebound.config.parameters import (
     differences,
     holders,
     parameters,
     unknown_parameter,
 )
-from forcebound.launch.problems import Problems
+from forcebound.config.problems import Problems
+from forcebound.config.tree import parse
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
 from forcebound.launch.supervisor import LAUNCHER
-from forcebound.launch.tree import parse
-from forcebound.running.orders import ANSWER_TIME, ask_all
-from forcebound.running.presence import ENVIRONMENT, Present, present
+from forcebound.monitor.control import ANSWER_TIME, ask_all
+from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 
@@ -129,13 +129,20 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
     Raises:
         ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a
             node on another machine; nothing is changed then.
-        RunError: If a node refuses, or does not answer; it will read the change later.
+        RunError: If a node refuses, or does not answer; it will read the change later. If another
+            command does not end its change.
     """
-    old = configuration(run_dir)
-    new = change(old, settings)
-    here = present(run_dir, new)
-    _check_reach(settings, here)
-    write_launch_document(run_dir, new)
+    here = present(run_dir, configuration(run_dir))
+    with updating(run_dir, ANSWER_TIME) as is_alone:
+        if not is_alone:
+            raise RunError(
+                f"another command has been changing parameters in {run_dir} for {ANSWER_TIME:g} s; "
+                "is it suspended (Ctrl-Z)?"
+            )
+        old = configuration(run_dir)
+        new = change(old, settings)
+        _check_reach(settings, here)
+        write_launch_document(run_dir, new)
     # Also those whose document has the values already: they may not have read it.
     concerned = sorted(holders(settings))
     down = {node for node in concerned if here.states.get(node) in DOWN or node not in here.asked}

@@ -1,7 +1,7 @@
 """What can be seen of a running graph from outside: the material of ``forcebound doctor``.
 
 Each process is asked twice, with about two seconds of telemetry between, so that rates are known
-besides counts. Nothing here judges; that is :mod:`forcebound.running.doctor`.
+besides counts. Nothing here judges; that is :mod:`forcebound.monitor.doctor`.
 """
 
 import os
@@ -12,17 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
+from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import PROCESSES, RunDocument
 from forcebound.launch.supervisor import LAUNCHER
+from forcebound.monitor.control import PATIENCE, ask_all
+from forcebound.monitor.delay import watch
+from forcebound.monitor.nodes import UNKNOWN
+from forcebound.monitor.runs import running
+from forcebound.monitor.tuning import configuration
 from forcebound.process import has_control
 from forcebound.recording import TelemetryColumns
-from forcebound.running.delay import watch
-from forcebound.running.orders import PATIENCE, ask_all
-from forcebound.running.presence import UNKNOWN
-from forcebound.running.runs import running
-from forcebound.running.tuning import configuration
 
 DURATION = 2.0  # s between the two answers of a process
 
@@ -124,7 +124,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """Look at a running graph for some time.
 
     Args:
-        run_dir: Of the run, as :func:`forcebound.running.runs.find` gives it.
+        run_dir: Of the run, as :func:`forcebound.monitor.runs.find` gives it.
         duration: How long, in s.
 
     Raises:

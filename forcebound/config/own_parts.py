@@ -1,6 +1,6 @@
 """Where a launch file names a file of the user's own: its class, and what is checked of it.
 
-:mod:`forcebound.launch.own` loads the file.
+:mod:`forcebound.config.own` loads the file.
 """
 
 import json
@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from forcebound.config import own
+from forcebound.config.fields import Section, check_fields
+from forcebound.config.graph import COMPUTATION, member_document
+from forcebound.config.phases import KEY
+from forcebound.config.tree import Value
 from forcebound.environments.contract import force_fault
 from forcebound.errors import ConfigError
-from forcebound.launch import own
-from forcebound.launch.config import COMPUTATION, member_document
-from forcebound.launch.fields import Section, check_fields
-from forcebound.launch.phases import KEY
-from forcebound.launch.tree import Value
 
 OWN = {"environment": {"force": 3}}  # sections with classes of the user's own; their methods
 

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
+from forcebound.config.problems import Place, Problems, Related, unknown
 from forcebound.errors import ConfigError
-from forcebound.launch.problems import Place, Problems, Related, unknown
 
 MAX_DEPTH = 40  # levels of nesting
 MAX_VALUES = 20_000  # an alias counts as all that it stands for

@@ -7,7 +7,8 @@ units are text. What it refuses, the loader refuses too.
 from collections.abc import Mapping
 from typing import Any
 
-from forcebound.launch.config import (
+from forcebound.config.fields import Field, adapter, fields_of
+from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
@@ -19,14 +20,13 @@ from forcebound.launch.config import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.launch.fields import Field, adapter, fields_of
-from forcebound.launch.own_parts import OWN
-from forcebound.launch.phases import PhaseHead
+from forcebound.config.own_parts import OWN
+from forcebound.config.phases import PhaseHead
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 _SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
-_OWN_KIND = r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"  # as forcebound.launch.own reads it
+_OWN_KIND = r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"  # as forcebound.config.own reads it
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 

@@ -8,8 +8,8 @@ import difflib
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from forcebound.devices import DEVICES
-from forcebound.launch.config import (
+from forcebound.config.fields import fields_of
+from forcebound.config.graph import (
     KINDS,
     LINKS,
     RUN_KEYS,
@@ -19,7 +19,7 @@ from forcebound.launch.config import (
     plain,
     to_document,
 )
-from forcebound.launch.fields import fields_of
+from forcebound.devices import DEVICES
 from forcebound.messages.packets import (
     TOPIC_OF,
     DeviceState,
@@ -47,7 +47,7 @@ def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
     """Return all that can be changed, by name, as plain JSON values in SI units.
 
     Args:
-        config: A configuration, or its document (:func:`forcebound.launch.config.to_document`).
+        config: A configuration, or its document (:func:`forcebound.config.graph.to_document`).
     """
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}

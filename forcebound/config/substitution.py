@@ -10,8 +10,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from forcebound.launch.problems import Problems, Related, unknown
-from forcebound.launch.tree import BROKEN, Value, scalar
+from forcebound.config.problems import Problems, Related, unknown
+from forcebound.config.tree import BROKEN, Value, scalar
 
 _SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
 _ARG = re.compile(r"\s*arg\s+(?P<name>\S+)\s*")

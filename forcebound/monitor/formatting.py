@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from forcebound.launch.config import COMPUTATION, EnvironmentConfig, GraphConfig
-from forcebound.launch.fields import Field, fields_of
-from forcebound.launch.tree import scalar
+from forcebound.config.fields import Field, fields_of
+from forcebound.config.graph import COMPUTATION, EnvironmentConfig, GraphConfig
+from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Unit
 

@@ -74,7 +74,7 @@ def in_a_child(
     with tempfile.TemporaryFile("w+") as crash:
         words = [module, json.dumps(arguments), str(crash.fileno())]
         child = subprocess.Popen(
-            [sys.executable, "-m", "forcebound.launch.child", *words],
+            [sys.executable, "-m", "forcebound.config.child", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             pass_fds=(crash.fileno(),),

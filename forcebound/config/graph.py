@@ -1,6 +1,6 @@
 """What a launch file says, resolved: frozen dataclasses in SI units.
 
-:mod:`forcebound.launch.loader` makes them from launch files; :func:`to_document` gives them back as
+:mod:`forcebound.config.loader` makes them from launch files; :func:`to_document` gives them back as
 plain JSON, which is itself a launch file: without arguments, everything said, all in SI units.
 Node processes read it, and every recording holds it.
 """
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.bounding import LAWS
+from forcebound.config import own
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
 from forcebound.errors import ConfigError
-from forcebound.launch import own
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
@@ -124,7 +124,7 @@ class RemoteConfig(RemoteSection):
 
 @dataclass(frozen=True)
 class Phase:
-    """A part of a scripted run; see :mod:`forcebound.launch.phases`."""
+    """A part of a scripted run; see :mod:`forcebound.config.phases`."""
 
     name: str
     duration: float  # s
@@ -151,7 +151,7 @@ class GraphConfig:
 def to_document(config: GraphConfig) -> dict[str, Any]:
     """Return the configuration as a launch file of plain JSON types in SI units.
 
-    :func:`forcebound.launch.loader.from_document` reads it back to an equal configuration.
+    :func:`forcebound.config.loader.from_document` reads it back to an equal configuration.
     """
     device, environment = config.device, config.environment
     document: dict[str, Any] = {

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
 from forcebound.launch.build import NODE_KINDS
-from forcebound.launch.config import GraphConfig
 from forcebound.launch.live import RunDocument
 from forcebound.launch.supervisor import LAUNCHER
+from forcebound.monitor.control import PATIENCE, ask_all
 from forcebound.network import sockets
 from forcebound.process import has_control
-from forcebound.running.orders import PATIENCE, ask_all
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 

@@ -4,9 +4,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from forcebound.launch.problems import Place, Problems, Related, unknown
-from forcebound.launch.substitution import Substitution
-from forcebound.launch.tree import BROKEN, Scalar, Value, scalar
+from forcebound.config.problems import Place, Problems, Related, unknown
+from forcebound.config.substitution import Substitution
+from forcebound.config.tree import BROKEN, Scalar, Value, scalar
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _KEYS = ("default", "help", "choices")

@@ -1,6 +1,6 @@
 """What is wrong with a running graph, now, and what to do about it?
 
-:func:`examine` judges what :mod:`forcebound.running.observation` saw, and touches nothing. Each
+:func:`examine` judges what :mod:`forcebound.monitor.observation` saw, and touches nothing. Each
 rule gives findings; a cause is told once, and not again by all that follows from it: of the chain
 device, controller, environment, controller, device only the first hop that is broken is named.
 
@@ -12,12 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
+from forcebound import realtime
 from forcebound.bounding import LAWS
-from forcebound.launch.config import LINKS, GraphConfig
+from forcebound.config.graph import LINKS, GraphConfig
+from forcebound.monitor.advice import NOTICES, REASONS, UNKNOWN_REASON
+from forcebound.monitor.findings import Finding, Severity
+from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
 from forcebound.process import COMPLETE
-from forcebound.running.advice import NOTICES, REASONS, UNKNOWN_REASON
-from forcebound.running.findings import Finding, Severity
-from forcebound.running.observation import SUSPENDED, Observations, ProcessSeen
 
 # Topic, sender and receiver of each hop of the loop, in order.
 CHAIN = (
@@ -312,11 +313,9 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
 def _punctuality(seen: Observations) -> str:
     """Return the likely causes of lateness, with what to do about each."""
     device = seen.processes.get("device")
-    causes = [
-        line
-        for line in ((device.status("log") if device is not None else None) or ())
-        if line.startswith(("ordinary scheduling", "memory not locked", "on any core", "not on"))
-    ]
+    told = () if device is None else device.status("realtime") or ()
+    facts = [realtime.Fact(fact["code"], fact["data"]) for fact in told]
+    causes = [fact.sentence for fact in facts if fact.is_hindrance]
     if seen.neighbours:
         others = ", ".join(seen.neighbours)
         causes.append(f"core {seen.core} is shared with {others}: set realtime.cores")

@@ -16,12 +16,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+from forcebound.config.fields import Section, fields_of
+from forcebound.config.graph import GraphConfig, Phase
+from forcebound.config.parameters import differences, parameters, unknown_parameter
+from forcebound.config.problems import Problems
+from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
-from forcebound.launch.config import GraphConfig, Phase
-from forcebound.launch.fields import Section, fields_of
-from forcebound.launch.parameters import differences, parameters, unknown_parameter
-from forcebound.launch.problems import Problems
-from forcebound.launch.tree import BROKEN, Value
 from forcebound.quantities import POSITIVE, Time
 
 KEY = "phases"

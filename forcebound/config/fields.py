@@ -16,10 +16,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from forcebound.config import own
+from forcebound.config.problems import Problems, unknown
+from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
-from forcebound.launch import own
-from forcebound.launch.problems import Problems, unknown
-from forcebound.launch.tree import BROKEN, Value
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,17 @@ from typing import Any, cast
 import numpy as np
 
 from forcebound import realtime
+from forcebound.config.traces import loop_delays
 from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
-from forcebound.launch.traces import loop_delays
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.runs import find
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
 from forcebound.recording import TelemetryColumns, read
-from forcebound.running.runs import find
 
 DURATION = 5.0  # s, how long a running graph is watched
 _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph
@@ -31,7 +31,7 @@ _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet woul
 class Measured:
     """The loop delays of a graph."""
 
-    trace: DelayTrace  # see :func:`forcebound.launch.traces.loop_delays`
+    trace: DelayTrace  # see :func:`forcebound.config.traces.loop_delays`
     document: Mapping[str, Any]  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
 
