@@ -139,7 +139,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         Raises:
             ConfigError: If it names a file that cannot be loaded.
         """
-        if not user_module.names_file(kind):
+        if not user_module.names_file(kind) or user_module.is_absolute(kind):
             return kind
         return self.kind_of(self._load_file(kind, beside)) or kind
 

@@ -43,6 +43,12 @@ def names_file(kind: str) -> bool:
     return _KIND.fullmatch(kind) is not None
 
 
+def is_absolute(kind: str) -> bool:
+    """Return whether a ``kind`` of a file names the part, too, and needs no folder to start from."""
+    match = _match(kind)
+    return match["name"] is not None and Path(match["file"]).is_absolute()
+
+
 def file_of(kind: str, beside: Path) -> Path:
     """Return the absolute path of the file that a ``kind`` names.
 

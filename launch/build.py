@@ -7,9 +7,10 @@ from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
-from forcebound.nodes.controller import LEASE_NS, ControllerNode
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.lease import LEASE_NS
 
 NODE_KINDS = ("environment", "controller", "device")  # in the order in which they start
 
@@ -25,9 +26,11 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
     if kind == "device":
         return build_device(config)
     if kind == "controller":
-        return ControllerNode(config.controller.model, lease_ns(config), dead_lease_ns(config))
+        controller = config.controller.model.open(config.device.model.axes)
+        return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
     if kind == "environment":
-        return EnvironmentNode(config.environment.model, _computation(config), environment_name)
+        model, axes = config.environment.model, config.device.model.axes
+        return EnvironmentNode(model, _computation(config), environment_name, axes)
     raise ValueError(f"expected a kind of node ({', '.join(NODE_KINDS)}), got {kind!r}")
 
 

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.config import own
-from forcebound.config.child import Tell, in_a_child, nobody_listens
 from forcebound.config.graph import member_document
 from forcebound.config.loader import member_of
+from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
 from forcebound.environments import Environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import parse_quantity
+from forcebound.user_module import file_of, names_file
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
@@ -52,9 +52,9 @@ def check_environment(
             too slow or ended its process.
     """
     words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
-    if not own.names_file(kind):
+    if not names_file(kind):
         return check_here(tell, *words)
-    document: dict[str, Any] = in_a_child(check_here, words, own.file_of(kind, Path()), tell)
+    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], tell)
     return document
 
 

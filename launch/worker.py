@@ -25,6 +25,7 @@ from typing import Any
 from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load_tried
+from forcebound.config.user_parts import CODE_OF_PROCESS
 from forcebound.errors import ConfigError
 from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
@@ -89,7 +90,7 @@ def run_node(
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))
-                config = from_document(document, serves=kind == "environment")
+                config = from_document(document, CODE_OF_PROCESS[kind])
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
         except ConfigError:
             raise
@@ -204,7 +205,7 @@ def _run(
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    reloader = Reloader(config, run_dir / LAUNCH_FILE)
+    reloader = Reloader(config, run_dir / LAUNCH_FILE, CODE_OF_PROCESS[kind])
     status = process.run(
         node, kind, run_dir, links, settings, stop, engages_itself, reloader, remote_end
     )

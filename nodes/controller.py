@@ -130,16 +130,12 @@ class ControllerNode:
         self._commands += 1
         return ForceCommand(seq, time_ns, device_seq, device_time_ns, force)
 
-    def _fail(
-        self, method: str, error: Exception, time_ns: int, packets: list[Packet]
-    ) -> None:
+    def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
         self.faults += 1
         if self.faults == 1:
             _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
             message = "the controller failed to answer: its log gives the reason"
-            packets.append(
-                self.events.tell(time_ns, "controller_failed", message, is_fault=True)
-            )
+            packets.append(self.events.tell(time_ns, "controller_failed", message, is_fault=True))
 
 
 def _vector(answer: Vector) -> Vector:

@@ -31,7 +31,6 @@ from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
 
-
 _logger = logging.getLogger(__name__)
 
 

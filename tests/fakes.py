@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from forcebound.bounding import Dissipation
+from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import Truth
 from forcebound.environments import Environment
@@ -12,7 +13,7 @@ from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.operators.pressing import PressingHand

@@ -10,6 +10,8 @@ from fakes import MS, answer, device_node
 from msgspec.structs import replace
 
 from forcebound.config.loader import load
+from forcebound.controllers import CONTROLLERS
+from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.launch.build import dead_lease_ns, lease_ns
 from forcebound.messages.codec import decode, encode
@@ -25,7 +27,7 @@ from forcebound.messages.packets import (
 )
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.controller import CONTROLLERS, ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, ServoSettings
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog

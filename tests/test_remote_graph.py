@@ -15,6 +15,7 @@ from waiting import free_port, until
 from forcebound.cli import main
 from forcebound.config.graph import RemoteConfig, to_document
 from forcebound.config.loader import from_document, load
+from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.worker import run_node
@@ -33,7 +34,7 @@ from forcebound.network.keys import new_key
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network, Publisher
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
 

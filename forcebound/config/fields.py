@@ -16,10 +16,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from forcebound.config import own
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
+from forcebound.user_module import describe_user_error, kind_of
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def check_fields(kind: type, taken: Collection[str]) -> None:
     try:
         fields = fields_of(kind)
     except Exception as error:
-        raise ConfigError(f"the fields of {kind.__name__}: {own.blame(error, kind)}") from None
+        raise ConfigError(f"the fields of {kind.__name__}: {describe_user_error(error)}") from None
     for field in fields.values():
         if field.name in taken:
             message = (
@@ -166,9 +166,9 @@ class Section:
                 made = kind(**sound)
             except Exception as error:
                 if not isinstance(error, ValueError | ArithmeticError):
-                    if own.kind_of(kind) is None:
+                    if kind_of(kind) is None:
                         raise
-                    self.add_here(f"{self.name}: {own.blame(error, kind)}")
+                    self.add_here(f"{self.name}: {describe_user_error(error)}")
                     return None
                 blamed = self._blame(str(error), kind, sound)
                 if blamed is None:

@@ -12,22 +12,22 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from forcebound.bounding import LAWS
-from forcebound.config import own
+from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
-from forcebound.environments import ENVIRONMENTS, Environment
+from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
+from forcebound.parts import Table
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ratio, Time
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
 # Section -> name of a kind -> dataclass of its parameters.
-KINDS: dict[str, Mapping[str, type]] = {
+KINDS: Mapping[str, Table[Any]] = {
     "device": DEVICES,
     "operator": OPERATORS,
     "controller": CONTROLLERS,
@@ -70,7 +70,7 @@ class DeviceConfig:
 class ControllerConfig:
     """What connects device and environment."""
 
-    model: Controller
+    model: ControllerModel
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class EnvironmentConfig:
         ConfigError: If the settings of that time do not go together or a file cannot be read.
     """
 
-    model: Environment
+    model: EnvironmentModel
     compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0  # s; all as the delay of a link
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
@@ -138,7 +138,7 @@ class GraphConfig:
     seed: Annotated[int, NOT_NEGATIVE]
     duration: Annotated[Time, POSITIVE]  # s from the moment when the force engages
     device: DeviceConfig
-    operator: Operator
+    operator: Operator | None  # None: nobody holds the device
     environment: EnvironmentConfig
     controller: ControllerConfig
     description: str = ""
@@ -160,7 +160,6 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "seed": config.seed,
         "duration": config.duration,
         "device": {**member_document("device", device.model), **plain(device.servo)},
-        "operator": member_document("operator", config.operator),
         "controller": member_document("controller", config.controller.model),
         "environment": {
             **member_document("environment", environment.model),
@@ -169,6 +168,8 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
+    if config.operator is not None:
+        document["operator"] = member_document("operator", config.operator)
     if config.remote is not None:
         document["remote"] = plain(config.remote)
     if config.phases:
@@ -185,16 +186,13 @@ def kind_of(section: str, member: object) -> str:
     Raises:
         ConfigError: If it has none: it was made by a class that no launch file can name.
     """
-    for name, kind in KINDS[section].items():
-        if kind is type(member):
-            return name
-    own_kind = own.kind_of(type(member))
-    if own_kind is None:
+    kind = KINDS[section].kind_of(type(member))
+    if kind is None:
         raise ConfigError(
             f"no kind of {section} is a {type(member).__name__}: keep the class in a file and name"
             " it in a launch file, kind: my_file.py"
         )
-    return own_kind
+    return kind
 
 
 def member_document(section: str, member: object) -> dict[str, Any]:

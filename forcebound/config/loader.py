@@ -10,15 +10,13 @@ Each step notes its problems and passes on what is sound, so that a person sees 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from forcebound.config import own
 from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
-from forcebound.config.child import Tell, in_a_child
 from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import (
@@ -36,23 +34,28 @@ from forcebound.config.graph import (
     RemoteConfig,
     to_document,
 )
-from forcebound.config.own_parts import (
-    OWN,
-    can_be_written,
-    check_answer,
-    own_class,
-    own_file,
-    without_own,
-)
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems
+from forcebound.config.sandbox import Tell, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
+from forcebound.config.user_parts import (
+    ALL_CODE,
+    can_be_written,
+    check_controller,
+    check_device,
+    check_environment,
+    check_path,
+    find_class,
+    find_law,
+    user_files,
+    warn_uncertified,
+    without_code,
+)
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
-from forcebound.operators import Operator
 
 __all__ = [
     "Argument",
@@ -87,22 +90,24 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
 def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     """Return the same as :func:`load`, for a command that somebody waits for.
 
-    A file of the user's own is loaded and asked in a child first, where it may hang or exit. This
-    process then loads it, too, and asks nothing.
+    Files of the user's own are loaded and asked in the sandbox first, where they may hang or exit.
+    This process then loads them, too, and asks nothing. The log says what is not certified.
 
     Raises:
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
     """
     problems = Problems()
     filled = _filled(_read(path, problems), overrides, problems)
-    file = own_file(filled)
-    if file is not None:
-        in_a_child(try_out, [str(path), list(overrides)], file)
-    return _build(filled, problems, asks=file is None)
+    files = user_files(filled)
+    if files:
+        run_in_sandbox(try_out, [str(path), list(overrides)], files)
+    config = _build(filled, problems, asks=not files)
+    warn_uncertified(config)
+    return config
 
 
 def try_out(tell: Tell, path: str, overrides: Sequence[str]) -> None:
-    """Load a launch file for its problems alone, in a child of :func:`load_tried`."""
+    """Load a launch file for its problems alone, in the sandbox of :func:`load_tried`."""
     load(path, overrides)
 
 
@@ -186,18 +191,19 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     return made
 
 
-def from_document(document: Mapping[str, Any], serves: bool = True) -> GraphConfig:
+def from_document(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> GraphConfig:
     """Return the configuration of a document that :func:`to_document` made.
 
     Args:
         document: What was made.
-        serves: Whether the environment will be asked. If not, an environment of the user's own is
-            left out, a wall in its place: its code must not run beside the bounder.
+        runs: Sections whose parts' code may run here if it does not ship with forcebound; in the
+            others a shipped part takes the place. All: the parts are asked for a first answer.
 
     Raises:
         ConfigError: If anything in it is wrong.
     """
-    return _build(from_plain(document if serves else without_own(document), "document"), Problems())
+    content = from_plain(without_code(document, runs), "document")
+    return _build(content, Problems(), asks=ALL_CODE.issubset(runs))
 
 
 def _read(path: str | Path, problems: Problems) -> Value:
@@ -211,26 +217,28 @@ def _read(path: str | Path, problems: Problems) -> Value:
 
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
-    """Return what the tree says; ``asks``: whether to ask a user's own environment for a force."""
+    """Return what the tree says; ``asks``: whether to ask a user's own parts for an answer."""
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
     top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
     run_keys = tuple(key for key in RUN_KEYS if key != "duration" or KEY not in root.entries)
     values = {"duration": math.inf, **top.read(fields_of(GraphConfig, run_keys))}
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
-    device = _device(sections["device"])
-    operator = _member(sections["operator"])
+    device = _device(sections["device"], asks)
+    operator = _operator(sections["operator"])
     controller = _controller(sections["controller"])
     environment = _environment(sections["environment"])
     links = _links(sections["links"])
     realtime = _realtime(sections["realtime"])
     remote = _remote(sections["remote"]) if "remote" in root.entries else None
     if device and operator:
-        _check_axes(device, operator, sections["operator"])
+        check_path(operator, device.model.axes, sections["operator"])
     if device and environment:
         _check_delays(device.servo, environment, links, sections["device"])
         if asks:
-            check_answer(environment.model, device.model.axes, sections["environment"])
+            check_environment(environment.model, device.model.axes, sections["environment"])
+    if device and controller and asks:
+        check_controller(controller.model, device.model.axes, sections["controller"])
     problems.raise_if_any()
     assert device is not None  # what could not be made was a problem
     assert controller is not None
@@ -268,13 +276,12 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
         return None
     table = KINDS[section.name]
     taken = {"kind", *(beside or ())}
-    value = section.value.entries.get("kind")
-    member: type | None
-    if section.name in OWN and value is not None and own.names_file(value.text):
-        member = own_class(section, value, taken)
-    else:
-        kind = section.choose(f"{section.name} kind", "kind", table)
-        member = None if kind is None else table[kind]
+    kind = section.choose(f"{section.name} kind", "kind", table)
+    if kind is None:
+        return None
+    shipped = table.is_shipped(kind)
+    value = section.value.entries["kind"]
+    member = table[kind] if shipped else find_class(section, value, table, taken)
     if member is None:
         return None
     section.check_keys({*fields_of(member), *taken})
@@ -282,15 +289,25 @@ def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
     return made if made is None or can_be_written(made, section) else None
 
 
-def _device(section: Section) -> DeviceConfig | None:
+def _operator(section: Section) -> Any:
+    """The hand; None if the section is empty or missing: nobody holds the device."""
+    is_empty = section.is_readable and not section.value.entries
+    return None if is_empty else _member(section)
+
+
+def _device(section: Section, asks: bool) -> DeviceConfig | None:
     if not section.is_readable:
         return None
     model = _member(section, fields_of(ServoSettings))
     law = section.value.entries.get("law")
-    if law is not None and isinstance(law.content, str):
-        section.choose("law", "law", LAWS)
+    kind = None
+    if law is not None and isinstance(law.content, str) and section.choose("law", "law", LAWS):
+        kind = find_law(section, law)
     servo = section.make(ServoSettings)
-    return None if model is None or servo is None else DeviceConfig(model, servo)
+    if model is None or servo is None:
+        return None
+    device = DeviceConfig(model, servo if kind is None else replace(servo, law=kind))
+    return device if check_device(device, section, asks) else None
 
 
 def _controller(section: Section) -> ControllerConfig | None:
@@ -350,12 +367,6 @@ def _remote(section: Section) -> RemoteConfig | None:
     if made is None:  # whatever is wrong with the address, the rest is looked at
         section.make(RemoteConfig, address="127.0.0.1")
     return made
-
-
-def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> None:
-    wanted, axes = len(operator.target(0.0)), device.model.axes
-    if wanted > axes:
-        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
 
 
 def _check_delays(

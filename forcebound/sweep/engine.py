@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig, kind_of, to_document
+from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
-from forcebound.nodes.controller import DirectController
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
@@ -83,6 +83,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15
+        or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
         or type(config.controller.model) is not DirectController

@@ -1,0 +1,249 @@
+"""Parts of the user's own in a launch file: their files, and what is checked of them.
+
+:mod:`forcebound.user_module` loads a file, the tables of :data:`forcebound.config.graph.KINDS` find
+the part in it.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from forcebound.bounding import LAWS, ForceBounder
+from forcebound.config.fields import Section, check_fields, fields_of
+from forcebound.config.graph import COMPUTATION, KINDS, DeviceConfig, GraphConfig, member_document
+from forcebound.config.phases import KEY
+from forcebound.config.tree import Value
+from forcebound.controllers import ControllerModel
+from forcebound.environments import EnvironmentModel, open_environment
+from forcebound.environments.contract import force_fault
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+from forcebound.nodes.device import ServoSettings, dissipation_of
+from forcebound.operators import Operator
+from forcebound.parts import Table
+from forcebound.user_module import describe_user_error, file_of, kind_of, names_file
+
+ALL_CODE = frozenset(KINDS)
+
+# Sections whose code a process runs. That of environment and controller must not run beside the
+# bounder; the others need the device's number of axes.
+CODE_OF_PROCESS: Mapping[str, frozenset[str]] = {
+    "device": frozenset({"device", "operator"}),
+    "controller": frozenset({"device", "controller"}),
+    "environment": frozenset({"device", "environment"}),
+    "recorder": frozenset(),
+}
+
+_logger = logging.getLogger(__name__)
+
+
+def user_files(root: Value) -> list[Path]:
+    """Return the files of the user's own that a launch file names."""
+    places = [(section, "kind") for section in KINDS] + [("device", "law")]
+    found = []
+    for name, key in places:
+        section = root.entries.get(name)
+        kind = None if section is None else section.entries.get(key)
+        if kind is not None and names_file(kind.text):
+            found.append(file_of(kind.text, _beside(kind)))
+    return list(dict.fromkeys(found))
+
+
+def _beside(value: Value) -> Path:
+    """The folder that a relative path starts from: that of the file that says it."""
+    return Path(value.place.name).parent if value.place.line else Path()
+
+
+def find_class(section: Section, value: Value, table: Table[Any], taken: set[str]) -> type | None:
+    """Return the class of a part that does not ship; None with a problem noted if there is none.
+
+    Args:
+        section: Of the launch file.
+        value: The kind that it names.
+        table: Of this section.
+        taken: Names that already mean something in the section.
+    """
+    try:
+        member: type = table[table.resolve(value.text, _beside(value))]
+        check_fields(member, taken)
+    except ConfigError as error:
+        section.add(f"{section.name}: {error}", value)
+        return None
+    return member
+
+
+def find_law(section: Section, value: Value) -> str | None:
+    """Return the absolute kind of a law in a user's file; None with a problem noted."""
+    try:
+        return LAWS.resolve(value.text, _beside(value))
+    except ConfigError as error:
+        section.add(f"law: {error}", value)
+        return None
+
+
+def can_be_written(made: object, section: Section) -> bool:
+    """Return whether the parameters can be written into documents and recordings."""
+    for name, value in member_document(section.name, made).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            section.add_here(f"{section.name}: {name} cannot be written down: {error}")
+            return False
+    return True
+
+
+def check_device(device: DeviceConfig, section: Section, asks: bool) -> bool:
+    """Return whether a device and a law of the user's own can be used; note what is wrong.
+
+    Args:
+        device: With its law.
+        section: Of the device.
+        asks: Whether to call the law, once.
+    """
+    model, law = device.model, device.servo.law
+    try:
+        if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
+            raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {model.axes!r}")
+        dissipation = dissipation_of(model, device.servo)
+        if asks and not LAWS.is_shipped(law):
+            bounder = ForceBounder(law, dissipation, model.axes)
+            bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
+            bounder.settle((0.0,) * model.axes)
+    except (Exception, SystemExit) as error:
+        words = str(error) if isinstance(error, ConfigError) else describe_user_error(error)
+        section.add_here(f"device: {words}")
+        return False
+    return True
+
+
+def check_path(operator: Operator, axes: int, section: Section) -> None:
+    """Note what is wrong with the path of an operator: of a user's own, it is asked once."""
+    try:
+        wanted = len(operator.target(0.0))
+    except (Exception, SystemExit) as error:
+        _add_failure(section, "target(0.0)", describe_user_error(error))
+        return
+    if wanted > axes:
+        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+
+
+def check_environment(model: EnvironmentModel, axes: int, section: Section) -> None:
+    """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
+    still = (0.0,) * axes
+
+    def ask() -> None:
+        opened = open_environment(model, axes)
+        try:
+            fault = force_fault(opened.force(still, still, 0.0), axes)
+        finally:
+            opened.close()
+        if fault is not None:
+            raise ConfigError(str(fault))
+
+    _check(model, section, f"force({still}, {still}, 0.0)", ask)
+
+
+def check_controller(model: ControllerModel, axes: int, section: Section) -> None:
+    """Note what a user's controller does wrong at the first state and reply."""
+    zero = (0.0,) * axes
+    state = DeviceState(0, 0, 0.0, zero, zero, zero)
+    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, zero, "environment")
+
+    def ask() -> None:
+        opened = model.open(axes)
+        try:
+            force = opened.on_state(state, 0)
+            answers = [*opened.query(state), *(() if force is None else (force,))]
+            force = opened.on_reply(reply, 0)
+            answers += () if force is None else (force,)
+        finally:
+            opened.close()
+        faults = [fault for fault in (force_fault(one, axes) for one in answers) if fault]
+        if faults:
+            raise ConfigError(str(faults[0]))
+
+    _check(model, section, "its first state and reply", ask)
+
+
+def _check(model: object, section: Section, what: str, ask: Callable[[], None]) -> None:
+    if kind_of(type(model)) is None:  # no file of the user's own
+        return
+    try:
+        ask()
+    except ConfigError as error:
+        _add_failure(section, what, str(error))
+    except (Exception, SystemExit) as error:
+        _add_failure(section, what, describe_user_error(error))
+
+
+def _add_failure(section: Section, what: str, words: str) -> None:
+    section.add(f"{section.name}: {what}: {words}", section.value.entries["kind"])
+
+
+def warn_uncertified(config: GraphConfig) -> None:
+    """Log which parts in the device's process, beside the bounder, do not ship with forcebound."""
+    if not LAWS.is_shipped(config.device.servo.law):
+        _warn("law", config.device.servo.law)
+    for section, part in (("device", config.device.model), ("operator", config.operator)):
+        if part is None:
+            continue
+        kind = KINDS[section].kind_of(type(part))
+        if kind is None or not KINDS[section].is_shipped(kind):
+            _warn(section, kind or type(part).__name__)
+
+
+def _warn(section: str, kind: str) -> None:
+    _logger.warning(
+        "%s %s is not certified by forcebound: it runs in the device's process, and the proof of"
+        " passivity does not cover it",
+        section,
+        kind,
+    )
+
+
+def without_code(document: Mapping[str, Any], runs: Collection[str]) -> Mapping[str, Any]:
+    """Return a document whose parts that do not ship are left out, except in some sections.
+
+    Args:
+        document: Of :func:`forcebound.config.graph.to_document`.
+        runs: Sections whose code is to run. In the others, a shipped part takes the place.
+    """
+    left_out = [
+        section
+        for section in KINDS
+        if section not in runs and _is_foreign(section, document.get(section))
+    ]
+    changed = dict(document)
+    for section in left_out:
+        stand_in = _stand_in(section, document[section])
+        if stand_in is None:
+            del changed[section]
+        else:
+            changed[section] = stand_in
+    if "environment" in left_out and KEY in document:
+        changed[KEY] = [{**phase, "set": _computation_only(phase)} for phase in document[KEY]]
+    return changed
+
+
+def _is_foreign(section: str, content: Any) -> bool:
+    return isinstance(content, Mapping) and not KINDS[section].is_shipped(str(content.get("kind")))
+
+
+def _stand_in(section: str, content: Mapping[str, Any]) -> dict[str, Any] | None:
+    """A shipped part with what of the section does not concern its kind; None: no section."""
+    if section == "environment":
+        return {"kind": "wall", **{name: content[name] for name in COMPUTATION if name in content}}
+    if section == "device":
+        servo = {name: content[name] for name in fields_of(ServoSettings) if name in content}
+        return {"kind": "phantom_premium_1_5", "axes": content.get("axes", 1), **servo}
+    return {"kind": "direct"} if section == "controller" else None
+
+
+def _computation_only(phase: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: value
+        for name, value in phase.get("set", {}).items()
+        if not name.startswith("environment.") or name.removeprefix("environment.") in COMPUTATION
+    }
