@@ -1,8 +1,8 @@
-"""What the codec costs beside bare msgpack: ``python benchmarks/codec.py [--json]``.
+"""Benchmark of the codec against bare msgpack: ``python benchmarks/codec.py [--json]``.
 
 For every packet of one axis: encode plus decode with all its checks, against ``msgpack.packb`` plus
 ``unpackb`` of the same map, which is what it costs without any check. Absolute times mean nothing
-on a shared machine, so the two are measured in turn, and the ratio is what counts. The
+on a shared machine, so the two are measured in turns, and their ratio is judged. The
 target is a ratio of at most 4.
 
 * warm: the median of rounds of many calls;
@@ -36,7 +36,7 @@ SAMPLES: tuple[Packet, ...] = (
     DeviceState(4321, NOW, 4.3, (0.01203,), (0.0523,), (1.25,)),
     EnvironmentQuery(4321, NOW, 4321, NOW, 4.3, (0.01203,), (0.0523,), "wall"),
     EnvironmentReply(4321, NOW, 4321, NOW, 4321, NOW, (1.25,), "wall"),
-    ForceCommand(4321, NOW, 4321, NOW, (1.25,), "wall"),
+    ForceCommand(4321, NOW, 4321, NOW, (1.25,)),
     Telemetry(
         seq=4321,
         time_ns=NOW,

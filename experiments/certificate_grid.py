@@ -75,7 +75,7 @@ def measure(laws: Sequence[str]) -> list[dict[str, Any]]:
                 "approach_speed_mm_per_s": speed,
                 "displayed_stiffness_n_per_mm": summary["displayed_stiffness_n_per_m"] / 1e3,
                 "rate_hardness_n_per_mm": summary["rate_hardness_n_per_m"] / 1e3,
-                "contact_reversals": summary["contact_reversals"],
+                "contact_bounces": summary["contact_bounces"],
                 "true_energy_min_j": summary["true_energy_min_j"],
             }
         )
@@ -94,8 +94,8 @@ def average(rows: list[dict[str, Any]], laws: Sequence[str]) -> list[dict[str, A
                     row["displayed_stiffness_n_per_mm"] for row in own
                 ),
                 "rate_hardness_n_per_mm": mean(row["rate_hardness_n_per_mm"] for row in own),
-                "contact_reversals": mean(row["contact_reversals"] for row in own),
-                "most_contact_reversals": max(row["contact_reversals"] for row in own),
+                "contact_bounces": mean(row["contact_bounces"] for row in own),
+                "most_contact_bounces": max(row["contact_bounces"] for row in own),
                 "true_energy_min_j": min(row["true_energy_min_j"] for row in own),
             }
         )
@@ -151,7 +151,7 @@ def main() -> int:
         for row in averages:
             sys.stdout.write(
                 f"{row['law']:<27}{row['displayed_stiffness_n_per_mm']:>8.3f}"
-                f"{row['rate_hardness_n_per_mm']:>8.3f}{row['contact_reversals']:>8.1f}"
+                f"{row['rate_hardness_n_per_mm']:>8.3f}{row['contact_bounces']:>8.1f}"
                 f"{row['true_energy_min_j']:>18.2g}\n"
             )
         for verdict in verdicts:

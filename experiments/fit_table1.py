@@ -107,7 +107,7 @@ def kernel(law: str) -> Callable[..., float]:
 
 
 def contact(law: str, hand: Floats, approach: Floats, samples: int) -> tuple[float, float, float]:
-    """Return rate hardness and displayed stiffness, in N/mm, and contact speed, in m/s."""
+    """Return rate-hardness and displayed stiffness, in N/mm, and contact speed, in m/s."""
     speed, way, target = approach.tolist()
     readings, forces = np.empty(samples), np.empty(samples)
     relied_on = Dissipation(

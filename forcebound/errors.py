@@ -15,7 +15,17 @@ class ForceboundError(Exception):
 
 
 class ConfigError(ForceboundError, ValueError):
-    """A launch file, an argument or a parameter is wrong; raised before anything starts."""
+    """A launch file, an argument or a parameter is wrong; raised before anything starts.
+
+    Attributes:
+        problem: What is wrong.
+        action: What to do; empty if the problem says it.
+    """
+
+    def __init__(self, problem: str, action: str = "") -> None:
+        super().__init__(f"{problem}: {action}" if action else problem)
+        self.problem = problem
+        self.action = action
 
 
 class PacketError(ForceboundError, ValueError):

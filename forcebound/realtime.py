@@ -6,8 +6,8 @@ How it works:
    process on another core costs more than the messages themselves; launcher and recorder stay
    off that core (:func:`choose_core`, :func:`stand_aside`).
 2. On that core the nodes run under SCHED_FIFO, the device above the controller above the
-   environment (:data:`PRIORITIES`). Never without a core of their own: FIFO processes that wander
-   between cores are slower than ordinary ones.
+   environment (:data:`forcebound.processes.PROCESSES`). Never without a core of their own: FIFO
+   processes that wander between cores are slower than ordinary ones.
 3. The kernel may be late by the timer slack, 50 us by default; 1 ns costs nothing and needs no
    right.
 4. A page fault or a garbage collection in the loop costs more than the loop: memory is locked
@@ -31,6 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from forcebound.errors import ConfigError
+from forcebound.processes import NODES, PROCESSES
 
 PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 PR_SET_TIMERSLACK = 29  # <linux/prctl.h>
@@ -71,8 +72,6 @@ SENTENCES = {
 TIMER_SLACK_NS = 1  # smallest that is not "the default of 50 us"
 
 MAX_SPIN_SHARE = 8  # a wait is spun for at most this fraction of it, 1/8
-
-PRIORITIES = {"device": 50, "controller": 40, "environment": 30}  # SCHED_FIFO, 1 to 99
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -170,7 +169,7 @@ def enter(settings: Settings, role: str) -> list[Fact]:
         What was set and what was not permitted.
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
-    if role not in PRIORITIES:
+    if role not in NODES:
         stand_aside(settings.core)
         return []
     facts = [_pin(settings.core), _schedule(settings, role)]
@@ -233,8 +232,9 @@ def die_with_parent(signal_number: int) -> None:
 def permits_fifo() -> bool:
     """Return whether this process may use SCHED_FIFO, by doing so for an instant."""
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    highest = max(process.priority for process in PROCESSES.values())
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(PRIORITIES.values())))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
     except OSError:
         return False
     os.sched_setscheduler(0, policy, parameters)
@@ -265,7 +265,7 @@ def _schedule(settings: Settings, role: str) -> Fact:
         return Fact("fifo_not_wanted")
     if settings.core is None or os.sched_getaffinity(0) != {settings.core}:
         return Fact("fifo_without_core")
-    priority = PRIORITIES[role]
+    priority = PROCESSES[role].priority
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:

@@ -1,16 +1,16 @@
-"""What a run leaves behind: an MCAP file of every packet, and how to read it back.
+"""Recordings: an MCAP file of every packet of a run, and its reader.
 
 One channel per topic (``/device_state`` ...), JSON messages, and a jsonschema with units for each,
-so that a recording opens in Foxglove and PlotJuggler as it is. A metadata record ``forcebound``
+so that a recording opens in Foxglove and PlotJuggler. A metadata record ``forcebound``
 holds the resolved launch file, the versions and the seed as text.
 
-* **A killed recorder loses only what came after the last** :meth:`Recorder.flush`. MCAP collects
-  messages in compressed chunks, and a chunk exists in the file only when it is finished; ``flush``
-  finishes it. Such a file has no footer: :func:`read` returns what is there and says so
-  (:attr:`Recording.complete`).
+* **A killed recorder loses only the packets after the last** :meth:`Recorder.flush`. MCAP collects
+  messages in compressed chunks, and a chunk is in the file only when it is finished; ``flush``
+  finishes it. Such a file has no footer: :func:`read` returns its readable part with
+  :attr:`Recording.complete` false.
 * **The same calls give the same bytes**: no date, path or host is written. A flush ends a chunk, so
   it counts as one of the calls.
-* **The schemas use one type per field**, since Foxglove refuses a list of types. So a field without
+* **The schemas use one type per field**, since Foxglove rejects a list of types. So a field without
   a value (``None``) is left out of its message; a number that is not finite, which JSON cannot
   express, becomes ``null`` and is read back as NaN.
 """
@@ -19,7 +19,6 @@ import json
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from os import PathLike
@@ -27,13 +26,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-import numpy as np
 from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import Writer
 from msgspec.json import Encoder
-from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from forcebound.errors import ConfigError
@@ -47,6 +44,7 @@ from forcebound.messages.packets import (
     Vector,
     field_types,
 )
+from forcebound.telemetry import TelemetryColumns
 
 METADATA_NAME = "forcebound"  # of the metadata record
 
@@ -61,28 +59,28 @@ DESCRIPTIONS: dict[str, str] = {
     "device_time_ns": "time_ns of the device state that is answered, device's clock, ns",
     "query_seq": "seq of the query that is answered",
     "query_time_ns": "time_ns of the query that is answered, controller's clock, ns",
-    "commanded_force": "force asked of the bounder, N; after age limit, ramp and saturation",
-    "applied_force": "force written to the motor, N",
-    "force_limit": "largest magnitude that law and saturation allowed, N",
-    "estimated_energy": "energy as the law believes it, J",
-    "true_energy": "energy that the hand has put into a simulated device, J",
+    "commanded_force": "commanded force, N; after age limit, saturation and engage ramp",
+    "applied_force": "applied force, N; written to the motor",
+    "force_limit": "limit force, N; largest magnitude that law and saturation allow",
+    "estimated_energy": "energy in the ledger of the law, J",
+    "true_energy": "energy that the hand has put into a simulated device, J; ground truth",
     "true_position": "unquantised position of a simulated device, m",
     "hand_force": "force of the simulated hand on the device, N",
     "engagement": "factor of the engage ramp, 0 to 1",
     "loop_delay": "time from the answered device state to this write, s",
     "deadline_misses": "ticks skipped so far",
-    "rejected": "packets refused so far, by reason",
-    "environment": "name of an environment; in a query, of the one that serves",
-    "node": "process that tells it",
-    "event": "what kind of thing happened, one word",
-    "is_fault": "something is wrong",
-    "message": "what happened, for people",
-    "data": "what happened, for programs",
-}  # of the packets' fields, with units, for the schemas
+    "rejected": "packets rejected so far, by reason",
+    "environment": "name of an environment; in a query, of the serving one",
+    "node": "process that sent the event",
+    "event": "kind of event, one word",
+    "is_fault": "whether the event is a fault",
+    "message": "description for people",
+    "data": "details for programs",
+}  # meaning and unit of the packets' fields, for the schemas
 
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
 
-_encode = Encoder(enc_hook=plain).encode  # what is not finite becomes null
+_encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 
 
 def schema(packet: type[Packet]) -> dict[str, Any]:
@@ -156,13 +154,13 @@ class Recorder:
         self._writer.start(profile="", library="forcebound")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
         # All topics from the start: the file does not depend on which packet happens to come first.
-        self._channels = {packet: self._register(topic) for topic, packet in TOPICS.items()}
+        self._channels = {packet: self._register(topic) for packet, topic in TOPIC_OF.items()}
         self.flush()
 
     def _register(
         self, topic: str
     ) -> tuple[int, tuple[str, ...], Callable[[Packet], tuple[Any, ...]]]:
-        packet = TOPICS[topic]
+        packet = TOPICS[topic].packet
         schema_id = self._writer.register_schema(
             f"forcebound.{packet.__name__}", "jsonschema", json.dumps(schema(packet)).encode()
         )
@@ -198,7 +196,7 @@ class Recorder:
                 self._writer.finish()
 
     def abandon(self) -> None:
-        """Close the file without an end: whoever reads it sees that it is not all there is."""
+        """Close the file without index and footer, so that it reads as incomplete."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -213,91 +211,14 @@ class Recorder:
         self.close()
 
 
-@dataclass(frozen=True)
-class TelemetryColumns:
-    """The telemetry of a run, one array per field; ``n`` samples, oldest first.
-
-    What is ``None`` in a packet is NaN here (-1 in ``device_seq``).
-    """
-
-    time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
-    time_ns: NDArray[np.int64]  # (n,), ns, device's clock
-    seq: NDArray[np.int64]  # (n,), tick number
-    elapsed: NDArray[np.float64]  # (n,), s since the force engaged for the first time
-    position: NDArray[np.float64]  # (n, axes), m, reading
-    commanded_force: NDArray[np.float64]  # (n, axes), N
-    applied_force: NDArray[np.float64]  # (n, axes), N
-    force_limit: NDArray[np.float64]  # (n,), N
-    estimated_energy: NDArray[np.float64]  # (n,), J
-    true_energy: NDArray[np.float64]  # (n,), J
-    true_position: NDArray[np.float64]  # (n, axes), m
-    hand_force: NDArray[np.float64]  # (n, axes), N
-    engagement: NDArray[np.float64]  # (n,), 0 to 1
-    device_seq: NDArray[np.int64]  # (n,), tick that the force answers
-    loop_delay: NDArray[np.float64]  # (n,), s
-    deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
-    rejected: Mapping[str, int]  # packets refused by the end of the run, by reason
-
-    @classmethod
-    def from_packets(cls, packets: Sequence[Telemetry]) -> Self:
-        """Return the columns of ``packets``; without packets, empty columns of one axis.
-
-        Raises:
-            ValueError: If the packets differ in their number of axes.
-        """
-        axes = len(packets[0].position) if packets else 1
-        nothing = (math.nan,) * axes
-
-        def floats(values: list[float | None]) -> NDArray[np.float64]:
-            return np.array(values, dtype=np.float64)  # None becomes NaN
-
-        def integers(values: list[int]) -> NDArray[np.int64]:
-            return np.array(values, dtype=np.int64)
-
-        def vectors(values: list[Vector]) -> NDArray[np.float64]:
-            return np.array(values, dtype=np.float64).reshape(len(packets), axes)
-
-        time_ns = integers([p.time_ns for p in packets])
-        engagement = floats([p.engagement for p in packets])
-        start = int(np.argmax(engagement > 0.0)) if packets else 0
-        return cls(
-            time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
-            time_ns=time_ns,
-            seq=integers([p.seq for p in packets]),
-            elapsed=floats([p.elapsed for p in packets]),
-            position=vectors([p.position for p in packets]),
-            commanded_force=vectors([p.commanded_force for p in packets]),
-            applied_force=vectors([p.applied_force for p in packets]),
-            force_limit=floats([p.force_limit for p in packets]),
-            estimated_energy=floats([p.estimated_energy for p in packets]),
-            true_energy=floats([p.true_energy for p in packets]),
-            true_position=vectors([p.true_position or nothing for p in packets]),
-            hand_force=vectors([p.hand_force or nothing for p in packets]),
-            engagement=engagement,
-            device_seq=integers([-1 if p.device_seq is None else p.device_seq for p in packets]),
-            loop_delay=floats([p.loop_delay for p in packets]),
-            deadline_misses=integers([p.deadline_misses for p in packets]),
-            rejected=dict(packets[-1].rejected) if packets else {},
-        )
-
-    def slice(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
-        columns = {
-            field.name: getattr(self, field.name)[chosen]
-            for field in fields(self)
-            if field.name != "rejected"
-        }
-        return replace(self, **columns)
-
-
 class Recording:
-    """What :func:`read` found in a file.
+    """Content of a recording.
 
     Attributes:
-        path: Where it was read from.
+        path: File that was read.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        complete: False if the recorder was killed, or the file was cut or damaged: then these are
-            the packets up to there.
+        complete: False if the recorder was killed, or the file was cut or damaged; it then holds
+            the packets up to that point.
     """
 
     def __init__(
@@ -320,12 +241,12 @@ class Recording:
         """
         if topic not in TOPICS:
             raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
-        decode = _decoder(TOPICS[topic])
+        decode = _decoder(TOPICS[topic].packet)
         try:
             return [decode(json.loads(data)) for data in self._messages.get(topic, ())]
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ConfigError(
-                f"{self.path}: a message of {topic} is not the packet this version knows "
+                f"{self.path}: a message of {topic} does not match the packet of this version "
                 f"({type(error).__name__}: {error}); recorded by another version?"
             ) from error
 
@@ -345,7 +266,7 @@ class Recording:
 
 
 def read(path: str | PathLike[str]) -> Recording:
-    """Read a recording, also one whose recorder was killed.
+    """Read a recording, complete or not.
 
     Raises:
         ConfigError: If the file is missing, is not MCAP, or was not written by forcebound.
@@ -357,7 +278,7 @@ def read(path: str | PathLike[str]) -> Recording:
     complete = False
     try:
         with path.open("rb") as file:
-            # A cut record may claim any length, but none is longer than the file.
+            # A damaged record may claim any length; no real one is longer than the file.
             size = path.stat().st_size
             reader = StreamReader(file, emit_chunks=True, record_size_limit=size)
             for record in reader.records:
@@ -371,9 +292,9 @@ def read(path: str | PathLike[str]) -> Recording:
     except InvalidMagic:
         if metadata is None:
             raise ConfigError(f"{path} is not an MCAP file") from None
-        complete = False  # the closing magic is what is damaged
+        complete = False  # only the closing magic is damaged
     except _DAMAGE:
-        complete = False  # up to here it is good, and the caller can see that it is not all
+        complete = False  # the records before the damage are good
     if metadata is None:
         raise ConfigError(f"{path} is not a recording of forcebound (or it was cut at its start)")
     return Recording(path, metadata, complete, messages)

@@ -70,11 +70,11 @@ class Simulation:
 
     def link(self, topic: str) -> Link[Packet] | None:
         """Return the model of the link of a topic; None if it is perfect."""
-        return self._routes[TOPICS[topic]][1]
+        return self._routes[TOPICS[topic].packet][1]
 
     def set_link(self, topic: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        packet = TOPICS[topic]
+        packet = TOPICS[topic].packet
         index, _, wakes_on_arrival = self._routes[packet]
         self._routes[packet] = (index, link, wakes_on_arrival)
         self._links[index].append(link)

@@ -44,7 +44,7 @@ def names_file(kind: str) -> bool:
 
 
 def is_absolute(kind: str) -> bool:
-    """Return whether a ``kind`` of a file names the part, too, and needs no folder to start from."""
+    """Return whether a ``kind`` of a file names the part and an absolute path."""
     match = _match(kind)
     return match["name"] is not None and Path(match["file"]).is_absolute()
 
@@ -115,8 +115,8 @@ def _load(path: Path) -> _File:
     try:
         # What it prints must not get into a --json document.
         with contextlib.redirect_stdout(sys.stderr):
-            tree = compile(source, str(path), "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
-            exec(compile(tree, str(path), "exec", dont_inherit=True), module.__dict__)
+            tree = ast.parse(source, str(path))
+            exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
     except BaseException as error:
         del sys.modules[module.__name__]
         if isinstance(error, KeyboardInterrupt):

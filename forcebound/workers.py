@@ -1,33 +1,109 @@
-"""Processes on this machine's cores for work that can be divided."""
+"""Executors for work that can be divided: this machine's cores, or a dask cluster.
 
+Whoever uses one leaves the futures alone and takes the results from :func:`completed`. A future
+that is cancelled while its process ends makes the pool's own thread fail in Python 3.11; so an
+interruption ends the processes, and nothing is cancelled.
+"""
+
+import logging
 import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context
+from typing import Any, TypeVar
 
+from forcebound.errors import ConfigError, RunError
 from forcebound.realtime import die_with_parent
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 @contextmanager
 def local_executor(workers: int | None = None) -> Iterator[Executor]:
-    """Give ``workers`` processes, by default one a core; they end with this one, whatever ends it.
+    """Give ``workers`` processes, by default one a core; they end with this one in any case.
 
-    Leaving with an exception, Ctrl-C among them, ends them in the middle of what they do.
+    Leaving with an exception, Ctrl-C among them, ends them in the middle of what they do. SIGTERM
+    does as Ctrl-C: the default action would leave the pool's semaphores behind.
     """
     count = workers or len(os.sched_getaffinity(0))
     # Spawned, not forked: the parent may have threads (progress bar, numba).
-    with ProcessPoolExecutor(count, get_context("spawn"), _begin_worker) as executor:
+    with (
+        _termination_interrupts(),
+        ProcessPoolExecutor(count, get_context("spawn"), _begin_worker) as executor,
+    ):
         try:
             yield executor
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
             for child in active_children():
                 child.terminate()
             raise
 
 
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # which alone may set a handler
+        yield
+        return
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
 def _begin_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     die_with_parent(signal.SIGKILL)
+
+
+@contextmanager
+def cluster_executor(address: str) -> Iterator[Executor]:
+    """Give the workers of a dask cluster; each needs this version of forcebound.
+
+    Args:
+        address: Of the scheduler, such as ``tcp://host:8786``.
+
+    Raises:
+        ConfigError: If dask is not installed or there is no scheduler.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError("--cluster needs dask: pip install 'forcebound[cluster]'") from error
+    logging.getLogger("distributed.client").setLevel(
+        logging.CRITICAL
+    )  # completed reports a lost one
+    try:
+        client: Any = Client(address, timeout="10s", set_as_default=False)  # type: ignore[no-untyped-call]  # dask has no types
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"no dask scheduler at {address}: {error}") from error
+    with client:
+        yield client.get_executor(pure=False)
+
+
+def completed(
+    executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task]
+) -> Iterator[tuple[int, Result]]:
+    """Run ``work`` on each task; yield the task's index and its result, in the order of their end.
+
+    Raises:
+        RunError: If the executor's processes are gone: a worker was killed, a cluster has ended.
+    """
+    try:
+        futures = {executor.submit(work, task): index for index, task in enumerate(tasks)}
+        for future in as_completed(futures):
+            yield futures.pop(future), future.result()
+    except BrokenExecutor as error:
+        raise RunError("a worker process ended before its work was done") from error
+    except CancelledError as error:
+        raise RunError("the cluster has ended, or has dropped the work") from error

@@ -10,14 +10,14 @@ import atheris
 with atheris.instrument_imports(include=["forcebound.messages", "msgpack"]):
     from forcebound.errors import PacketError
     from forcebound.messages.codec import decode, encode
-    from forcebound.messages.packets import TOPICS
+    from forcebound.messages.packets import TOPIC_OF
 
 REASONS = {"malformed", "version", "keys", "value"}
 
 
 def one(data: bytes) -> None:
     """Decode as any packet and as each kind; see the head of this file."""
-    for expected in (None, *TOPICS.values()):
+    for expected in (None, *TOPIC_OF):
         try:
             packet = decode(data, expected)
         except PacketError as error:

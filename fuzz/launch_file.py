@@ -18,7 +18,8 @@ with atheris.instrument_imports(
 ):
     from forcebound.config.loader import arguments_of, from_document, load, to_document
     from forcebound.errors import ConfigError
-    from forcebound.launch.build import NODE_KINDS, build_links, build_node
+    from forcebound.launch.build import build_links, build_node
+    from forcebound.processes import NODES
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
 
@@ -35,7 +36,7 @@ def one(data: bytes) -> None:
     document = json.loads(json.dumps(to_document(config), allow_nan=False))
     assert from_document(document) == config, document
     build_links(config)
-    for kind in NODE_KINDS:
+    for kind in NODES:
         build_node(kind, config)
 
 

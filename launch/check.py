@@ -11,7 +11,7 @@ from typing import Any
 from forcebound.config.graph import member_document
 from forcebound.config.loader import member_of
 from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
-from forcebound.environments import Environment
+from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
@@ -63,8 +63,9 @@ def check_here(
 ) -> dict[str, Any]:
     """Do the work of :func:`check_environment` in this process."""
     expected = dict(_expected(text) for text in rest)
-    environment: Environment = member_of("environment", kind, arguments)
+    model: EnvironmentModel = member_of("environment", kind, arguments)
     one = min(axes, default=1)
+    environment = open_environment(model, one)
     at_rest, times = [], []
     for position in PROBES:
         tell(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
@@ -72,11 +73,11 @@ def check_here(
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
-    at_most = round(ASKING / usual / 3)
-    report = check(environment, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
+    at_most = round(ASKING / usual / 2)
+    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), tell)
     return {
-        "environment": member_document("environment", environment),
+        "environment": member_document("environment", model),
         "passed": not report.violations,
         "questions": report.questions,
         "left_out": report.left_out,

@@ -11,9 +11,9 @@ started anew (:mod:`forcebound.launch.restarts`), and the device shows zero forc
 may also be stopped and started on request; a node that was stopped so stays away until it is asked
 for again. The end of the run waits for none of this.
 
-Stopping goes group by group (:data:`STOP_ORDER`): the device first, so that the force is zero
-before those that it depends on are gone, and the recorder last, so that it has everything. Who does
-not stop in time is killed. The first failure is the one that is told; what follows from it is not.
+Stopping goes group by group (:mod:`forcebound.processes`): the device first, the recorder last. A
+process that does not stop in time is killed. The first failure is reported; what follows from it is
+not.
 """
 
 import signal
@@ -22,13 +22,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeAlias
 
-from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, RESTARTED, Restarts
-
-STOP_ORDER: tuple[tuple[str, ...], ...] = (
-    ("device",),
-    ("controller", "environment"),
-    ("recorder",),
-)
+from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
+from forcebound.processes import PROCESSES, RESTARTED, STOP_GROUPS
 
 
 @dataclass(frozen=True)
@@ -369,11 +364,12 @@ class Lifecycle:
         return [self._kill(node) for node in late]
 
     def _stop(self, time_ns: int) -> list[Action]:
-        known = {node for group in STOP_ORDER for node in group}
-        others = [node for node in self._waiting if node not in known]
         self.phase = Phase.STOPPING
-        self._stopping = [[], *(list(group) for group in STOP_ORDER[:-1]), others]
-        self._stopping.append(list(STOP_ORDER[-1]))
+        groups = [
+            [node for node in reversed(self._waiting) if PROCESSES[node].stop_group == group]
+            for group in STOP_GROUPS
+        ]
+        self._stopping = [[], *groups]
         return self._stop_next(time_ns)
 
     def _stop_next(self, time_ns: int) -> list[Action]:

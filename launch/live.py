@@ -26,11 +26,10 @@ from forcebound.config.graph import GraphConfig, to_document
 from forcebound.config.parameters import differences, holders
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
-from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.holding import hold, seize
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.launch.supervisor import LAUNCHER, Step, Supervisor
+from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
@@ -46,11 +45,10 @@ from forcebound.process import (
     remote_endpoint,
     topic_endpoint,
 )
+from forcebound.processes import LAUNCHER, PROCESSES
 
 # What an environment's first answer brings.
 FROM_AFAR = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
-
-PROCESSES = (*NODE_KINDS, "recorder")  # in the order in which they start
 
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 

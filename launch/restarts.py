@@ -2,8 +2,6 @@
 
 from collections import Counter, deque
 
-RESTARTED = ("controller", "environment")  # without the others there is nothing to go on with
-
 BACK_OFF_NS = (0, 200_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)  # the last one repeats
 GIVE_UP_DEATHS = 5  # of one node ...
 GIVE_UP_NS = 10_000_000_000  # ... within this time; and who lives longer begins anew

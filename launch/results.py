@@ -10,10 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from forcebound.analysis.metrics import summarize, summarize_events, summarize_phases
+from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 from forcebound.config.graph import KINDS, GraphConfig, to_document
 from forcebound.messages.packets import TOPIC_OF, Event
-from forcebound.recording import TelemetryColumns, read
+from forcebound.recording import read
+from forcebound.telemetry import TelemetryColumns
 from forcebound.user_module import source_of
 
 _logger = logging.getLogger(__name__)
@@ -71,7 +72,7 @@ class RunResult:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The key figures; see :func:`forcebound.analysis.metrics.summarize`.
+        """The key figures; see :func:`forcebound.analysis.summary.summarize`.
 
         A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
         """

@@ -50,8 +50,7 @@ from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.process import SignalPipe, control_endpoint, event_endpoint
-
-LAUNCHER = "launcher"  # name of who starts the others, where it answers and tells
+from forcebound.processes import LAUNCHER, PROCESSES
 
 ASK_INTERVAL_NS = 20_000_000  # between two requests to a node that has not answered as hoped
 LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
@@ -59,8 +58,6 @@ TAIL_LINES = 20  # of a node's log, in the message of a failure
 CHUNK = 65_536  # bytes
 MAX_LINE = 65_536  # bytes without a line end that are kept
 NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
-
-COLOURS = {"device": 36, "controller": 33, "environment": 35, "recorder": 32}  # ANSI
 
 
 def name_begins(pid: int) -> str:
@@ -140,7 +137,8 @@ def say_on_stderr(name: str, line: str) -> None:
     """
     prefix = f"[{name}]"
     if sys.stderr.isatty():
-        prefix = f"\033[{COLOURS.get(name, 0)}m{prefix}\033[0m"
+        colour = PROCESSES[name].colour if name in PROCESSES else 0
+        prefix = f"\033[{colour}m{prefix}\033[0m"
     with suppress(OSError):
         sys.stderr.write(f"{prefix} {line}\n")
 
@@ -264,7 +262,7 @@ class Supervisor:
             for name in step.act():
                 if name in self._clients:  # who is down reads it when it starts anew
                     self._clients[name].ask({"request": "configure"})
-            told = self._events.tell(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
+            told = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
             self._publish(encode(told))
 
     def _start(self, name: str) -> None:
@@ -387,7 +385,7 @@ class Supervisor:
 
     def _tell(self, told: Tell) -> None:
         data = {"node": told.node} | ({"status": told.status} if told.status else {})
-        event = self._events.tell(
+        event = self._events.emit(
             time.monotonic_ns(), told.event, told.message, data, is_fault=told.is_fault
         )
         self._publish(encode(event))
@@ -398,7 +396,7 @@ class Supervisor:
         if changed:
             told = ", ".join(f"{name} = {value}" for name, value in changed.items())
             message = f"{node} was started with what has been changed: {told}"
-            event = self._events.tell(time.monotonic_ns(), "parameter_set", message, changed)
+            event = self._events.emit(time.monotonic_ns(), "parameter_set", message, changed)
             self._publish(encode(event))
 
     def _tell_failure(self, lifecycle: Lifecycle) -> str:

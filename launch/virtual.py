@@ -8,13 +8,15 @@ from forcebound.config.changes import timetable
 from forcebound.config.graph import GraphConfig, to_document
 from forcebound.errors import RunError
 from forcebound.launch.application import apply
-from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
+from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
-from forcebound.recording import Recorder, TelemetryColumns
+from forcebound.recording import Recorder
 from forcebound.simulation import Simulation
+from forcebound.telemetry import TelemetryColumns
 
 
 def run_virtual(
@@ -34,6 +36,7 @@ def run_virtual(
 
     Raises:
         RunError: If the run is too short to have a sample.
+        DeviceError: If a device of the user's own failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     metadata = run_metadata(config)
@@ -52,10 +55,10 @@ def run_virtual(
     observed = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
 
     device = build_device(config)
-    others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
+    others = [build_node(kind, config) for kind in NODES if kind != "device"]
     links = build_links(config)
     simulation = Simulation([*others, device], links, observe, observed)
-    launcher = EventLog("launcher")
+    launcher = EventLog(LAUNCHER)
     for events_of in (launcher, *(node.events for node in simulation.nodes)):
         events_of.is_logged = False  # a run of a sweep, or of a second, needs no log
     device.engage()
@@ -73,16 +76,19 @@ def run_virtual(
                     simulation.run(part.start_ns)
                     apply(now, part.config, simulation)
                     now = part.config
-                    observe(launcher.tell(part.start_ns, PHASE_BEGINS, part.message, part.data))
+                    observe(launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data))
             simulation.run(end_ns)
             interrupted = False
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
                 if link is not None:
-                    observe(node.events.tell_link(simulation.time_ns, topic, link.counts))
+                    observe(node.events.link_counts(simulation.time_ns, topic, link.counts))
     finally:
         took = time.perf_counter() - began
+        for node in simulation.nodes:
+            node.stop(simulation.time_ns)
+            node.close()
         if recorder is not None:
             recorder.close()
     if not samples and interrupted:

@@ -13,7 +13,6 @@ import json
 import logging
 import os
 import shutil
-import signal
 import stat
 import sys
 import time
@@ -26,7 +25,7 @@ from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load_tried
 from forcebound.config.user_parts import CODE_OF_PROCESS
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.holding import hold, is_held
@@ -44,9 +43,8 @@ from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.processes import PROCESSES
 from forcebound.recording import Recorder
-
-FINISHERS = ("device", "recorder")  # they get SIGTERM when the launcher dies, the others SIGKILL
 
 _logger = logging.getLogger(__name__)
 
@@ -73,6 +71,7 @@ def run_node(
     Raises:
         ConfigError: If the launch file is wrong, others may enter the run directory, an endpoint is
             in use, or a key is missing.
+        DeviceError: If the device failed; its last force is zero, if it still took it.
     """
     told = " ".join((str(file), *arguments))
     with process.Stop() as stop:
@@ -86,13 +85,13 @@ def run_node(
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
-        realtime.die_with_parent(signal.SIGTERM if kind in FINISHERS else signal.SIGKILL)
+        realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))
                 config = from_document(document, CODE_OF_PROCESS[kind])
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
-        except ConfigError:
+        except (ConfigError, DeviceError):
             raise
         except Exception:
             _logger.exception("%s failed", kind)

@@ -152,7 +152,7 @@ def _refusal(data: bytes | memoryview, expected: type[Packet] | None, fault: str
     if type(version) is not int or version != VERSION:
         return _version_error(message)
     topic = message.get("packet")
-    kind = TOPICS.get(topic) if type(topic) is str else None
+    kind = TOPICS[topic].packet if type(topic) is str and topic in TOPICS else None
     if kind is None or (expected is not None and kind is not expected):
         return _name_error(topic, expected)
     keys = _FORMS[kind].keys

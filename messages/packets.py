@@ -12,7 +12,7 @@ is positive when it *resists* motion in the positive direction (``docs/theory.md
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, TypeAlias, get_type_hints
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
 from msgspec import Meta, Struct
 
@@ -127,16 +127,28 @@ Packet: TypeAlias = (
     DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry | Event
 )
 
-TOPICS: dict[str, type[Packet]] = {
-    "device_state": DeviceState,
-    "environment_query": EnvironmentQuery,
-    "environment_reply": EnvironmentReply,
-    "force_command": ForceCommand,
-    "telemetry": Telemetry,
-    "event": Event,
+
+class Topic(NamedTuple):
+    """What travels on one topic, and between which processes."""
+
+    packet: type[Packet]
+    sender: str | None  # a process; None: any of them
+    receiver: str | None  # the process that waits for it; None: it is only observed
+
+
+TOPICS: dict[str, Topic] = {
+    "device_state": Topic(DeviceState, "device", "controller"),
+    "environment_query": Topic(EnvironmentQuery, "controller", "environment"),
+    "environment_reply": Topic(EnvironmentReply, "environment", "controller"),
+    "force_command": Topic(ForceCommand, "controller", "device"),
+    "telemetry": Topic(Telemetry, "device", None),
+    "event": Topic(Event, None, None),
 }
 
-TOPIC_OF: dict[type[Packet], str] = {packet: topic for topic, packet in TOPICS.items()}
+TOPIC_OF: dict[type[Packet], str] = {row.packet: topic for topic, row in TOPICS.items()}
+
+# The four hops of the loop, in order. Only their links can be impaired.
+LINKS = tuple(topic for topic, row in TOPICS.items() if row.receiver is not None)
 
 
 def field_types(packet: type[Packet]) -> dict[str, Any]:

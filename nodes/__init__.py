@@ -6,8 +6,8 @@ that have arrived, publishes what it returns, and calls again when packets arriv
 :attr:`Node.wake_ns` has come. A node cannot tell which of the two runs it.
 """
 
-from collections.abc import Sequence
-from typing import ClassVar, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Protocol
 
 from forcebound.messages.packets import Packet
 from forcebound.nodes.events import EventLog
@@ -17,12 +17,16 @@ if __name__ != "forcebound.nodes":
 
 
 class Node(Protocol):
-    """What a runner asks of a node."""
+    """What a runner asks of a node.
+
+    A node that derives from this class has the methods that most nodes do not need.
+    """
 
     subscribes: ClassVar[tuple[type[Packet], ...]]
     publishes: ClassVar[tuple[type[Packet], ...]]
     wakes_on_arrival: ClassVar[bool]  # False: what arrives waits for the node's own time
-    events: EventLog  # of its process: the runner tells by it, too
+    requests: ClassVar[tuple[str, ...]] = ()  # of the control socket, that it knows
+    events: EventLog  # of its process: the runner makes its own events with it, too
 
     @property
     def wake_ns(self) -> int | None:
@@ -36,6 +40,25 @@ class Node(Protocol):
         """
         ...
 
+    def reject(self, reason: str) -> None:
+        """Count a packet that was rejected before it reached the node."""
+        return
+
+    def status(self) -> dict[str, Any]:
+        """Return the node's own keys of the status of its process, as plain values.
+
+        All nodes have ``rejected``: packets rejected so far, by reason.
+        """
+        return {"rejected": {}}
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Do what the control socket asks and return the answer; None: unknown to this node."""
+        return None
+
+    def stop(self, time_ns: int) -> None:
+        """Come to rest, now and for good: a device writes zero force."""
+        return
+
     def close(self) -> None:
         """Close what the node has opened; called once, whatever came before."""
-        ...
+        return

@@ -5,8 +5,8 @@ environment it is connected with.
 """
 
 import logging
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 from forcebound.controllers import Controller
 from forcebound.messages.packets import (
@@ -18,6 +18,8 @@ from forcebound.messages.packets import (
     Packet,
     Vector,
 )
+from forcebound.nodes import Node
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.lease import LEASE_NS, Lease
 from forcebound.user_module import describe_user_error
@@ -25,7 +27,7 @@ from forcebound.user_module import describe_user_error
 _logger = logging.getLogger(__name__)
 
 
-class ControllerNode:
+class ControllerNode(Node):
     """Asks the environment about each device state and commands what the controller returns.
 
     A controller that raises is counted, and its command is missing: the force at the device then
@@ -40,6 +42,7 @@ class ControllerNode:
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, EnvironmentReply)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand, Event)
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[str, ...]] = ("environment_died",)
     wake_ns: ClassVar[None] = None
 
     def __init__(
@@ -49,18 +52,9 @@ class ControllerNode:
         self._queries = 0
         self._commands = 0
         self.events = EventLog("controller")
+        self._rejected: dict[str, int] = {}
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
-        self.faults = 0  # calls that the controller's code failed to answer
-
-    @property
-    def environment(self) -> str | None:
-        """Name of the environment that serves; None: the first that answers will."""
-        return self._lease.holder
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Answers rejected so far, by reason."""
-        return {"second_environment": self._lease.rejected} if self._lease.rejected else {}
+        self._failures = 0  # calls that the controller's code failed to answer
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet; see :class:`forcebound.nodes.Node`."""
@@ -72,17 +66,38 @@ class ControllerNode:
                 self._take_reply(packet, time_ns, packets)
         return packets
 
-    def environment_died(self, process: str) -> None:
-        """Wait no longer than needed for an environment whose process is gone.
+    def reject(self, reason: str) -> None:
+        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
-        Args:
-            process: Beginning of its name, as far as the launcher knows it.
+    def status(self) -> dict[str, Any]:
+        """Return ``environment``, which serves (None: nobody yet), ``rejected`` and ``failures``.
+
+        ``failures``: calls that the controller's code failed to answer.
         """
-        self._lease.process_ended(process)
+        return {
+            "rejected": dict(self._rejected),
+            "environment": self._lease.holder,
+            "failures": self._failures,
+        }
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Answer ``environment_died``: the process of an environment is known to be gone.
+
+        ``process`` is the beginning of the environment's name, as far as it is known. The node
+        waits no longer than needed for it.
+        """
+        if request.get("request") != "environment_died":
+            return None
+        process = request.get("process")
+        if not process:
+            return {"error": "environment_died needs process: the beginning of the name"}
+        self._lease.process_ended(str(process))
+        return {"noted": True}
 
     def close(self) -> None:
         """Close the controller."""
-        self._controller.close()
+        close_part(self._controller, "controller")
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
@@ -110,9 +125,10 @@ class ControllerNode:
         )
 
     def _take_reply(self, reply: EnvironmentReply, time_ns: int, packets: list[Packet]) -> None:
-        counts, events = self._lease.answer(reply.environment, time_ns)
+        serves, events = self._lease.answer(reply.environment, time_ns)
         packets += events
-        if not counts:
+        if not serves:
+            self.reject("second_environment")
             return
         try:
             force = self._controller.on_reply(reply, time_ns)
@@ -131,11 +147,11 @@ class ControllerNode:
         return ForceCommand(seq, time_ns, device_seq, device_time_ns, force)
 
     def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
-        self.faults += 1
-        if self.faults == 1:
+        self._failures += 1
+        if self._failures == 1:
             _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
             message = "the controller failed to answer: its log gives the reason"
-            packets.append(self.events.tell(time_ns, "controller_failed", message, is_fault=True))
+            packets.append(self.events.emit(time_ns, "controller_failed", message, is_fault=True))
 
 
 def _vector(answer: Vector) -> Vector:

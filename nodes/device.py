@@ -14,7 +14,7 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
@@ -27,6 +27,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.quantities import Frequency, Ratio, Time
@@ -127,6 +128,7 @@ class DeviceNode:
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
+    requests: ClassVar[tuple[str, ...]] = ("engage",)
 
     def __init__(self, device: Device, dissipation: Dissipation, servo: ServoSettings) -> None:
         self._device = device
@@ -164,11 +166,6 @@ class DeviceNode:
         return self._wake_ns
 
     @property
-    def rejected(self) -> Mapping[str, int]:
-        """Packets refused so far, by reason."""
-        return self._chain.rejected
-
-    @property
     def is_engaged(self) -> bool:
         """Whether force may be shown: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
@@ -178,11 +175,26 @@ class DeviceNode:
         self._engage_requested = True
 
     def reject(self, reason: str) -> None:
-        """Count a packet that was refused before it reached the node."""
+        """Count a packet that was rejected before it reached the node."""
         self._chain.reject(reason)
 
+    def status(self) -> dict[str, Any]:
+        """Return ``engaged``, ``deadline_misses`` and ``rejected``."""
+        return {
+            "rejected": dict(self._chain.rejected),
+            "engaged": self.is_engaged,
+            "deadline_misses": self.deadline_misses,
+        }
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Answer ``engage``; see :class:`forcebound.nodes.Node`."""
+        if request.get("request") != "engage":
+            return None
+        self.engage()
+        return {"engaged": True}
+
     def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on; a device that fails then is left to its watchdog."""
+        """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
         self._stopped = True
         self._chain.disengage()
         try:
@@ -192,7 +204,7 @@ class DeviceNode:
 
     def close(self) -> None:
         """Close the device."""
-        self._device.close()
+        close_part(self._device, "device")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
@@ -276,10 +288,10 @@ class DeviceNode:
         self._tell_ns = time_ns + STATE_INTERVAL_NS
         self._is_answered = not self._is_answered
         if self._is_answered:
-            return self.events.tell(time_ns, "force_engages", "answers come: force over the ramp")
+            return self.events.emit(time_ns, "force_engages", "answers come: force over the ramp")
         limit = self._servo.age_limit * 1e3
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
-        return self.events.tell(time_ns, "force_released", message, is_fault=True)
+        return self.events.emit(time_ns, "force_released", message, is_fault=True)
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

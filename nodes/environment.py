@@ -11,7 +11,7 @@ which the graph sees whom it refuses.
 
 import logging
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.packets import (
@@ -24,6 +24,8 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
+from forcebound.nodes import Node
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 
 KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
@@ -31,7 +33,7 @@ KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that 
 _logger = logging.getLogger(__name__)
 
 
-class EnvironmentNode:
+class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
     Args:
@@ -71,6 +73,7 @@ class EnvironmentNode:
         self.events = EventLog("environment")
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
+        self._rejected: dict[str, int] = {}
 
     @property
     def answered(self) -> int:
@@ -81,11 +84,6 @@ class EnvironmentNode:
     def wake_ns(self) -> int | None:
         """When the answer in work is ready, in ns; None while there is none."""
         return None if self._answering is None else self._done_ns
-
-    @property
-    def refused_for(self) -> str | None:
-        """Who serves instead, as the graph said last; None: nobody, or this one does."""
-        return self._refused_for
 
     def change(
         self, model: EnvironmentModel, computation: Impairment, trace: DelayTrace | None = None
@@ -110,7 +108,7 @@ class EnvironmentNode:
 
     def close(self) -> None:
         """Close the environment."""
-        self._environment.close()
+        close_part(self._environment, "environment")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
@@ -138,7 +136,7 @@ class EnvironmentNode:
                 if self.faults == 1:
                     message = "the environment failed to answer: its log says why"
                     event = "environment_failed"
-                    replies.append(self.events.tell(time_ns, event, message, is_fault=True))
+                    replies.append(self.events.emit(time_ns, event, message, is_fault=True))
                 return replies
             delay_ns = self._computation.next_ns(time_ns)
             if delay_ns == 0:
@@ -148,18 +146,36 @@ class EnvironmentNode:
                 self._done_ns = time_ns + delay_ns
         return replies
 
+    def reject(self, reason: str) -> None:
+        """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + 1
+
+    def status(self) -> dict[str, Any]:
+        """Return the node's own keys; see :class:`forcebound.nodes.Node`.
+
+        ``name``: its own. ``refused_for``: the environment that serves in its place, as the graph
+        said last; None: this one serves, or none does. ``failures``: queries that the environment's
+        code failed to answer.
+        """
+        return {
+            "rejected": dict(self._rejected),
+            "name": self.name,
+            "refused_for": self._refused_for,
+            "failures": self.faults,
+        }
+
     def _tell(self, time_ns: int) -> Event:
         """Say whether the graph takes our answers; queries may change it as often as they come."""
         self._tell_ns = time_ns + STATE_INTERVAL_NS
         data = {"environment": self.name}
         if self._refused_for is None:
             message = f"serving this graph now, as {self.name}"
-            return self.events.tell(time_ns, "serving", message, data)
+            return self.events.emit(time_ns, "serving", message, data)
         message = (
             f"not serving: {self._refused_for} serves this graph; waiting until it leaves, "
             f"as {self.name}"
         )
-        return self.events.tell(time_ns, "environment_refused", message, data, is_fault=True)
+        return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
     def _knocks(self, serving: str, time_ns: int) -> bool:
         """Whether to answer a query that is meant for another environment."""

@@ -27,7 +27,7 @@ class EventLog:
         self._logger = logging.getLogger(f"forcebound.nodes.{node}")
         self._seq = 0
 
-    def tell(
+    def emit(
         self,
         time_ns: int,
         event: str,
@@ -59,11 +59,11 @@ class EventLog:
             data=_bounded(data or {}),
         )
 
-    def tell_link(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
+    def link_counts(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
         """Return an event that says how many packets had which fate on the link of a topic."""
         told = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
         data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
-        return self.tell(time_ns, LINK_COUNTED, f"{topic}: {told or 'nothing'}", data)
+        return self.emit(time_ns, LINK_COUNTED, f"{topic}: {told or 'nothing'}", data)
 
 
 def _bounded(data: Mapping[str, str]) -> dict[str, str]:

@@ -23,7 +23,6 @@ class Lease:
 
     Attributes:
         holder: Name of the environment that serves; None: the first that answers will.
-        rejected: Answers of other environments, counted.
     """
 
     def __init__(self, events: EventLog, lease_ns: int, dead_lease_ns: int | None) -> None:
@@ -34,7 +33,6 @@ class Lease:
         self._heard_ns = 0
         self._emitted_ns: int | None = None
         self.holder: str | None = None
-        self.rejected = 0
 
     def check(self, time_ns: int) -> list[Event]:
         """End the lease of a holder that has been silent for too long; return what happened."""
@@ -49,7 +47,7 @@ class Lease:
         return [self._event(time_ns, "environment_lost", message, environment, is_fault=True)]
 
     def answer(self, environment: str, time_ns: int) -> tuple[bool, list[Event]]:
-        """Return whether an answer of this environment counts, and what happened."""
+        """Return whether this environment serves, now that it has answered, and what happened."""
         if environment == self.holder:
             self._heard_ns = time_ns
             return True, []
@@ -70,7 +68,6 @@ class Lease:
             self._is_dead = True
 
     def _reject(self, environment: str, time_ns: int) -> list[Event]:
-        self.rejected += 1
         if self._emitted_ns is not None and time_ns - self._emitted_ns < REJECTED_INTERVAL_NS:
             return []
         self._emitted_ns = time_ns
@@ -81,4 +78,4 @@ class Lease:
         self, time_ns: int, event: str, message: str, environment: str, *, is_fault: bool = False
     ) -> Event:
         data = {"environment": environment}
-        return self._events.tell(time_ns, event, message, data, is_fault=is_fault)
+        return self._events.emit(time_ns, event, message, data, is_fault=is_fault)

@@ -5,8 +5,8 @@ from dataclasses import replace
 from forcebound.bounding import Dissipation
 from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import Truth
-from forcebound.environments import Environment
+from forcebound.devices.truth import Truth
+from forcebound.environments import EnvironmentModel
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.computation import ComputationTime
@@ -34,6 +34,7 @@ class FakeDevice:
         self.position: Vector = (0.0,) * axes
         self.written: list[tuple[int, Vector]] = []
         self.engaged_ns: int | None = None
+        self.closed = 0
 
     def engage(self, time_ns: int) -> None:
         self.engaged_ns = time_ns
@@ -47,6 +48,9 @@ class FakeDevice:
 
     def truth(self) -> Truth | None:
         return None
+
+    def close(self) -> None:
+        self.closed += 1
 
 
 def device_node(axes: int = 1, **settings: float | str) -> tuple[DeviceNode, FakeDevice]:
@@ -66,7 +70,7 @@ def press(
     seconds: float,
     *,
     servo: ServoSettings | None = None,
-    environment: Environment | None = None,
+    environment: EnvironmentModel | None = None,
     computation: ComputationTime | None = None,
     **impairments: Impairment,
 ) -> list[Packet]:

@@ -26,7 +26,8 @@ from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import topic_endpoint
-from forcebound.recording import Recording, TelemetryColumns, read
+from forcebound.recording import Recording, read
+from forcebound.telemetry import TelemetryColumns
 
 AGE_LIMIT = 0.1  # s, of the shipped launch files
 ENGAGE_TIME = 0.1  # s

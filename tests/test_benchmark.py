@@ -2,6 +2,8 @@ import importlib
 import json
 import math
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,8 @@ from forcebound.benchmark.figures import SHARES, Measured, beyond, compare, judg
 from forcebound.benchmark.workers import collect, compile_c, module, read_times, started
 from forcebound.errors import RunError
 from forcebound.messages.codec import decode
+
+CODEC = Path(__file__).parent.parent / "benchmarks" / "codec.py"
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -225,3 +229,21 @@ def test_a_short_run_gives_every_figure(name: str) -> None:
         assert one["value"] >= 0 or "beyond" in one["what"]  # a difference, on a noisy machine
     assert {"cores", "kernel", "policies", "python", "pyzmq"} <= set(result["conditions"])
     assert tables(result)
+
+
+def test_the_benchmark_of_the_codec_measures_every_packet() -> None:
+    done = subprocess.run(
+        [sys.executable, str(CODEC), "--rounds", "1", "--calls", "5", "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    document = json.loads(done.stdout)  # its status depends on the machine
+    assert set(document["packets"]) == {
+        "device_state",
+        "environment_query",
+        "environment_reply",
+        "force_command",
+        "telemetry",
+    }
+    assert all(one["warm_ratio"] > 0 for one in document["packets"].values())

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from launch_texts import problems_of, written
 
-from forcebound.analysis.metrics import phase_rows
+from forcebound.analysis.tables import phase_rows
 from forcebound.config.changes import change, timetable
 from forcebound.config.graph import GraphConfig, to_document
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
+from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument, updating
@@ -185,9 +186,9 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
     assert "no environment is running here" in done.notes[0]
-    assert from_document(json.loads(file.read_text())).environment.model.force(
-        (0.012,), (0.0,), 0.0
-    ) == pytest.approx((1.0,))
+    model = from_document(json.loads(file.read_text())).environment.model
+    force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
+    assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
         set_parameters(tmp_path, {"environment.stiffness": "5 s"})
     assert json.loads(file.read_text())["environment"]["stiffness"] == 500.0

@@ -55,7 +55,7 @@ def test_simulate_prints_one_document_with_the_promised_keys() -> None:
         "loop_delay_ms",
         "deadline_misses",
         "rejected_packets",
-        "contact_reversals",
+        "contact_bounces",
     }
     assert set(document["loop_delay_ms"]) == {"p50", "p99", "max"}
 

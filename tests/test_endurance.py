@@ -15,8 +15,9 @@ from live_graph import live_graph
 from forcebound.config.changes import timetable
 from forcebound.config.loader import load
 from forcebound.launch.application import apply
-from forcebound.launch.build import NODE_KINDS, build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
+from forcebound.processes import NODES
 from forcebound.simulation import Simulation
 
 HOUR_NS = 3_600_000_000_000
@@ -101,7 +102,7 @@ def an_hour(file: str | Path, report: Callable[[str], None]) -> None:
     config = load(file)
     watch = Watch()
     device = build_device(config)
-    others = [build_node(kind, config) for kind in NODE_KINDS if kind != "device"]
+    others = [build_node(kind, config) for kind in NODES if kind != "device"]
     simulation = Simulation([*others, device], build_links(config), watch)
     for node in simulation.nodes:
         node.events.is_logged = False

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from forcebound.bounding import LAWS
-from forcebound.config.graph import LINKS, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.adversary import NegativeDamper
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand

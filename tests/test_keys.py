@@ -107,13 +107,13 @@ def test_a_name_that_is_no_file_name_is_refused(folder: Path, name: str) -> None
 def test_a_secret_that_others_may_read_is_refused(folder: Path, bits: int) -> None:
     new_key("lab", folder)
     (folder / "lab.key_secret").chmod(bits)
-    with pytest.raises(ConfigError, match=r"others may read .*: chmod 600 .*lab.key_secret"):
+    with pytest.raises(ConfigError, match=r"others can read .*: chmod 600 .*lab.key_secret"):
         key_pair("lab", folder)
     (entry,) = list_keys(folder)
-    assert "chmod 600" in entry.problem
+    assert entry.action.startswith("chmod 600")
 
 
-def test_a_public_key_that_others_may_exchange_is_refused(folder: Path) -> None:
+def test_a_public_key_that_others_can_replace_is_refused(folder: Path) -> None:
     new_key("lab", folder)
     (folder / "lab.key").chmod(0o666)
     with pytest.raises(ConfigError, match=r"chmod 644 .*lab.key"):

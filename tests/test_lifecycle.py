@@ -210,13 +210,6 @@ def test_without_a_duration_a_run_goes_on_until_interrupted() -> None:
     assert lifecycle.interrupted
 
 
-def test_a_process_that_nobody_has_heard_of_is_stopped_before_the_recorder() -> None:
-    lifecycle = Lifecycle(("device", "dashboard", "recorder"), None, 0, LIMITS)
-    assert lifecycle.advance(1, Interrupted()) == [Terminate("device")]
-    assert lifecycle.advance(2, Ended("device", 0)) == [Terminate("dashboard")]
-    assert lifecycle.advance(3, Ended("dashboard", 0)) == [Terminate("recorder")]
-
-
 def test_the_force_engages_once() -> None:
     lifecycle = Lifecycle(("device",), None, 0, LIMITS)
     assert lifecycle.advance(1, Reported("device", ())) == [Engage()]

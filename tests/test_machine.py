@@ -58,10 +58,10 @@ def test_a_good_machine_is_fine_in_all_respects() -> None:
         ({"free": 1_000_000}, "problem", "no_space", "1.0 MB are free", "TMPDIR"),
         ({"free": 100_000_000}, "note", "little_space", "100 MB are free", "TMPDIR"),
         (
-            {"key_problems": ("others may exchange the keys in /k: chmod 700 /k",)},
+            {"key_problems": (("others can replace the keys in /k", "chmod 700 /k"),)},
             "note",
             "unsafe_keys",
-            "others may exchange the keys in /k",
+            "others can replace the keys in /k",
             "chmod 700 /k",
         ),
     ],
@@ -94,7 +94,7 @@ def test_this_machine_can_run_what_these_tests_run(
     assert "problem" not in {finding.severity for finding in machine.examine(seen)}
 
 
-def test_keys_that_others_may_exchange_are_told(
+def test_keys_that_others_can_replace_are_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     new_key("device-lab", tmp_path)

@@ -9,18 +9,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from forcebound.analysis.metrics import (
-    REVERSAL_EXCURSION,
-    count_reversals,
-    final_speed,
-    summarize,
-    summarize_events,
-    summary_rows,
-)
+from forcebound.analysis.metrics import BOUNCE_EXCURSION, count_bounces, final_speed
+from forcebound.analysis.summary import summarize, summarize_events
+from forcebound.analysis.tables import summary_rows
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Telemetry
 from forcebound.nodes.events import EventLog
-from forcebound.recording import TelemetryColumns
+from forcebound.telemetry import TelemetryColumns
 
 WALL = 0.010  # m
 RATE = 1000  # Hz
@@ -37,12 +32,12 @@ KEYS = {
     "estimated_energy_min_j",
     "bounder_active_share",
     "answered_share",
-    "own_tick_share",
+    "same_tick_share",
     "loop_delay_ms",
     "deadline_misses",
-    "late_writes",
+    "hold_limit_overruns",
     "rejected_packets",
-    "contact_reversals",
+    "contact_bounces",
     "final_speed_m_per_s",
     "at_rest",
     "penetration_at_rest_m",
@@ -199,12 +194,12 @@ def test_without_a_surface_the_bounder_is_judged_where_force_is_asked() -> None:
     assert summary["bounder_active_share"] == 1.0
     assert summary["peak_force_n"] > 0.0
     assert summary["displayed_stiffness_n_per_m"] is None
-    assert summary["contact_reversals"] is None
+    assert summary["contact_bounces"] is None
 
 
-def test_the_own_tick_share_counts_forces_that_answer_their_own_state() -> None:
+def test_the_same_tick_share_counts_forces_that_answer_their_own_state() -> None:
     run = [replace(t, device_seq=t.seq - 1 if t.seq % 4 == 0 else t.seq) for t in ticks(pressing())]
-    assert summary_of(run)["own_tick_share"] == pytest.approx(0.75)
+    assert summary_of(run)["same_tick_share"] == pytest.approx(0.75)
 
 
 def test_the_loop_delay_leaves_out_forces_without_an_answer() -> None:
@@ -226,16 +221,16 @@ def test_misses_and_refused_packets_are_those_at_the_end() -> None:
     assert ("rejected packets", "5999 age") in summary_rows(summary)
 
 
-def test_a_write_after_the_hold_limit_is_late_and_a_skipped_tick_is_one() -> None:
+def test_a_write_after_the_hold_limit_is_an_overrun_and_skipped_ticks_are_one() -> None:
     run = ticks(pressing(), duration=1.0)
     late = [replace(t, time_ns=t.time_ns + 260_000 * (t.seq == 500)) for t in run]
     in_time = [replace(t, time_ns=t.time_ns + 250_000 * (t.seq == 500)) for t in run]
     skipped = [t for t in run if not 300 <= t.seq < 303]
-    assert summary_of(run)["late_writes"] == 0
-    assert summary_of(late)["late_writes"] == 1
-    assert summary_of(in_time)["late_writes"] == 0
-    assert summary_of(skipped)["late_writes"] == 1
-    assert ("late writes", "1") in summary_rows(summary_of(late))
+    assert summary_of(run)["hold_limit_overruns"] == 0
+    assert summary_of(late)["hold_limit_overruns"] == 1
+    assert summary_of(in_time)["hold_limit_overruns"] == 0
+    assert summary_of(skipped)["hold_limit_overruns"] == 1
+    assert ("hold-limit overruns", "1") in summary_rows(summary_of(late))
 
 
 def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
@@ -248,9 +243,9 @@ def test_ticks_without_a_force_after_a_fault_belong_to_the_run() -> None:
 def test_an_event_may_stand_for_several_faults() -> None:
     log = EventLog("controller")
     events = [
-        log.tell(1, "remote_refused_here", "", is_fault=True),
-        log.tell(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
-        log.tell(3, "environment_serves", ""),
+        log.emit(1, "remote_refused_here", "", is_fault=True),
+        log.emit(2, "remote_refused_here", "", {"suppressed": "6"}, is_fault=True),
+        log.emit(3, "environment_serves", ""),
     ]
     assert summarize_events(events)["faults"] == {"remote_refused_here": 8}
 
@@ -284,31 +279,31 @@ def test_hardware_has_no_true_energy_and_no_known_rest() -> None:
 @pytest.mark.parametrize("periods", [1, 7])
 def test_an_oscillation_turns_twice_a_period(periods: int) -> None:
     phase = np.linspace(0.0, 2.0 * math.pi * periods, 1000)
-    assert count_reversals(0.001 * np.sin(phase)) == 2 * periods
+    assert count_bounces(0.001 * np.sin(phase)) == 2 * periods
 
 
 def test_a_turn_counts_from_its_excursion_on() -> None:
     for factor, turns in [(0.99, 0), (1.01, 1)]:
-        there_and_back = np.array([0.0, 0.001, 0.001 - factor * REVERSAL_EXCURSION])
-        assert count_reversals(there_and_back) == turns
+        there_and_back = np.array([0.0, 0.001, 0.001 - factor * BOUNCE_EXCURSION])
+        assert count_bounces(there_and_back) == turns
 
 
 def test_an_encoder_that_chatters_does_not_turn() -> None:
     chatter = 3e-5 * (np.arange(1000) % 2)
-    assert count_reversals(np.linspace(0.0, 0.004, 1000) + chatter) == 0
+    assert count_bounces(np.linspace(0.0, 0.004, 1000) + chatter) == 0
 
 
 def test_turns_before_the_first_contact_do_not_count() -> None:
     def path(elapsed: float) -> float:
         return 0.005 * math.sin(50.0 * elapsed) if elapsed < 1.0 else min(elapsed - 1.0, 0.014)
 
-    assert summary_of(ticks(path))["contact_reversals"] == 0
+    assert summary_of(ticks(path))["contact_bounces"] == 0
 
 
 def test_a_steady_oscillation_about_the_surface_is_counted_in_full() -> None:
     run = ticks(lambda elapsed: WALL - 0.002 * math.cos(2.0 * math.pi * 5.0 * elapsed))
     # 5 Hz for 6 s, from the trough before the first contact: 30 peaks, 29 more troughs
-    assert summary_of(run)["contact_reversals"] == 59
+    assert summary_of(run)["contact_bounces"] == 59
 
 
 def test_the_final_speed_is_the_rms_speed_of_the_last_half_second() -> None:
@@ -366,7 +361,7 @@ def test_a_hand_that_never_touches_has_no_stiffness_and_no_depth() -> None:
     assert summary["rate_hardness_n_per_m"] is None
     assert summary["bounder_active_share"] is None
     assert summary["peak_penetration_m"] == 0.0
-    assert summary["contact_reversals"] == 0
+    assert summary["contact_bounces"] == 0
 
 
 def test_the_surface_may_lie_across_another_axis() -> None:
@@ -401,7 +396,7 @@ def test_rows_speak_in_everyday_units() -> None:
     assert rows["law"] == "certified"
     assert rows["displayed stiffness"] == "0.54 N/mm"
     assert rows["peak penetration"] == "4.00 mm"
-    assert rows["least true energy"] == "3.00 mJ"
+    assert rows["minimum energy (ground truth)"] == "3.00 mJ"
     assert rows["loop delay p50/p99/max"] == "0.40/0.40/0.40 ms"
     assert rows["bounder active"] == "100.0 %"
 
@@ -409,5 +404,5 @@ def test_rows_speak_in_everyday_units() -> None:
 def test_rows_show_a_dash_for_nothing_and_no_minus_for_rounding() -> None:
     run = [replace(t, true_energy=-1e-12) for t in ticks(lambda elapsed: 0.0)]
     rows = dict(summary_rows(summary_of(run)))
-    assert rows["least true energy"] == "0.00 mJ"
+    assert rows["minimum energy (ground truth)"] == "0.00 mJ"
     assert rows["displayed stiffness"] == "–"

@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from forcebound.analysis.plots import DEFAULT_PANELS, PANELS, Run, figure, save
+from forcebound.analysis.panels import PANELS, Run
+from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.recording import TelemetryColumns
+from forcebound.telemetry import TelemetryColumns
 
 WALL = 0.010  # m
 
@@ -74,13 +75,13 @@ def test_the_lines_are_the_columns_in_everyday_units() -> None:
     columns = run[1]
     drawing = figure([run])
     position, force, energy, delay = (drawn(panel(drawing, row)) for row in range(4))
-    np.testing.assert_array_equal(position["read"], columns.position[:, 0] * 1e3)
+    np.testing.assert_array_equal(position["reading"], columns.position[:, 0] * 1e3)
     np.testing.assert_array_equal(position["true"], columns.true_position[:, 0] * 1e3)
     np.testing.assert_array_equal(position["surface"], [10.0, 10.0])
-    np.testing.assert_array_equal(force["asked"], columns.commanded_force[:, 0])
+    np.testing.assert_array_equal(force["commanded"], columns.commanded_force[:, 0])
     np.testing.assert_array_equal(force["applied"], columns.applied_force[:, 0])
     np.testing.assert_array_equal(energy["true"], columns.true_energy * 1e3)
-    np.testing.assert_array_equal(energy["estimated\nby the law"], columns.estimated_energy * 1e3)
+    np.testing.assert_array_equal(energy["estimated"], columns.estimated_energy * 1e3)
     np.testing.assert_array_equal(delay["state\nto force"], columns.loop_delay * 1e3)
     for line in panel(drawing, 0).lines[1:]:
         np.testing.assert_array_equal(line.get_xdata(), columns.time)
@@ -94,7 +95,7 @@ def test_the_bound_is_a_band_about_zero() -> None:
 
 def test_samples_before_the_engagement_are_left_out() -> None:
     packets = [replace(p, engagement=float(p.seq >= 50)) for p in telemetry()]
-    read = drawn(panel(figure([run_of(packets)]), 0))["read"]
+    read = drawn(panel(figure([run_of(packets)]), 0))["reading"]
     assert read.size == 150
 
 
@@ -150,7 +151,7 @@ def test_the_title_names_the_law_once(label: str, title: str) -> None:
 def test_a_run_without_answers_says_so() -> None:
     packets = [replace(p, loop_delay=None, device_seq=None) for p in telemetry()]
     axes = panel(figure([run_of(packets)]), 3)
-    assert [text.get_text() for text in axes.texts] == ["no answer came"]
+    assert [text.get_text() for text in axes.texts] == ["no replies"]
 
 
 # --- Scales --------------------------------------------------------------------------------------
@@ -259,15 +260,15 @@ def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names(
     log = EventLog("device")
     start_ns = int(run[1].time_ns[0])
     told = [
-        log.tell(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
-        log.tell(start_ns + 3_000_000, "force_released", "", is_fault=True),
-        log.tell(start_ns + 4_000_000, "force_released", "", is_fault=True),
-        log.tell(start_ns + 3_000_000, "parameter_set", ""),
-        log.tell(start_ns + 3_000_000, "force_engages", ""),
+        log.emit(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
+        log.emit(start_ns + 3_000_000, "force_released", "", is_fault=True),
+        log.emit(start_ns + 4_000_000, "force_released", "", is_fault=True),
+        log.emit(start_ns + 3_000_000, "parameter_set", ""),
+        log.emit(start_ns + 3_000_000, "force_engages", ""),
     ]
     phases = [
-        log.tell(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
-        log.tell(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
+        log.emit(start_ns, PHASE_BEGINS, "", {"name": "quiet"}),
+        log.emit(start_ns + 2_000_000, PHASE_BEGINS, "", {"name": "lossy"}),
     ]
 
     def marks(axes: Any) -> Counter[str]:

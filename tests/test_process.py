@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pytest
 from fakes import DISSIPATION, MS, FakeDevice, device_node
@@ -20,7 +20,6 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     ForceCommand,
     Packet,
-    Telemetry,
     Vector,
 )
 from forcebound.network import sockets
@@ -36,17 +35,17 @@ from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
 
 
-class ListeningNode:
+class ListeningNode(Node):
     """Keeps what it hears; answers nothing."""
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply,)
     wakes_on_arrival: ClassVar[bool] = True
+    wake_ns: int | None = None
 
     def __init__(self) -> None:
         self.events = EventLog("environment")
         self.heard: list[Packet] = []
-        self.wake_ns: int | None = None
         self.steps: list[int] = []
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
@@ -55,7 +54,7 @@ class ListeningNode:
         return []
 
 
-class BrokenServo:
+class BrokenServo(Node):
     """A servo with a programming mistake."""
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = ()
@@ -69,10 +68,6 @@ class BrokenServo:
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         raise ZeroDivisionError("a bug")
-
-    def engage(self) -> None: ...
-
-    def reject(self, reason: str) -> None: ...
 
     def stop(self, time_ns: int) -> None:
         self.stopped_ns = time_ns
@@ -152,9 +147,7 @@ def test_a_node_with_nothing_to_do_is_not_stepped(network: Network, run_dir: Pat
     assert node.steps == [10]
 
 
-def test_refused_bytes_are_counted_by_reason_and_the_servo_is_told(
-    network: Network, run_dir: Path
-) -> None:
+def test_rejected_bytes_are_counted_by_reason_in_the_node(network: Network, run_dir: Path) -> None:
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
@@ -164,10 +157,10 @@ def test_refused_bytes_are_counted_by_reason_and_the_servo_is_told(
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
             device.turn(0)
-            return reason in device.rejected
+            return reason in device.status()["rejected"]
 
         until(counted, reason)
-    assert dict(node.rejected) == device.rejected
+    assert node.status()["rejected"].keys() == {"malformed", "version", "keys"}
     assert not device.status()["ready"]
 
 
@@ -289,7 +282,7 @@ def test_a_stopped_servo_writes_zero_and_says_so(
     stop.request()
     servo.run(stop)
     assert device.written[-1][1] == (0.0,)
-    assert not node.is_engaged
+    assert not node.status()["engaged"]
     heard: list[bytes] = []
 
     def heard_the_last() -> bool:
@@ -412,13 +405,6 @@ def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None
         assert sockets.wait((stop.descriptor,), round(PATIENCE * 1e9)) == [stop.descriptor]
         assert stop.requested
     assert signal.getsignal(number) is before
-
-
-def test_the_device_node_is_a_servo_and_the_controller_is_not() -> None:
-    node: Any = device_node()[0]
-    assert isinstance(node, process.Servo)
-    assert not isinstance(ControllerNode(DirectController()), process.Servo)
-    assert Telemetry in node.publishes
 
 
 def test_an_environment_says_its_name_and_how_often_its_code_failed(

@@ -12,6 +12,7 @@ import pytest
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.processes import NODES, PROCESSES
 
 PROGRAM = """
 import gc, json, os, sys
@@ -82,13 +83,13 @@ def test_most_of_a_wait_is_slept_however_long_the_spin(monkeypatch: pytest.Monke
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("role", sorted(realtime.PRIORITIES))
+@pytest.mark.parametrize("role", NODES)
 def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
     became = enter(role, core=CORES[-1])
     assert became["cores"] == [CORES[-1]]
     assert became["facts"]["core"] == {"core": CORES[-1]}
     if became["policy"] == os.SCHED_FIFO:
-        assert became["priority"] == realtime.PRIORITIES[role]
+        assert became["priority"] == PROCESSES[role].priority
         assert became["facts"]["fifo"] == {"priority": became["priority"]}
     else:
         assert {"fifo_not_permitted", "fifo_refused"} & set(became["facts"])
@@ -136,5 +137,5 @@ def test_each_fact_has_a_sentence_with_its_data(code: str) -> None:
 
 
 def test_the_device_goes_before_the_controller_before_the_environment() -> None:
-    order = realtime.PRIORITIES
-    assert order["device"] > order["controller"] > order["environment"] > 0
+    order = [PROCESSES[name].priority for name in ("device", "controller", "environment")]
+    assert order[0] > order[1] > order[2] > 0

@@ -31,7 +31,8 @@ from forcebound.messages.packets import (
     field_types,
 )
 from forcebound.nodes.events import EventLog
-from forcebound.recording import DESCRIPTIONS, Recorder, Recording, TelemetryColumns, read, schema
+from forcebound.recording import DESCRIPTIONS, Recorder, Recording, read, schema
+from forcebound.telemetry import TelemetryColumns
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
 
@@ -71,7 +72,7 @@ def packets(ticks: int = 5) -> list[Packet]:
             ForceCommand(tick, time_ns + 3, *echo, (1.5,)),
             telemetry(tick),
         ]
-    result.append(EventLog("device").tell(7, "force_engages", "answers come", {"name": "value"}))
+    result.append(EventLog("device").emit(7, "force_engages", "answers come", {"name": "value"}))
     return result
 
 
@@ -93,7 +94,7 @@ def path(tmp_path: Path) -> Path:
 def test_every_packet_comes_back_as_it_was(path: Path) -> None:
     sent = packets()
     recording = record(path, sent)
-    for topic, kind in TOPICS.items():
+    for kind, topic in TOPIC_OF.items():
         assert recording.packets(topic) == [p for p in sent if type(p) is kind]
     assert recording.complete
     assert recording.metadata == METADATA
@@ -173,7 +174,7 @@ def test_closing_twice_is_closing_once(path: Path) -> None:
 # --- Other tools can read it ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", TOPICS.values())
+@pytest.mark.parametrize("kind", TOPIC_OF)
 def test_a_schema_describes_every_field_with_one_plain_type(kind: type[Packet]) -> None:
     properties = schema(kind)["properties"]
     assert list(properties) == list(field_types(kind))

@@ -18,8 +18,8 @@ from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import ServoSettings
-from forcebound.recording import TelemetryColumns
 from forcebound.simulation import Simulation
+from forcebound.telemetry import TelemetryColumns
 
 
 def run(law: str, seconds: float = 4.0, **graph: Any) -> TelemetryColumns:

@@ -2,22 +2,27 @@
 
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
+from waiting import until
 
+from forcebound.cli import main
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError
 from forcebound.sweep.command import run
 from forcebound.sweep.maps import draw
+from forcebound.sweep.parts import parts_of
 from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
-from forcebound.sweep.runner import parts_of, run_sweep
+from forcebound.sweep.runner import run_sweep
 from forcebound.sweep.table import read_table
 
 SMALL = """
@@ -176,7 +181,7 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same_bytes(tmp_path: Path) -
     assert cut.read_bytes() == whole.read_bytes()
 
 
-def test_parts_of_another_sweep_are_refused_until_thrown_away(tmp_path: Path) -> None:
+def test_parts_of_another_sweep_are_refused_until_discarded(tmp_path: Path) -> None:
     result = tmp_path / "one.parquet"
     with pytest.raises(KeyboardInterrupt):
         run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce(), interrupt_at(0))
@@ -184,6 +189,29 @@ def test_parts_of_another_sweep_are_refused_until_thrown_away(tmp_path: Path) ->
     with pytest.raises(ConfigError, match="another sweep"):
         run_sweep(other, result, AtOnce())
     assert run_sweep(other, result, AtOnce(), restart=True)["cases"] == 3
+
+
+def test_the_result_of_another_sweep_is_replaced_only_if_that_is_wanted(tmp_path: Path) -> None:
+    result = tmp_path / "one.parquet"
+    sweep = load_sweep(written(tmp_path, SMALL))
+    run_sweep(sweep, result, AtOnce())
+    first = result.read_bytes()
+    other = load_sweep(tmp_path / "small.yaml", ["law:=aol"])
+    for restart in (False, True):
+        with pytest.raises(ConfigError, match=r"not a result of this sweep.*--overwrite"):
+            run_sweep(other, result, AtOnce(), restart=restart)
+    assert result.read_bytes() == first
+    run_sweep(sweep, result, AtOnce())
+    assert result.read_bytes() == first
+    assert run_sweep(other, result, AtOnce(), overwrite=True)["cases"] == 3
+
+
+def test_a_file_that_is_no_result_is_not_replaced(tmp_path: Path) -> None:
+    file = written(tmp_path, SMALL)
+    done = CliRunner().invoke(main, ["sweep", str(file), "-o", str(file)])
+    assert done.exit_code == 2
+    assert "--overwrite" in done.stderr
+    assert file.read_text() == SMALL
 
 
 @pytest.mark.parametrize("cases", [1, 31, 32, 33, 5000, 100_000])
@@ -214,6 +242,23 @@ def command(file: Path, result: Path, *options: str) -> list[str]:
     return [sys.executable, "-m", "forcebound", "sweep", str(file), "-o", str(result), *options]
 
 
+@contextlib.contextmanager
+def started(file: Path, result: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A sweep in a process of its own, of which two parts are done."""
+    parts = result.with_name(result.name + ".parts")
+    process = subprocess.Popen(
+        command(file, result, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        while len(list(parts.glob("0*.json"))) < 2:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                assert process.wait(0.005) is None, "it was done before it could be interrupted"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
 def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path: Path) -> None:
@@ -221,15 +266,8 @@ def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path
     whole, cut = tmp_path / "whole.parquet", tmp_path / "cut.parquet"
     assert run(str(file), output=whole, workers=1)["cases"] == 640
     parts = cut.with_name("cut.parquet.parts")
-    process = subprocess.Popen(command(file, cut, "--workers", "1"), stderr=subprocess.DEVNULL)
-    try:
-        while len(list(parts.glob("0*.json"))) < 2:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                assert process.wait(0.005) is None, "it was done before it could be killed"
+    with started(file, cut, "--workers", "1") as process:
         process.send_signal(signal.SIGKILL)
-    finally:
-        process.kill()
-        process.wait()
     assert parts.exists()
     assert not cut.exists()
     again = subprocess.run(
@@ -243,35 +281,92 @@ def test_a_sweep_killed_halfway_gives_the_same_file_as_one_that_was_not(tmp_path
 
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sweep_says_so_in_one_line(tmp_path: Path, number: signal.Signals) -> None:
+    file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
+    with started(file, tmp_path / "cut.parquet", "--workers", "2") as process:
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "forcebound: interrupted"
+    assert "Traceback" not in said
+    assert "leaked" not in said
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_worker_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
+    file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
+    with started(file, tmp_path / "cut.parquet", "--workers", "1") as process:
+        for worker in workers_of(process.pid):
+            os.kill(worker, signal.SIGKILL)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert said.splitlines()[-1].startswith("forcebound: a worker process ended")
+    assert "Traceback" not in said
+
+
+def workers_of(pid: int) -> list[int]:
+    """Return the worker processes of a sweep, without multiprocessing's resource tracker."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [
+        int(child)
+        for child in children
+        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+    ]
+
+
+@contextlib.contextmanager
+def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler on this machine, with workers; its address and its process."""
+    note = folder / "scheduler.json"
+    common = ["--scheduler-file", str(note), "--host", "127.0.0.1", "--no-dashboard"]
+    with contextlib.ExitStack() as running:
+
+        def start(*arguments: str) -> subprocess.Popen[bytes]:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dask", *arguments, *common],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=folder,
+            )
+            running.callback(process.wait)
+            running.callback(process.kill)
+            return process
+
+        scheduler = start("scheduler", "--port", "0")
+        for _ in range(workers):
+            start("worker", "--nthreads", "1", "--no-nanny")
+        until(lambda: note.exists() and note.read_text().endswith("}"), "the scheduler")
+        yield json.loads(note.read_text())["address"], scheduler
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
 def test_a_dask_cluster_gives_the_same_file_as_this_machine(tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="dask is not installed (extra: cluster)")
     file = written(tmp_path, SMALL.replace("count: 3", "count: 40"))
     here, there = tmp_path / "here.parquet", tmp_path / "there.parquet"
     run_sweep(load_sweep(file), here, AtOnce())
-    dask = [sys.executable, "-m", "dask"]
-    note = tmp_path / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-    worker = ["worker", "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    with contextlib.ExitStack() as started:
-
-        def start(*arguments: str) -> None:
-            process = subprocess.Popen([*dask, *arguments, "--scheduler-file", str(note)], **quiet)  # type: ignore[call-overload]  # options by name
-            started.callback(process.wait)
-            started.callback(process.kill)
-
-        start(*scheduler)
-        start(*worker)
-        start(*worker)
-        while not note.exists() or not note.read_text().endswith("}"):
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                subprocess.run(
-                    [sys.executable, "-c", "input()"], timeout=0.1, stdin=subprocess.PIPE
-                )
-        address = json.loads(note.read_text())["address"]
+    with dask_cluster(tmp_path, workers=2) as (address, _):
         done = subprocess.run(
             command(file, there, "--cluster", address, "--json"), capture_output=True
         )
     assert done.returncode == 0, done.stderr.decode()
     assert json.loads(done.stdout)["cases"] == 80
     assert there.read_bytes() == here.read_bytes()
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_cluster_that_ends_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
+    file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
+    with (
+        dask_cluster(tmp_path, workers=1) as (address, scheduler),
+        started(file, tmp_path / "cut.parquet", "--cluster", address) as process,
+    ):
+        scheduler.kill()
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert said.splitlines()[-1] == "forcebound: the cluster has ended, or has dropped the work"
+    assert "Traceback" not in said
+    assert "ERROR" not in said

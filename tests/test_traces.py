@@ -29,9 +29,9 @@ from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.process import topic_endpoint
-from forcebound.recording import TelemetryColumns
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
+from forcebound.telemetry import TelemetryColumns
 
 WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long
 NAMED = Impairment(trace=Path("wifi.csv"))

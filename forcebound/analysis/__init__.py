@@ -1,1 +1,1 @@
-"""What a recorded run says: numbers (:mod:`.metrics`) and pictures (:mod:`.plots`)."""
+"""Key figures, tables and plots of a recorded run."""

@@ -1,168 +1,45 @@
-"""What a run looks like: position, force with its bound, energy and loop delay, runs side by side.
+"""Figures of runs side by side: one column per run, one row per panel.
 
-matplotlib is imported when a figure is made, and without pyplot: no window, no global state. The
-colours are Okabe and Ito's, which people with any colour vision can tell apart; the same thing has
-the same colour in every panel. A figure of the same data is the same file, byte by byte.
+matplotlib is imported when a figure is made, and without pyplot: no window, no global state. A
+figure of the same data is the same file, byte by byte.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats, Surface, law, penetration, surface
+from forcebound.analysis.metrics import Floats
+from forcebound.analysis.panels import FORBIDDEN, NEUTRAL, PANELS, PHASE, Panel, Run, view_of
+from forcebound.analysis.summary import law
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import PHASE_BEGINS
-from forcebound.recording import TelemetryColumns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]
+DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 
-# Source: Okabe, Ito, Color universal design, 2008.
-HAPPENS = "#0072B2"  # blue: what physically happens
-ASKED = "#E69F00"  # orange: what was asked for
-BELIEVED = "#009E73"  # green: what the law believes
-FORBIDDEN = "#D55E00"  # vermilion: where energy would come from nowhere
-PHASE = "#56B4E9"  # sky blue: every other phase
-CHANGES = ("parameter_set", "environment_serves")  # events that are drawn beside the faults
-MARK_STYLES = (":", "--", "-.", (0, (1, 4)), (0, (6, 3, 1, 3, 1, 3)))  # of lines over time, by kind
-NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
+CHANGES = ("parameter_set", "environment_serves")  # events that are drawn as well as faults
+MARK_STYLES = (
+    ":",
+    "--",
+    "-.",
+    (0, (1, 4)),
+    (0, (6, 3, 1, 3, 1, 3)),
+)  # by kind of event
 
 SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
-DELAY_CLIP = 3.0  # times the 99th percentile: above, a delay is told in words, not drawn to scale
-
-AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact that the panel "contact" shows
+DELAY_CLIP = 3.0  # times the 99th percentile: longer delays get a note, not the scale
 
 FORMATS = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}  # without dates
-
-
-@dataclass(frozen=True)
-class View:
-    """What a panel draws from: the samples of a run from its engagement on, along one axis."""
-
-    time: Floats  # s
-    columns: TelemetryColumns
-    shown: slice  # samples since the force engaged
-    axis: int
-    wall: Surface | None
-
-
-def _view(run: Run) -> View:
-    _, columns, config = run
-    wall = surface(config)
-    if wall is not None:
-        penetration(columns, wall)  # refuses an axis that the run does not have
-    start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
-    shown = slice(start, None)
-    return View(columns.time[shown], columns, shown, wall.axis if wall else 0, wall)
-
-
-def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
-    if np.isfinite(y).any():  # hardware knows no ground truth: then neither line nor legend entry
-        axes.plot(x, y, label=label, **style)
-
-
-def _draw_position(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
-    if view.wall is not None:
-        surface_line = view.wall.position * 1e3
-        axes.axhline(surface_line, label="surface", color=NEUTRAL, linestyle="--", linewidth=1.0)
-    true_position = columns.true_position[shown, axis] * 1e3
-    _line(axes, view.time, true_position, "true", color=HAPPENS, linewidth=2.2, alpha=0.45)
-    position = columns.position[shown, axis] * 1e3
-    _line(axes, view.time, position, "read", color="black", linewidth=0.6)
-
-
-def _draw_force(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
-    limit = columns.force_limit[shown]
-    axes.fill_between(
-        view.time, -limit, limit, label="bound", color=NEUTRAL, alpha=0.25, linewidth=0.0
-    )
-    asked = columns.commanded_force[shown, axis]
-    _line(axes, view.time, asked, "asked", color=ASKED, linewidth=0.8)
-    applied = columns.applied_force[shown, axis]
-    _line(axes, view.time, applied, "applied", color=HAPPENS, linewidth=1.1)
-
-
-def _draw_energy(axes: Axes, view: View) -> None:
-    axes.axhline(0.0, color=NEUTRAL, linewidth=0.8)
-    estimated = view.columns.estimated_energy[view.shown] * 1e3
-    _line(axes, view.time, estimated, "estimated\nby the law", color=BELIEVED, linewidth=1.0)
-    true = view.columns.true_energy[view.shown] * 1e3
-    _line(axes, view.time, true, "true", color=HAPPENS, linewidth=1.4)
-
-
-def _draw_delay(axes: Axes, view: View) -> None:
-    delay = view.columns.loop_delay[view.shown] * 1e3
-    _line(axes, view.time, delay, "state\nto force", color=HAPPENS, linewidth=0.6)
-
-
-def _draw_force_over_penetration(axes: Axes, view: View) -> None:
-    if view.wall is None:
-        return
-    depth = penetration(view.columns, view.wall)[view.shown] * 1e3
-    if view.wall.stiffness is not None:
-        axes.axline(
-            (0.0, 0.0),
-            slope=view.wall.stiffness * 1e-3,
-            label="wall",
-            color=ASKED,
-            linestyle="--",
-            linewidth=1.0,
-        )
-    applied = view.columns.applied_force[view.shown, view.axis]
-    _line(axes, depth, applied, "applied", color=HAPPENS, linewidth=0.8)
-    deepest = float(depth.max()) if depth.size else 0.0
-    if deepest > 0.0:  # the way to the surface is long, and there is no force on it
-        axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
-
-
-def _draw_contact(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
-    if view.wall is None:
-        return
-    contact = penetration(columns, view.wall)[shown] > 0.0
-    if not contact.any():
-        return
-    since = (view.time - view.time[int(np.argmax(contact))]) * 1e3
-    seen = (since >= AROUND_CONTACT[0]) & (since <= AROUND_CONTACT[1])
-    asked = columns.commanded_force[shown, axis]
-    _line(axes, since[seen], asked[seen], "asked", color=ASKED, linewidth=0.8)
-    applied = columns.applied_force[shown, axis]
-    _line(axes, since[seen], applied[seen], "applied", color=HAPPENS, linewidth=1.1)
-    axes.set_xlim(*AROUND_CONTACT)
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One row of a figure."""
-
-    draw: Callable[[Axes, View], None]
-    label: str
-    x_label: str = "time since the force engaged (s)"
-
-
-PANELS: dict[str, Panel] = {
-    "position": Panel(_draw_position, "position (mm)"),
-    "force": Panel(_draw_force, "force (N)"),
-    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)"),
-    "energy": Panel(_draw_energy, "energy (mJ)"),
-    "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
-    "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", "penetration (mm)"),
-}
-
-DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 
 
 def figure(
@@ -173,14 +50,13 @@ def figure(
     """Return a figure with one column per run and one row per panel.
 
     A row has one scale, so that runs can be compared by eye. Where their ranges differ more than
-    tenfold, the energies go on a symmetric logarithmic scale, and the other rows get a scale per
-    run, which the panel then says.
+    tenfold, energies get a symmetric logarithmic scale, and other rows a scale per run, which is
+    noted in the panel.
 
     Args:
         runs: Label, telemetry, and launch file as resolved, of each run; at least one.
         panels: Keys of ``PANELS``, from top to bottom.
-        events: Of each run: faults and changes are drawn as lines over time, phases as
-            bands.
+        events: Events of each run: faults and changes are drawn as vertical lines, phases as bands.
 
     Raises:
         ConfigError: If a panel is unknown, or a launch file does not fit its run.
@@ -197,7 +73,7 @@ def figure(
     drawing = Figure(figsize=size, dpi=150, layout="constrained")
     grid = drawing.subplots(len(panels), len(runs), squeeze=False)
     for column, run in enumerate(runs):
-        view = _view(run)
+        view = view_of(run)
         grid[0, column].set_title(_title(run), fontsize=11)
         for row, name in enumerate(panels):
             PANELS[name].draw(grid[row, column], view)
@@ -212,14 +88,14 @@ def figure(
 
 
 def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
-    """Draw what happened to the graph: lines for faults and changes, bands for phases."""
+    """Draw events: vertical lines for faults and changes, bands for phases."""
     columns = run[1]
     if not columns.time.size:
         return
     zero_ns = int(columns.time_ns[0]) - round(float(columns.time[0]) * 1e9)
     end = float(columns.time[-1])
     begins = [event for event in events if event.event == PHASE_BEGINS]
-    changes = () if begins else CHANGES  # what a phase changes is told by its name
+    changes = () if begins else CHANGES  # the changes of a phase are named by it
     marked = [event for event in events if event.is_fault or event.event in changes]
     kinds = list(dict.fromkeys(event.event for event in marked if event.time_ns >= zero_ns))
     for event in marked:
@@ -266,7 +142,7 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
     else:
         if name == "force":
             _leave_out_unused_sign(row)
-        _share_or_say(row)
+        _share_scale_or_note(row)
     handles: dict[str, Any] = {}
     for axes in row:  # a run may lack a line that another has
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -283,7 +159,7 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
         )
 
 
-def _share_or_say(row: list[Axes]) -> None:
+def _share_scale_or_note(row: list[Axes]) -> None:
     limits = np.array([axes.get_ylim() for axes in row])
     spans = limits[:, 1] - limits[:, 0]
     if spans.max() <= SHARED_RATIO * spans.min():
@@ -296,7 +172,7 @@ def _share_or_say(row: list[Axes]) -> None:
 
 
 def _leave_out_unused_sign(row: list[Axes]) -> None:
-    """Cut off the half of the bound in which no force was asked for: a wall only pushes."""
+    """Cut off the sign of force that no curve has: a wall only pushes."""
     forces = [_finite(np.asarray(line.get_ydata())) for axes in row for line in axes.lines]
     known = [values for values in forces if values.size]
     for axes in row:
@@ -338,7 +214,7 @@ def _scale_delay(row: list[Axes]) -> None:
     if not known:
         for axes in row:
             axes.set_ylim(0.0, 1.0)
-            _note(axes, "no answer came")
+            _note(axes, "no replies")
         return
     top = max(
         min(float(values.max()), DELAY_CLIP * float(np.percentile(values, 99.0)))
@@ -348,7 +224,7 @@ def _scale_delay(row: list[Axes]) -> None:
         axes.set_ylim(0.0, 1.15 * top or 1.0)
         values = _finite(np.asarray(axes.lines[0].get_ydata())) if axes.lines else np.empty(0)
         if not values.size:
-            _note(axes, "no answer came")
+            _note(axes, "no replies")
         elif values.max() > 1.15 * top:
             _note(axes, f"longest: {values.max():.3g} ms")
     _label_outer(row)

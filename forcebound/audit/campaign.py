@@ -5,7 +5,6 @@ many cores there are.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import as_completed
 from typing import Any, NamedTuple
 
 from forcebound.audit.cases import difficulties, draw_case
@@ -13,7 +12,7 @@ from forcebound.audit.run import ENERGY_TOLERANCE, Result, attack
 from forcebound.audit.search import NICHES, search
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
-from forcebound.workers import local_executor
+from forcebound.workers import completed, local_executor
 
 PIECE = 500  # random runs of a task: about a second
 
@@ -161,11 +160,10 @@ def _all_done(tasks: Sequence[Task], workers: int | None) -> Iterator[tuple[Task
         yield from ((task, tally(task)) for task in tasks)
         return
     with local_executor(workers) as executor:
-        futures = {executor.submit(tally, task): index for index, task in enumerate(tasks)}
         waiting: dict[int, Tally] = {}
         following = 0
-        for future in as_completed(futures):
-            waiting[futures[future]] = future.result()
+        for index, part in completed(executor, tally, tasks):
+            waiting[index] = part
             while following in waiting:
                 yield tasks[following], waiting.pop(following)
                 following += 1

@@ -25,6 +25,7 @@ from forcebound.config.loader import load
 from forcebound.launch.build import build_links, build_node
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.network.sockets import Network
+from forcebound.nodes import Node
 from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import (
@@ -37,16 +38,16 @@ from forcebound.realtime import (
 )
 
 
-class ProbeNode:
+class ProbeNode(Node):
     """Publishes a state when it is due and notes when the answer to it comes."""
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState,)
     wakes_on_arrival: ClassVar[bool] = True
+    wake_ns: int | None = 0  # of the next state, then of giving up, in ns
 
     def __init__(self) -> None:
         self.events = EventLog("device")
-        self.wake_ns: int | None = 0  # of the next state, then of giving up, in ns
         self.round_trip_ns: int | None = None  # of the last state; None while there is no answer
         self._seq = -1
         self._sent_ns = 0

@@ -25,6 +25,7 @@ from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network.impairment import Chances, Impairment, generators
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.network.sockets import Network
+from forcebound.nodes import Node
 from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import die_with_parent, enter, freeze_garbage
@@ -43,7 +44,7 @@ LINKS = {
 _SEED = 1
 
 
-class SenderNode:
+class SenderNode(Node):
     """Publishes a query each period."""
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = ()
@@ -93,7 +94,7 @@ class WatchedLink(Link[Packet]):
         self.added_ns[packet.seq] = self._twin.next().delay_ns
 
 
-class ReceiverNode:
+class ReceiverNode(Node):
     """Notes when packets come; asks to stop when it has enough.
 
     Attributes:

@@ -22,9 +22,9 @@ from forcebound.benchmark.figures import Measured, compare, judge, plan
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
 from forcebound.config.loader import load
+from forcebound.processes import NODES
 
 LAUNCH_FILE = "stiff_wall"
-CHAIN = ("environment", "controller", "device")  # in the order in which they start
 # Limit -> percentile -> largest ratio of the graph to it; None: for information.
 TARGETS: dict[str, dict[str, float | None]] = {
     "bare": {"p50": 1.25, "p99": 1.5, "p99_9": None},
@@ -46,9 +46,9 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     timing = (round(1e9 / rate), count)
     bare = (core, settings.policy, *timing)
     rest = {  # module, roles, arguments after the folder
-        "graph": ("graph_loop", CHAIN, (LAUNCH_FILE, *timing)),
-        "bare": ("bare_loop", CHAIN, bare),
-        "default": ("bare_loop", CHAIN, (-1, "other", *timing)),
+        "graph": ("graph_loop", NODES, (LAUNCH_FILE, *timing)),
+        "bare": ("bare_loop", NODES, bare),
+        "default": ("bare_loop", NODES, (-1, "other", *timing)),
     }
     takes = READY + (WARMUP + count) / rate
     for number in range(rounds):

@@ -23,7 +23,8 @@ from forcebound.benchmark.workers import (
     module,
     started,
 )
-from forcebound.realtime import PRIORITIES, choose_core
+from forcebound.processes import PROCESSES
+from forcebound.realtime import choose_core
 
 WAKE_UP_TARGET = 1.0  # ratio to C, p50 and p99
 TICK_TARGET_US = 60.0  # p99
@@ -84,7 +85,7 @@ def _wake_ups(
             say(f"round {number + 1} of {rounds}: wake-ups, {policy}")
             arguments = (core, policy, period_ns, count)
             collect(module("pacing", *arguments), takes, ours)
-            priority = PRIORITIES["device"]
+            priority = PROCESSES["device"].priority
             limit_arguments = (core, policy, priority, period_ns, WARMUP, count)
             collect([str(program), *map(str, limit_arguments)], takes, limit)
     return pairs

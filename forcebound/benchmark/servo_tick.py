@@ -23,6 +23,7 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
 from forcebound.network.sockets import Network
+from forcebound.nodes import Node
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.nodes.events import EventLog
 from forcebound.operators.sinusoidal import SinusoidalHand
@@ -30,7 +31,7 @@ from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
 
 
-class AnswerNode:
+class AnswerNode(Node):
     """Controller and environment in one: answers each state with the force of a wall."""
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)

@@ -19,7 +19,7 @@ from typing import Any
 
 from forcebound.benchmark.figures import Measured
 from forcebound.errors import RunError
-from forcebound.realtime import PRIORITIES
+from forcebound.processes import PROCESSES
 
 WARMUP = 100  # ticks of each round before the first that counts
 READY = 10.0  # s for the processes of a contestant to start and find each other
@@ -116,7 +116,7 @@ def compile_c(source: str, folder: Path) -> Path:
 
 def permitted_policies() -> list[str]:
     """Return the scheduling classes that this process may use, ``"other"`` first."""
-    priority = max(PRIORITIES.values())
+    priority = max(process.priority for process in PROCESSES.values())
     command = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({priority}))"
     tried = subprocess.run([sys.executable, "-c", command], capture_output=True)
     return ["other"] if tried.returncode else ["other", "fifo"]

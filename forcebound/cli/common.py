@@ -115,7 +115,7 @@ def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from forcebound.analysis.metrics import summary_rows
+    from forcebound.analysis.tables import summary_rows
 
     table = Table(box=None, pad_edge=False)
     table.add_column("")

@@ -45,7 +45,8 @@ def list_all_keys(as_json: bool) -> None:
         return
     for entry in entries:
         kind = "pair" if entry.has_secret else "public"
-        click.echo(f"{entry.name:<20}{kind:<8}{entry.problem or entry.public}")
+        problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
+        click.echo(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
     if not entries:
         click.echo(f"no keys in {key_folder()}; make one with: forcebound keys new NAME", err=True)
 

@@ -220,7 +220,7 @@ def _print_phases(phases: list[Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from forcebound.analysis.metrics import phase_rows
+    from forcebound.analysis.tables import phase_rows
 
     head, *rows = phase_rows(phases)
     table = Table(head[0], box=None, pad_edge=False)

@@ -22,7 +22,7 @@ from forcebound.errors import ConfigError, RunError
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop, delay or sweep) beside its limit in the same run."""
+    """Measure NAME (servo, loop, delay or sweep) against its reference implementation."""
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:
@@ -58,7 +58,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     type=click.IntRange(min=0),
     default=1000,
     show_default=True,
-    help="Runs of each law by a search that learns to hurt.",
+    help="Runs of each law in a CMA-ES search for the lowest energy.",
 )
 @click.option("--law", "laws", multiple=True, help="Only this law; may be repeated.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
@@ -162,7 +162,8 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes; one a core by default.")
 @click.option("--cluster", metavar="ADDRESS", help="Scheduler of a dask cluster to run it on.")
-@click.option("--restart", is_flag=True, help="Begin anew instead of going on.")
+@click.option("--restart", is_flag=True, help="Discard earlier parts.")
+@click.option("--overwrite", is_flag=True, help="Replace the result of another sweep.")
 @click.option("--plot", "as_plot", is_flag=True, help="Draw the sweep's map beside the result.")
 @json_option
 @click.pass_context
@@ -175,6 +176,7 @@ def sweep(
     workers: int | None,
     cluster: str | None,
     restart: bool,
+    overwrite: bool,
     as_plot: bool,
     as_json: bool,
 ) -> None:
@@ -183,13 +185,13 @@ def sweep(
     The name audit stands for `forcebound audit`, whose cases are attacks and no grid.
     """
     if file == "audit":
-        if arguments or cluster or restart or as_plot:
+        if arguments or cluster or restart or overwrite or as_plot:
             raise ConfigError("sweep audit takes --output, --workers and --json; see audit --help")
         context.invoke(audit, workers=workers, out=output, as_json=as_json)
         return
     from forcebound.sweep.command import run
 
-    document = run(file, arguments, output, workers, cluster, restart, as_plot)
+    document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
     if as_json:
         print_json(document)
     else:

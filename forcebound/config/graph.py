@@ -16,7 +16,6 @@ from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.device import ServoSettings
@@ -36,15 +35,11 @@ KINDS: Mapping[str, Table[Any]] = {
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 
-# Topics whose link can be impaired. The others are for looking on: nothing waits for them.
-LINKS = tuple(topic for topic in TOPICS if topic not in ("telemetry", "event"))
-
 __all__ = [
     "COMPUTATION",
     "FORMAT",
     "KINDS",
     "LAWS",
-    "LINKS",
     "RUN_KEYS",
     "ControllerConfig",
     "DeviceConfig",

@@ -24,7 +24,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
@@ -54,6 +53,7 @@ from forcebound.config.user_parts import (
     without_code,
 )
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
@@ -300,13 +300,13 @@ def _device(section: Section, asks: bool) -> DeviceConfig | None:
         return None
     model = _member(section, fields_of(ServoSettings))
     law = section.value.entries.get("law")
-    kind = None
-    if law is not None and isinstance(law.content, str) and section.choose("law", "law", LAWS):
-        kind = find_law(section, law)
     servo = section.make(ServoSettings)
+    if law is not None and isinstance(law.content, str):
+        kind = find_law(section, law) if section.choose("law", "law", LAWS) else None
+        servo = None if servo is None or kind is None else replace(servo, law=kind)
     if model is None or servo is None:
         return None
-    device = DeviceConfig(model, servo if kind is None else replace(servo, law=kind))
+    device = DeviceConfig(model, servo)
     return device if check_device(device, section, asks) else None
 
 

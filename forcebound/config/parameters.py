@@ -11,7 +11,6 @@ from typing import Any
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import (
     KINDS,
-    LINKS,
     RUN_KEYS,
     GraphConfig,
     RealtimeConfig,
@@ -19,25 +18,11 @@ from forcebound.config.graph import (
     plain,
     to_document,
 )
-from forcebound.messages.packets import (
-    TOPIC_OF,
-    DeviceState,
-    EnvironmentQuery,
-    EnvironmentReply,
-    ForceCommand,
-)
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
-
-
-RECEIVERS = {
-    TOPIC_OF[DeviceState]: "controller",
-    TOPIC_OF[EnvironmentQuery]: "environment",
-    TOPIC_OF[EnvironmentReply]: "controller",
-    TOPIC_OF[ForceCommand]: "device",
-}  # the process that holds the model of a link
 
 
 def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
@@ -116,7 +101,7 @@ def holders(names: Iterable[str]) -> set[str]:
     found = set()
     for name in names:
         section, entry, *_ = name.split(".")
-        found.add(RECEIVERS[entry] if section == "links" else "environment")
+        found.add((TOPICS[entry].receiver if section == "links" else None) or "environment")
     return found
 
 

@@ -13,7 +13,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     LAWS,
-    LINKS,
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
@@ -21,6 +20,7 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.phases import PhaseHead
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 

@@ -11,7 +11,8 @@ import numpy as np
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
-from forcebound.recording import TelemetryColumns, read
+from forcebound.recording import read
+from forcebound.telemetry import TelemetryColumns
 
 RECORDING_SUFFIX = ".mcap"
 

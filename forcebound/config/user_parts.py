@@ -15,9 +15,9 @@ from forcebound.config.fields import Section, check_fields, fields_of
 from forcebound.config.graph import COMPUTATION, KINDS, DeviceConfig, GraphConfig, member_document
 from forcebound.config.phases import KEY
 from forcebound.config.tree import Value
+from forcebound.contract import vector_fault
 from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
-from forcebound.environments.contract import force_fault
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
 from forcebound.nodes.device import ServoSettings, dissipation_of
@@ -136,7 +136,7 @@ def check_environment(model: EnvironmentModel, axes: int, section: Section) -> N
     def ask() -> None:
         opened = open_environment(model, axes)
         try:
-            fault = force_fault(opened.force(still, still, 0.0), axes)
+            fault = vector_fault(opened.force(still, still, 0.0), axes, "N")
         finally:
             opened.close()
         if fault is not None:
@@ -154,15 +154,17 @@ def check_controller(model: ControllerModel, axes: int, section: Section) -> Non
     def ask() -> None:
         opened = model.open(axes)
         try:
-            force = opened.on_state(state, 0)
-            answers = [*opened.query(state), *(() if force is None else (force,))]
-            force = opened.on_reply(reply, 0)
-            answers += () if force is None else (force,)
+            forces = [opened.on_state(state, 0)]
+            position, velocity = opened.query(state)
+            forces.append(opened.on_reply(reply, 0))
         finally:
             opened.close()
-        faults = [fault for fault in (force_fault(one, axes) for one in answers) if fault]
-        if faults:
-            raise ConfigError(str(faults[0]))
+        vectors = [(position, "m"), (velocity, "m/s")]
+        vectors += [(force, "N") for force in forces if force is not None]
+        for vector, unit in vectors:
+            fault = vector_fault(vector, axes, unit)
+            if fault is not None:
+                raise ConfigError(str(fault))
 
     _check(model, section, "its first state and reply", ask)
 

@@ -17,7 +17,7 @@ class DirectController:
         return self
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return the device's position and velocity; see :class:`forcebound.controllers.Controller`."""
+        """Return position and velocity; see :class:`forcebound.controllers.Controller`."""
         return state.position, state.velocity
 
     def on_state(self, state: DeviceState, time_ns: int) -> None:

@@ -1,8 +1,8 @@
 """Devices: what the hand holds.
 
 A device is a frozen dataclass of its parameters (:class:`DeviceModel`) whose ``open`` returns the
-:class:`Device` that the device node reads and writes. Damping and friction are *minimum* values: the
-bounder's guarantee rests on them, so state where they come from (measured, data sheet).
+:class:`Device` that the device node reads and writes. Damping and friction are *minimum* values:
+the bounder's guarantee rests on them, so state where they come from (measured, data sheet).
 
 To add a device: copy ``phantom.py`` to ``my_device.py``, add one line to ``DEVICES``;
 ``tests/test_devices.py`` tests it with all the others, and launch files know it as

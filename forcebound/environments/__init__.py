@@ -13,7 +13,7 @@ A force is positive when it resists motion in the positive direction, so a wall 
 pushes into answers a positive force.
 """
 
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
@@ -52,6 +52,7 @@ class Environment(StatelessEnvironment, Protocol):
         ...
 
 
+@runtime_checkable
 class StatefulEnvironment(Protocol):
     """A model whose instances keep state."""
 
@@ -86,15 +87,12 @@ def open_environment(model: EnvironmentModel, axes: int) -> Environment:
     Raises:
         ConfigError: If the model's own code fails.
     """
-    stateful: Any = getattr(model, "open", None)
-    if stateful is None:
-        assert not hasattr(model, "open")
-        return _Stateless(model)  # type: ignore[arg-type]  # without open, it is one
+    if not isinstance(model, StatefulEnvironment):
+        return _Stateless(model)
     try:
-        opened: Environment = stateful(axes)
+        return model.open(axes)
     except Exception as error:
         raise ConfigError(f"environment: open({axes}): {describe_user_error(error)}") from error
-    return opened
 
 
 def change_environment(opened: Environment, model: EnvironmentModel, axes: int) -> Environment:

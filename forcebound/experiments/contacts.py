@@ -69,9 +69,9 @@ class NoLaw:
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
         contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
-        turns = {law: contact.run.summary["contact_reversals"] for law, contact in contacts.items()}
+        turns = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
         numbers = [_energy(law, contact) for law, contact in contacts.items()]
-        numbers += [Number("turns after contact", "1", turns[law], None, law) for law in contacts]
+        numbers += [Number("contact bounces", "1", turns[law], None, law) for law in contacts]
         numbers += [
             Number("largest force", "N", contact.run.summary["peak_force_n"], None, law)
             for law, contact in contacts.items()
@@ -112,8 +112,8 @@ class StiffWall:
                 numbers.append(
                     Number(WORDS[quantity], "N/mm", getattr(contact, quantity), paper, law)
                 )
-        turns = {law: contact.run.summary["contact_reversals"] for law, contact in contacts.items()}
-        numbers += [Number("turns after contact", "1", turns[law], None, law) for law in contacts]
+        turns = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
+        numbers += [Number("contact bounces", "1", turns[law], None, law) for law in contacts]
         numbers += [_energy(law, contact) for law, contact in contacts.items()]
         return Outcome(
             title=f"wall of 10 N/mm at {self.speed} speed, {_words(self.law)}",
@@ -148,7 +148,7 @@ def shown(contact: Contact) -> float:
 
 
 def _energy(law: str, contact: Contact) -> Number:
-    return Number("least true energy", "mJ", contact.lowest_energy, None, law)
+    return Number("minimum energy (ground truth)", "mJ", contact.lowest_energy, None, law)
 
 
 def _words(law: str) -> str:

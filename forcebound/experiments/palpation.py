@@ -24,7 +24,7 @@ def run(runs: Runs) -> Outcome:
         numbers.append(Number("peak force, first second", "N", first, None, law))
         numbers.append(Number("peak force, last second", "N", last, None, law))
     numbers += [
-        Number("least true energy", "mJ", contact.lowest_energy, None, law)
+        Number("minimum energy (ground truth)", "mJ", contact.lowest_energy, None, law)
         for law, contact in contacts.items()
     ]
     some = contacts["more_conservative"]

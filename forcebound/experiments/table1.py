@@ -1,4 +1,4 @@
-"""Table 1: rate hardness and displayed stiffness of every law at both speeds.
+"""Table 1: rate-hardness and displayed stiffness of every law at both speeds.
 
 Every other cell of the paper's table, as on a chessboard, was used to fit the hand; the remaining
 half is predicted. So of each law and speed either the crispness of contact was fitted and the
@@ -42,7 +42,7 @@ PAPER: dict[str, tuple[float, float, float, float]] = {
     "more_conservative": (1.29, 0.68, 2.16, 1.13),
 }
 
-WORDS = {"rate_hardness": "rate hardness", "displayed_stiffness": "displayed stiffness"}
+WORDS = {"rate_hardness": "rate-hardness", "displayed_stiffness": "displayed stiffness"}
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def run(runs: Runs) -> Outcome:
         "contact_speed_m_per_s": contact_speeds,
     }
     return Outcome(
-        title="Table 1: rate hardness and displayed stiffness of every law",
+        title="Table 1: rate-hardness and displayed stiffness of every law",
         paper="Five laws at a high and a low approach speed, wall of 10 N/mm.",
         finding=_finding(errors, contact_speeds, exchanged),
         numbers=numbers,
@@ -192,7 +192,7 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
     """Draw the table: per column the paper's numbers and ours, on one logarithmic scale."""
     from matplotlib.figure import Figure
 
-    from forcebound.analysis.plots import ASKED, BELIEVED, HAPPENS, NEUTRAL
+    from forcebound.analysis.panels import BELIEVED, COMMANDED, HAPPENS, NEUTRAL
 
     laws = [*PAPER_LAWS, *CERTIFIED]
     drawing = Figure(figsize=(13.5, 4.0), dpi=150, layout="constrained")
@@ -206,7 +206,7 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
             height = len(laws) - laws.index(row.law)
             if row.paper is not None:
                 axes.plot([row.paper, row.ours], [height] * 2, color=NEUTRAL, linewidth=1.0)
-                axes.plot(row.paper, height, "D", color=ASKED, markersize=7, label="paper")
+                axes.plot(row.paper, height, "D", color=COMMANDED, markersize=7, label="paper")
             if row.paper is None:
                 label, style, face = "ours, certified law", "s", BELIEVED
             elif row.fitted:

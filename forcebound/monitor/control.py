@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.supervisor import LAUNCHER
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint, has_control
+from forcebound.processes import LAUNCHER
 
 ANSWER_TIME = 5.0  # s that a launcher may take for an answer; it needs milliseconds
 PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds

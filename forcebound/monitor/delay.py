@@ -21,7 +21,8 @@ from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
-from forcebound.recording import TelemetryColumns, read
+from forcebound.recording import read
+from forcebound.telemetry import TelemetryColumns
 
 DURATION = 5.0  # s, how long a running graph is watched
 _PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph

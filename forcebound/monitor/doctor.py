@@ -14,19 +14,12 @@ import numpy as np
 
 from forcebound import realtime
 from forcebound.bounding import LAWS
-from forcebound.config.graph import LINKS, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.advice import NOTICES, REASONS, UNKNOWN_REASON
 from forcebound.monitor.findings import Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
 from forcebound.process import COMPLETE
-
-# Topic, sender and receiver of each hop of the loop, in order.
-CHAIN = (
-    ("device_state", "device", "controller"),
-    ("environment_query", "controller", "environment"),
-    ("environment_reply", "environment", "controller"),
-    ("force_command", "controller", "device"),
-)
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
@@ -101,7 +94,10 @@ def _restarts(process: ProcessSeen) -> str:
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what comes at the end has come all the way
-    for topic, sender, receiver in CHAIN:
+    for topic in LINKS:
+        _, sender, receiver = TOPICS[topic]
+        assert sender is not None
+        assert receiver is not None
         sending, receiving = seen.processes.get(sender), seen.processes.get(receiver)
         if sending is not None and not sending.answers:
             return  # has been said
@@ -128,7 +124,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """How many packets of a topic have reached the node that they are for."""
-    receiver = seen.processes.get(next(hop[2] for hop in CHAIN if hop[0] == topic))
+    receiver = seen.processes.get(TOPICS[topic].receiver or "")
     if receiver is None or not receiver.answers:
         return 0
     if receiver.status("links", topic) is not None:

@@ -47,7 +47,7 @@ class Machine:
         temporary: Folder for run directories.
         free: Room in it, in B; None: it cannot be used.
         key_folder: Where keys are kept.
-        key_problems: Why keys cannot be used; empty: nothing is wrong with them.
+        key_problems: Why keys cannot be used, each with what to do; empty: nothing is wrong.
     """
 
     permits_fifo: bool
@@ -67,7 +67,7 @@ class Machine:
     temporary: Path
     free: int | None
     key_folder: Path
-    key_problems: tuple[str, ...] = ()
+    key_problems: tuple[tuple[str, str], ...] = ()
 
 
 def look() -> Machine:
@@ -212,9 +212,7 @@ def _folders(machine: Machine) -> Iterator[Finding]:
     else:
         text = f"{free / 1e9:.1f} GB are free in {machine.temporary}"
         yield Finding("fine", "space", where, text)
-    for problem in machine.key_problems:
-        text, _, action = problem.partition(": chmod")
-        action = f"chmod{action}" if action else ""
+    for text, action in machine.key_problems:
         yield Finding("note", "unsafe_keys", "keys", text, action)
     if not machine.key_problems:
         text = f"nothing wrong in {machine.key_folder}"
@@ -239,11 +237,14 @@ def _free(folder: Path) -> int | None:
     return disk.f_bavail * disk.f_frsize
 
 
-def _key_problems(folder: Path) -> tuple[str, ...]:
+def _key_problems(folder: Path) -> tuple[tuple[str, str], ...]:
     try:
-        return tuple(entry.problem for entry in keys.list_keys(folder) if entry.problem)
-    except (ConfigError, OSError) as error:
-        return (str(error),)
+        entries = [entry for entry in keys.list_keys(folder) if entry.problem]
+    except ConfigError as error:
+        return ((error.problem, error.action),)
+    except OSError as error:
+        return ((f"cannot read {folder}: {error.strerror}", ""),)
+    return tuple((entry.problem, entry.action) for entry in entries)
 
 
 def _read(path: str) -> str:

@@ -7,12 +7,11 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
-from forcebound.launch.build import NODE_KINDS
 from forcebound.launch.live import RunDocument
-from forcebound.launch.supervisor import LAUNCHER
 from forcebound.monitor.control import PATIENCE, ask_all
 from forcebound.network import sockets
 from forcebound.process import has_control
+from forcebound.processes import LAUNCHER, NODES
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 
@@ -52,17 +51,17 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
         config: What it runs with; None: no matter whose place is here while nobody knows them.
     """
     is_graph = _is_graph(run_dir)
-    controls = {name for name in (*NODE_KINDS, LAUNCHER) if has_control(run_dir, name)}
+    controls = {name for name in (*NODES, LAUNCHER) if has_control(run_dir, name)}
     told = ask_all(run_dir, sorted(controls), {"request": "status"}, PATIENCE)
     answers = {name: answer for name, answer in told.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
     if launched is not None:
         states = {name: str(node["state"]) for name, node in launched.items()}
-        nodes = asked = frozenset(NODE_KINDS) & states.keys()
+        nodes = asked = frozenset(NODES) & states.keys()
     else:
         asked = frozenset(controls - {LAUNCHER})
         states = dict.fromkeys(asked, UNKNOWN)
-        nodes = frozenset(NODE_KINDS if is_graph else {ENVIRONMENT})
+        nodes = frozenset(NODES if is_graph else {ENVIRONMENT})
         if is_graph and config is not None and config.remote is not None:
             nodes -= {ENVIRONMENT} - asked
     serving = _serving(run_dir, states, answers, is_graph)

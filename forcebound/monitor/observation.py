@@ -14,15 +14,15 @@ from typing import Any
 from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import PROCESSES, RunDocument
-from forcebound.launch.supervisor import LAUNCHER
+from forcebound.launch.live import RunDocument
 from forcebound.monitor.control import PATIENCE, ask_all
 from forcebound.monitor.delay import watch
 from forcebound.monitor.nodes import UNKNOWN
 from forcebound.monitor.runs import running
 from forcebound.monitor.tuning import configuration
 from forcebound.process import has_control
-from forcebound.recording import TelemetryColumns
+from forcebound.processes import LAUNCHER, PROCESSES
+from forcebound.telemetry import TelemetryColumns
 
 DURATION = 2.0  # s between the two answers of a process
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from forcebound.errors import ConfigError
 from forcebound.launch.holding import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
-from forcebound.launch.supervisor import LAUNCHER
 from forcebound.process import has_control
+from forcebound.processes import LAUNCHER
 
 
 def running(folders: Iterable[Path] | None = None) -> list[Path]:

@@ -27,9 +27,9 @@ from forcebound.config.tree import parse
 from forcebound.config.user_parts import ALL_CODE
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
-from forcebound.launch.supervisor import LAUNCHER
 from forcebound.monitor.control import ANSWER_TIME, ask_all
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
+from forcebound.processes import LAUNCHER
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 

@@ -11,7 +11,7 @@ The key folder is ``$FORCEBOUND_KEYS``, else ``$XDG_CONFIG_HOME/forcebound/keys`
 ``zmq.auth.create_certificates`` writes secrets that everybody may read, and over those that are
 there. Here a secret file is born readable by its owner only (``O_EXCL``, mode 0600) in a folder
 that only the owner may enter, and never overwritten. As ssh does, a secret that others may read is
-refused, and so is a public key that others may exchange.
+refused, and so is a public key that others can replace.
 """
 
 import os
@@ -53,13 +53,15 @@ class KeyEntry:
         name: Of the key.
         public: The public key; empty if it cannot be used.
         has_secret: Whether this machine holds the secret.
-        problem: Why the key cannot be used, and what to do; empty if it can.
+        problem: Why the key cannot be used; empty if it can.
+        action: What to do about that; empty if the problem says it.
     """
 
     name: str
     public: str
     has_secret: bool
     problem: str = ""
+    action: str = ""
 
 
 def check_key(key: str) -> None:
@@ -201,7 +203,7 @@ def list_keys(folder: Path | None = None) -> list[KeyEntry]:
         try:
             public = key_pair(name, folder).public if secret_here else public_key(name, folder)
         except ConfigError as error:
-            entries.append(KeyEntry(name, "", secret_here, str(error)))
+            entries.append(KeyEntry(name, "", secret_here, error.problem, error.action))
         else:
             entries.append(KeyEntry(name, public, secret_here))
     return entries
@@ -229,7 +231,7 @@ def _check_name(name: str) -> None:
 def _check_folder(folder: Path) -> None:
     status = folder.stat()
     if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{folder} belongs to another user: choose a folder of your own")
+        raise ConfigError(f"{folder} belongs to another user", "choose a folder of your own")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         # A folder that others need, such as /tmp, is not to be closed to them.
         action = (
@@ -237,7 +239,7 @@ def _check_folder(folder: Path) -> None:
             if _is_for_keys_alone(folder, status)
             else "keep them in a folder of their own, mkdir -m 700 DIR, named by FORCEBOUND_KEYS"
         )
-        raise ConfigError(f"others may exchange the keys in {folder}: {action}")
+        raise ConfigError(f"others can replace the keys in {folder}", action)
 
 
 def _is_for_keys_alone(folder: Path, status: os.stat_result) -> bool:
@@ -279,20 +281,20 @@ def _check_file(file: Path, status: os.stat_result) -> None:
     if not stat.S_ISREG(status.st_mode):
         raise ConfigError(f"{file} is no file")
     if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{file} belongs to another user: use a key of your own")
+        raise ConfigError(f"{file} belongs to another user", "use a key of your own")
     if file.suffix == SECRET and status.st_mode & 0o077:
         raise ConfigError(
-            f"others may read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o}): "
-            f"chmod 600 {file}; if they may have done so, make a new one with forcebound keys new"
+            f"others can read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o})",
+            f"chmod 600 {file}; if they may have done so, make a new one with forcebound keys new",
         )
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise ConfigError(f"others may exchange the public key {file}: chmod 644 {file}")
+        raise ConfigError(f"others can replace the public key {file}", f"chmod 644 {file}")
 
 
 def _public_text(public: str) -> str:
     return (
         "#   ZeroMQ CURVE public certificate, made by forcebound\n"
-        "#   For the other machine. Send it so that nobody can exchange it on the way.\n\n"
+        "#   For the other machine. Send it so that nobody can replace it on the way.\n\n"
         f'metadata\ncurve\n    public-key = "{public}"\n'
     )
 

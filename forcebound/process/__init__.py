@@ -12,13 +12,12 @@ from forcebound.process.endpoints import (
     topic_endpoint,
 )
 from forcebound.process.recorder import COMPLETE, Sink, record
-from forcebound.process.runner import Runner, Servo, run
+from forcebound.process.runner import Runner, run
 from forcebound.process.stop import SignalPipe, Stop
 
 __all__ = [
     "COMPLETE",
     "Runner",
-    "Servo",
     "SignalPipe",
     "Sink",
     "Stop",

@@ -82,7 +82,7 @@ def record(
                 for data in subscriber.receive():
                     any_came = True
                     try:
-                        packet = decode(data, TOPICS[topic])
+                        packet = decode(data, TOPICS[topic].packet)
                     except PacketError as error:
                         rejected[error.reason] = rejected.get(error.reason, 0) + 1
                         continue

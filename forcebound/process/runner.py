@@ -13,8 +13,7 @@ Strategy:
    no logging, no allocation of anything that the collector must visit.
 2. A perfect link costs nothing: only the newest packet is taken, and no link object exists.
    A link with an impairment drains its socket into its model.
-3. Packets that are refused are counted by reason, and the servo is told, so that telemetry shows
-   them.
+3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
 4. Whatever ends the loop, the servo writes zero force before anything else is done: a stop request,
    a signal, the death of the launcher, a programming mistake.
 
@@ -27,7 +26,7 @@ import logging
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
@@ -46,7 +45,6 @@ from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
-from forcebound.nodes.controller import ControllerNode
 from forcebound.process.endpoints import (
     control_endpoint,
     event_endpoint,
@@ -58,27 +56,10 @@ from forcebound.process.stop import Stop
 
 CONTROL_INTERVAL = 8  # steps of a servo between two looks at its control socket
 IDLE_NS = 500_000_000  # longest sleep of a node to which nothing happens
-COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two words about refused packets
+COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
 FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
 
 _logger = logging.getLogger(__name__)
-
-
-@runtime_checkable
-class Servo(Node, Protocol):
-    """A node that moves something, and what its runner owes it."""
-
-    def engage(self) -> None:
-        """Let the force engage."""
-        ...
-
-    def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on."""
-        ...
-
-    def reject(self, reason: str) -> None:
-        """Count a packet that was refused before it reached the node."""
-        ...
 
 
 class _Inlet:
@@ -132,7 +113,6 @@ class Runner:
         self._node = node
         self._network = network
         self._configure = configure
-        self._servo = node if isinstance(node, Servo) else None
         self._spin_ns = spin_ns
         self._remote = remote
         self._run_dir = run_dir
@@ -159,7 +139,6 @@ class Runner:
         self._stop_requested = False
         self._facts: Sequence[realtime.Fact] = ()
         self.steps = 0
-        self.rejected: dict[str, int] = {}
         self._next_complaint_ns = 0
 
     def run(
@@ -180,14 +159,13 @@ class Runner:
             else:
                 self._run_on_schedule(stop, engages_itself)
         finally:
-            if self._servo is not None:
-                self._servo.stop(time.monotonic_ns())
-        self._tell_counts()
-        if self._servo is not None:
+            self._node.stop(time.monotonic_ns())
+        self._emit_counts()
+        if not self._node.wakes_on_arrival:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
 
-    def tell(
+    def emit(
         self,
         event: str,
         message: str,
@@ -195,9 +173,9 @@ class Runner:
         *,
         is_fault: bool = False,
     ) -> None:
-        """Publish an event, and log it; see :meth:`forcebound.nodes.events.EventLog.tell`."""
+        """Publish an event, and log it; see :meth:`forcebound.nodes.events.EventLog.emit`."""
         time_ns = time.monotonic_ns()
-        told = self._node.events.tell(time_ns, event, message, data, is_fault=is_fault)
+        told = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
         self._publish[Event](encode(told))
 
     def wait(self, stop_descriptor: int) -> int:
@@ -228,7 +206,7 @@ class Runner:
         if time_ns >= remote.due_ns or not self._remote_descriptors.isdisjoint(readable):
             for notice in remote.watch(time_ns):
                 event = f"remote_{notice.kind}"
-                self.tell(event, notice.message, notice.data, is_fault=notice.is_problem)
+                self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
 
     def turn(self, time_ns: int) -> None:
         """Receive, step the node if it has something to do, publish.
@@ -252,7 +230,7 @@ class Runner:
             subscriber, link = inlet.subscriber, inlet.link
             if readable is None:
                 arrived = subscriber.receive()
-                if arrived and not subscriber.emptied and self._servo is None:
+                if arrived and not subscriber.emptied and self._node.wakes_on_arrival:
                     self._unsettled.append(subscriber)
             elif subscriber.descriptor in readable:
                 arrived = subscriber.receive_ready()
@@ -284,21 +262,16 @@ class Runner:
         wanted = request.get("request")
         if wanted == "status":
             return self.status()
-        if wanted == "engage" and self._servo is not None:
-            self._servo.engage()
-            return {"engaged": True}
         if wanted == "configure" and self._configure is not None:
             return self._change()
-        process = request.get("process")
-        if wanted == "environment_died" and process and isinstance(self._node, ControllerNode):
-            self._node.environment_died(str(process))
-            return {"noted": True}
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
-        known = "status, stop, configure" + (", engage" if self._servo is not None else "")
-        known += ", environment_died" if isinstance(self._node, ControllerNode) else ""
-        return {"error": f"unknown request {wanted!r}; known: {known}"}
+        answer = self._node.handle(request)
+        if answer is None:
+            known = ", ".join(("status", "stop", "configure", *self._node.requests))
+            return {"error": f"unknown request {wanted!r}; known: {known}"}
+        return answer
 
     @property
     def nodes(self) -> tuple[Node, ...]:
@@ -362,33 +335,24 @@ class Runner:
         if changed:
             values = {name: str(value) for name, value in changed.items()}
             told = ", ".join(f"{name} = {value}" for name, value in values.items())
-            self.tell("parameter_set", f"changed: {told}", values)
+            self.emit("parameter_set", f"changed: {told}", values)
         return {"configured": True}
 
     def status(self) -> dict[str, Any]:
         """Return how the process is doing, as a map of plain values.
 
         ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
-        ``received``, ``rejected``: counts by topic, by reason. ``engaged`` and
-        ``deadline_misses``: of a servo. ``environment``: of a controller, who serves. ``name``,
-        ``refused_for`` and ``failures``: of an environment, its own, who serves instead, and how
-        many queries its code failed to answer.
+        ``received``: counts by topic. The node adds its own (:meth:`forcebound.nodes.Node.status`).
         """
         received = dict.fromkeys((inlet.topic for inlet in self._inlets), 0)
         for inlet in self._inlets:
             received[inlet.topic] += inlet.count
         return {
             **readiness(received),
-            "rejected": {**self.rejected, **getattr(self._node, "rejected", {})},
+            **self._node.status(),
             "steps": self.steps,
             "links": self._counts(),
-            "environment": getattr(self._node, "environment", None),
-            "name": getattr(self._node, "name", None),
-            "refused_for": getattr(self._node, "refused_for", None),
-            "failures": int(getattr(self._node, "faults", 0)),
             "remote": None if self._remote is None else self._remote.status(),
-            "engaged": bool(getattr(self._node, "is_engaged", False)),
-            "deadline_misses": int(getattr(self._node, "deadline_misses", 0)),
             "realtime": [{"code": fact.code, "data": dict(fact.data)} for fact in self._facts],
         }
 
@@ -396,10 +360,10 @@ class Runner:
         """How many packets had which fate on each impaired link, by topic."""
         return {inlet.topic: inlet.link.counts for inlet in self._inlets if inlet.link is not None}
 
-    def _tell_counts(self) -> None:
+    def _emit_counts(self) -> None:
         """Leave the links' counts in the recording."""
         for topic, counts in self._counts().items():
-            event = self._node.events.tell_link(time.monotonic_ns(), topic, counts)
+            event = self._node.events.link_counts(time.monotonic_ns(), topic, counts)
             self._publish[Event](encode(event))
 
     def _run_on_perfect_links(self, stop: Stop) -> None:
@@ -470,16 +434,15 @@ class Runner:
         return next_ns
 
     def _reject(self, reason: str) -> None:
-        self.rejected[reason] = self.rejected.get(reason, 0) + 1
-        if self._servo is not None:
-            self._servo.reject(reason)
+        self._node.reject(reason)
         time_ns = time.monotonic_ns()
         if time_ns >= self._next_complaint_ns:
             self._next_complaint_ns = time_ns + COMPLAINT_INTERVAL_NS
-            counts = ", ".join(f"{count} {why}" for why, count in self.rejected.items())
-            data = {why: str(count) for why, count in self.rejected.items()}
-            message = f"refused what is no packet of ours, so far: {counts}"
-            self.tell("packets_refused", message, data, is_fault=True)
+            rejected = self._node.status()["rejected"]
+            counts = ", ".join(f"{count} {why}" for why, count in rejected.items())
+            data = {why: str(count) for why, count in rejected.items()}
+            message = f"rejected packets so far: {counts}"
+            self.emit("packets_refused", message, data, is_fault=True)
 
 
 def run(
@@ -493,7 +456,7 @@ def run(
     configure: Callable[[Runner], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
-    """Run a node until it is asked to stop; return its last status.
+    """Run a node until it is asked to stop, and close it; return its last status.
 
     Args:
         node: What decides.
@@ -511,9 +474,12 @@ def run(
     """
     facts = realtime.enter(settings, name)
     _logger.info("; ".join(fact.sentence for fact in facts))
-    with Network() as network:
-        remote = None if remote_end is None else RemoteStreams(network, remote_end)
-        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
-        realtime.freeze_garbage()
-        runner.run(stop, facts, engages_itself)
-        return runner.status()
+    try:
+        with Network() as network:
+            end = None if remote_end is None else RemoteStreams(network, remote_end)
+            runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
+            realtime.freeze_garbage()
+            runner.run(stop, facts, engages_itself)
+            return runner.status()
+    finally:
+        node.close()

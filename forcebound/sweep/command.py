@@ -1,4 +1,4 @@
-"""What ``forcebound sweep`` does: read, run with progress on standard error, draw."""
+"""The command ``forcebound sweep``: read, run with progress on standard error, draw."""
 
 import time
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from typing import Any
 
 from forcebound.config.loader import build
 from forcebound.sweep.plan import load_sweep
-from forcebound.sweep.runner import cluster_executor, run_sweep
-from forcebound.workers import local_executor
+from forcebound.sweep.runner import run_sweep
+from forcebound.workers import cluster_executor, local_executor
 
 
 def run(
@@ -19,12 +19,14 @@ def run(
     workers: int | None = None,
     cluster: str | None = None,
     restart: bool = False,
+    overwrite: bool = False,
     plot: bool = False,
 ) -> dict[str, Any]:
     """Run a sweep file and return what became of it; arguments as on the command line.
 
     Raises:
         ConfigError: If the file or an option is wrong; before anything runs.
+        RunError: If the processes that run it end before it is done.
     """
     from rich.console import Console
     from rich.progress import (
@@ -59,7 +61,7 @@ def run(
                 stack.enter_context(bar)
             bar.update(task, completed=done, total=cases)
 
-        document = run_sweep(sweep, result, stack.enter_context(executor), show, restart)
+        document = run_sweep(sweep, result, stack.enter_context(executor), show, restart, overwrite)
     document["seconds"] = round(time.monotonic() - began, 3)
     if plot and sweep.drawing:
         from forcebound.sweep.maps import draw

@@ -17,9 +17,9 @@ from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.recording import TelemetryColumns
 from forcebound.sweep import kernel as lanes
 from forcebound.sweep.timing import Timing, timing_of
+from forcebound.telemetry import TelemetryColumns
 
 Engine: TypeAlias = Literal["kernel", "graph"]
 
@@ -160,6 +160,7 @@ def block_arguments(
 def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
+    assert hand is not None  # a graph without a hand is no case for the kernel
     law = LAWS[servo.law].parameters(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
@@ -185,6 +186,7 @@ def _constants(config: GraphConfig, environment: str) -> list[float]:
 
 def _path(config: GraphConfig, ticks: int) -> tuple[int, NDArray[np.float64]]:
     operator = config.operator
+    assert operator is not None
     if isinstance(operator, PressingHand):
         return lanes.PRESSING, np.zeros(1)
     if isinstance(operator, SinusoidalHand):

@@ -36,7 +36,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "approach_speed": ("approach speed (mm/s)", 1e3),
     "true_energy_min_j": ("least energy (mJ)", 1e3),
     "displayed_stiffness_n_per_m": ("displayed stiffness (N/mm)", 1e-3),
-    "rate_hardness_n_per_m": ("rate hardness (N/mm)", 1e-3),
+    "rate_hardness_n_per_m": ("rate-hardness (N/mm)", 1e-3),
     "peak_force_n": ("peak force (N)", 1.0),
     "final_speed_m_per_s": ("speed at the end (mm/s)", 1e3),
 }

@@ -27,7 +27,7 @@ _TEXTS = ("error", "engine")  # text even where no row has any
 
 @dataclass(frozen=True)
 class Table:
-    """A result: columns by name, all of one length, and what the sweep file said."""
+    """A result: columns by name, all of one length, and what :func:`read_about` gives."""
 
     columns: Mapping[str, list[Any]]
     about: Mapping[str, Any]
@@ -50,14 +50,24 @@ def read_table(path: Path) -> Table:
     Raises:
         ConfigError: If it is none.
     """
+    about = read_about(path)
+    table = pq.read_table(path)
+    return Table({name: table[name].to_pylist() for name in table.column_names}, about)
+
+
+def read_about(path: Path) -> dict[str, Any]:
+    """Return what a Parquet file says of its sweep: ``name``, ``description``, ``map``, ``digest``.
+
+    Raises:
+        ConfigError: If there is no such file, or it is no result of a sweep.
+    """
+    if not path.exists():
+        raise ConfigError(f"there is no file {path}; forcebound sweep makes one")
     try:
-        if not path.exists():
-            raise ConfigError(f"there is no file {path}; forcebound sweep makes one, or goes on")
-        table = pq.read_table(path)
-        about = json.loads((table.schema.metadata or {})[_KEY])
+        about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
         raise ConfigError(f"{path} is no result of a sweep: {error}") from error
-    return Table({name: table[name].to_pylist() for name in table.column_names}, about)
+    return about
 
 
 def _array(name: str, values: list[Any]) -> Any:

@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.config.graph import GraphConfig
+from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment, uniform_numbers
 from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes.safety import REMEMBERED
 
 Times: TypeAlias = NDArray[np.int64]
-
-_LINKS = ("device_state", "environment_query", "environment_reply", "force_command")  # in order
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Timing:
 def timing_of(config: GraphConfig, ticks: int) -> Timing:
     """Return the timing of the first ``ticks`` ticks of a run."""
     servo = config.device.servo
-    links = tuple(config.links.get(topic, Impairment()) for topic in _LINKS)
+    links = tuple(config.links.get(topic, Impairment()) for topic in LINKS)
     computation = config.environment.computation
     is_random = any(link.jitter > 0.0 or link.loss > 0.0 for link in links)
     return _timing(
@@ -89,8 +88,8 @@ def _timing(
         _check_limits(period_ns, age_limit_ns, compute_ns, links)
         sent = np.arange(ticks, dtype=np.int64) * period_ns
         origin = np.arange(ticks, dtype=np.int64)
-        queries = _newest(*_travel(sent, origin, links[0], link_seed(seed, _LINKS[0])), links[0])
-        arrived = _newest(*_travel(*queries, links[1], link_seed(seed, _LINKS[1])), links[1])
+        queries = _newest(*_travel(sent, origin, links[0], link_seed(seed, LINKS[0])), links[0])
+        arrived = _newest(*_travel(*queries, links[1], link_seed(seed, LINKS[1])), links[1])
         started, answers = _serve(*arrived, compute_ns, period_ns, wait_ns)
         done = started + compute_ns
         if compute_ns:
@@ -99,8 +98,8 @@ def _timing(
                 done = done + late
             elif np.any(late) and any(link.jitter > link.delay for link in links[2:]):
                 raise _Inexact
-        replies = _newest(*_travel(done, answers, links[2], link_seed(seed, _LINKS[2])), links[2])
-        through, answers = _travel(*replies, links[3], link_seed(seed, _LINKS[3]))
+        replies = _newest(*_travel(done, answers, links[2], link_seed(seed, LINKS[2])), links[2])
+        through, answers = _travel(*replies, links[3], link_seed(seed, LINKS[3]))
         held, too_old = _accept(through, answers, ticks, period_ns, wait_ns, age_limit_ns)
     except _Inexact:
         nothing = np.full(ticks, -1, dtype=np.int64)

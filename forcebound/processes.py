@@ -1,0 +1,42 @@
+"""The processes of a graph, one row each: everything that depends on which process it is."""
+
+import signal
+from dataclasses import dataclass
+
+LAUNCHER = "launcher"  # starts and ends the others; it is not one of them
+
+
+@dataclass(frozen=True)
+class Process:
+    """How one process of a graph is scheduled, started, ended and shown.
+
+    Attributes:
+        priority: Of SCHED_FIFO, 1 to 99, on the core that the nodes share. 0: it is no node; it has
+            ordinary scheduling and stays off that core.
+        stop_group: When it is ended: group 0 first, the next when all of the former are gone.
+        is_restarted: Whether it is started again if it ends by itself while the graph runs.
+        death_signal: What the kernel sends it when its launcher is gone.
+        colour: Of its name in the terminal, an ANSI code.
+    """
+
+    priority: int
+    stop_group: int
+    is_restarted: bool
+    death_signal: signal.Signals
+    colour: int
+
+
+# In the order in which they start. The device is ended first, so that the force is zero before the
+# nodes on which it depends are gone; the recorder last, so that it has everything. These two have
+# something to finish at the launcher's death (zero force; the recording), the others have not.
+# Without device or recorder there is nothing to go on with: they are not restarted.
+PROCESSES: dict[str, Process] = {
+    "environment": Process(30, 1, True, signal.SIGKILL, 35),
+    "controller": Process(40, 1, True, signal.SIGKILL, 33),
+    "device": Process(50, 0, False, signal.SIGTERM, 36),
+    "recorder": Process(0, 2, False, signal.SIGTERM, 32),
+}
+
+NODES = tuple(name for name, process in PROCESSES.items() if process.priority > 0)
+RESTARTED = tuple(name for name, process in PROCESSES.items() if process.is_restarted)
+STOP_GROUPS = sorted({process.stop_group for process in PROCESSES.values()})

@@ -1,0 +1,99 @@
+"""The parts of a sweep on disk: cases in order, one file each until all are there.
+
+Cases are cut into parts in a way that does not depend on who runs them. The rows of a part are
+written in one step to a file of its own, in the folder ``RESULT.parts`` beside the result. The
+digest in ``sweep.json`` tells whose parts they are: it covers all cases, the launch file and the
+version of forcebound.
+"""
+
+import hashlib
+import json
+import math
+import os
+import shutil
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from forcebound.errors import ConfigError
+from forcebound.files import reason
+from forcebound.sweep.plan import Sweep
+
+Row: TypeAlias = dict[str, Any]
+Part: TypeAlias = tuple[int, int]  # first case, and one past the last
+
+SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; how many parts are good
+
+
+def parts_of(cases: int) -> list[Part]:
+    """Return the parts that ``cases`` cases are cut into."""
+    size = min(max(math.ceil(cases / PARTS), SMALLEST_PART), LARGEST_PART)
+    return [(first, min(first + size, cases)) for first in range(0, cases, size)]
+
+
+def digest_of(sweep: Sweep) -> str:
+    """Return what a sweep has in common with another one only if their rows are the same."""
+    decisive = (version("forcebound"), sweep.template.plain, sweep.duration, dict(sweep.constants))
+    text = json.dumps([*decisive, sweep.columns, sweep.cases], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class PartFolder:
+    """The folder beside a result that holds the parts which are done.
+
+    Args:
+        result: The Parquet file of the sweep.
+        digest: Of the sweep.
+        restart: Discard parts that are there, whosever they are.
+
+    Raises:
+        ConfigError: If the folder holds parts of another sweep, or cannot be written.
+    """
+
+    def __init__(self, result: Path, digest: str, restart: bool) -> None:
+        self._folder = result.with_name(result.name + ".parts")
+        note = self._folder / "sweep.json"
+        try:
+            if restart and self._folder.exists():
+                shutil.rmtree(self._folder)
+            if note.exists() and json.loads(note.read_text())["digest"] != digest:
+                raise ConfigError(
+                    f"{self._folder} holds parts of another sweep (other cases, launch file or "
+                    "version); finish that one, choose another --output, or discard them with "
+                    "--restart"
+                )
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if not note.exists():
+                _write(note, json.dumps({"digest": digest}))
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._folder}: {reason(error)}") from error
+
+    def missing(self, parts: Sequence[Part]) -> list[Part]:
+        """Return the parts that are not done."""
+        return [part for part in parts if not self._file_of(part).exists()]
+
+    def add(self, part: Part, rows: list[Row]) -> None:
+        """Write the rows of a part."""
+        _write(self._file_of(part), json.dumps(rows))
+
+    def rows(self, parts: Sequence[Part]) -> list[Row]:
+        """Return the rows of all parts, in order."""
+        return [row for part in parts for row in json.loads(self._file_of(part).read_text())]
+
+    def remove(self) -> None:
+        """Remove the folder with all that it holds."""
+        shutil.rmtree(self._folder)
+
+    def _file_of(self, part: Part) -> Path:
+        return self._folder / f"{part[0]:07d}.json"
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file in one step: a reader sees all of it or none."""
+    unfinished = path.with_suffix(".unfinished")
+    with unfinished.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    unfinished.replace(path)

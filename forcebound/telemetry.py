@@ -1,0 +1,88 @@
+"""Telemetry of a run as columns, one array per field."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.messages.packets import Telemetry, Vector
+
+
+@dataclass(frozen=True)
+class TelemetryColumns:
+    """The telemetry of a run, one array per field; ``n`` samples, oldest first.
+
+    ``None`` in a packet is NaN here (-1 in ``device_seq``).
+    """
+
+    time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
+    time_ns: NDArray[np.int64]  # (n,), ns, device's clock
+    seq: NDArray[np.int64]  # (n,), tick number
+    elapsed: NDArray[np.float64]  # (n,), s since the force engaged for the first time
+    position: NDArray[np.float64]  # (n, axes), m, reading
+    commanded_force: NDArray[np.float64]  # (n, axes), N
+    applied_force: NDArray[np.float64]  # (n, axes), N
+    force_limit: NDArray[np.float64]  # (n,), N
+    estimated_energy: NDArray[np.float64]  # (n,), J
+    true_energy: NDArray[np.float64]  # (n,), J
+    true_position: NDArray[np.float64]  # (n, axes), m
+    hand_force: NDArray[np.float64]  # (n, axes), N
+    engagement: NDArray[np.float64]  # (n,), 0 to 1
+    device_seq: NDArray[np.int64]  # (n,), tick that the force answers; -1: none
+    loop_delay: NDArray[np.float64]  # (n,), s
+    deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
+    rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
+
+    @classmethod
+    def from_packets(cls, packets: Sequence[Telemetry]) -> Self:
+        """Return the columns of ``packets``; without packets, empty columns of one axis.
+
+        Raises:
+            ValueError: If the packets differ in their number of axes.
+        """
+        axes = len(packets[0].position) if packets else 1
+        nothing = (math.nan,) * axes
+
+        def floats(values: list[float | None]) -> NDArray[np.float64]:
+            return np.array(values, dtype=np.float64)  # None becomes NaN
+
+        def integers(values: list[int]) -> NDArray[np.int64]:
+            return np.array(values, dtype=np.int64)
+
+        def vectors(values: list[Vector]) -> NDArray[np.float64]:
+            return np.array(values, dtype=np.float64).reshape(len(packets), axes)
+
+        time_ns = integers([p.time_ns for p in packets])
+        engagement = floats([p.engagement for p in packets])
+        start = int(np.argmax(engagement > 0.0)) if packets else 0
+        return cls(
+            time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
+            time_ns=time_ns,
+            seq=integers([p.seq for p in packets]),
+            elapsed=floats([p.elapsed for p in packets]),
+            position=vectors([p.position for p in packets]),
+            commanded_force=vectors([p.commanded_force for p in packets]),
+            applied_force=vectors([p.applied_force for p in packets]),
+            force_limit=floats([p.force_limit for p in packets]),
+            estimated_energy=floats([p.estimated_energy for p in packets]),
+            true_energy=floats([p.true_energy for p in packets]),
+            true_position=vectors([p.true_position or nothing for p in packets]),
+            hand_force=vectors([p.hand_force or nothing for p in packets]),
+            engagement=engagement,
+            device_seq=integers([-1 if p.device_seq is None else p.device_seq for p in packets]),
+            loop_delay=floats([p.loop_delay for p in packets]),
+            deadline_misses=integers([p.deadline_misses for p in packets]),
+            rejected=dict(packets[-1].rejected) if packets else {},
+        )
+
+    def slice(self, chosen: NDArray[np.bool_]) -> Self:
+        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
+        columns = {
+            field.name: getattr(self, field.name)[chosen]
+            for field in fields(self)
+            if field.name != "rejected"
+        }
+        return replace(self, **columns)

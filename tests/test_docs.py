@@ -1,0 +1,51 @@
+"""Pages of docs/: links that resolve, rows and keys that exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from forcebound.analysis.summary import summarize, summarize_events
+from forcebound.analysis.tables import phase_rows, summary_rows
+from forcebound.messages.packets import TOPIC_OF, field_types
+from forcebound.telemetry import TelemetryColumns
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "examples/README.md", *(ROOT / "docs").rglob("*.md")],
+    key=str,
+)
+SUMMARY = summarize(TelemetryColumns.from_packets([]), {}) | summarize_events([])
+ROWS = {label for label, _ in summary_rows(SUMMARY)}
+WIRE_KEYS = {name for packet in TOPIC_OF for name in field_types(packet)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8"))
+    local = [link for link in links if "://" not in link]
+    assert [link for link in local if not (page.parent / link).exists()] == []
+
+
+def test_the_index_lists_every_page() -> None:
+    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert {page for page in pages if f"]({page})" not in index} == set()
+
+
+def test_the_page_of_results_has_every_row_and_key() -> None:
+    page = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    for label in ROWS | set(phase_rows([])[0]):
+        assert re.search(rf"^\| {re.escape(label)} \|", page, re.MULTILINE), label
+    assert [key for key in SUMMARY if f"`{key}`" not in page] == []
+
+
+def test_the_glossary_names_rows_and_keys_that_exist() -> None:
+    page = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    cells = [line.split("|")[-2] for line in page.splitlines() if line.startswith("| ")]
+    rows = {row for cell in cells for row in re.findall(r"\*([^*]+)\*", cell)}
+    keys = {key for cell in cells for key in re.findall(r"`([a-z]{2,}_[a-z_]+)`", cell)}
+    assert rows - ROWS == set()
+    assert keys - WIRE_KEYS - set(TOPIC_OF.values()) == set()
+    assert rows
+    assert keys
