@@ -1,4 +1,4 @@
-"""Whether a file can be written, asked before the work begins; and why one could not be used."""
+"""Checks of files before the work begins, and reasons of their errors."""
 
 import os
 from pathlib import Path
@@ -7,11 +7,11 @@ from forcebound.errors import ConfigError
 
 
 def check_writable(path: Path, what: str) -> None:
-    """Say now, and not after the work, that a file cannot be written.
+    """Raise before the work begins if a file cannot be written.
 
     Args:
-        path: Where to; it need not exist.
-        what: For the message, such as "the recording".
+        path: File to write; it need not exist.
+        what: Name of the file for the message, such as "the recording".
 
     Raises:
         ConfigError: If the folder is missing, the file is a folder, or it may not be written.
@@ -26,6 +26,6 @@ def check_writable(path: Path, what: str) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Return why a file could not be used, without its path: the message has named it."""
+    """Return why a file could not be used, without its path, for messages that name it already."""
     words = error.strerror if isinstance(error, OSError) else None
     return words or str(error)

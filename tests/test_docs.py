@@ -7,6 +7,9 @@ import pytest
 
 from forcebound.analysis.summary import summarize, summarize_events
 from forcebound.analysis.tables import phase_rows, summary_rows
+from forcebound.cli import main
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPIC_OF, field_types
 from forcebound.telemetry import TelemetryColumns
 
@@ -49,3 +52,26 @@ def test_the_glossary_names_rows_and_keys_that_exist() -> None:
     assert keys - WIRE_KEYS - set(TOPIC_OF.values()) == set()
     assert rows
     assert keys
+
+
+def test_the_page_of_commands_lists_every_command() -> None:
+    page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
+    assert [name for name in main.commands if not re.search(rf"`{name}\b", page)] == []
+
+
+def tutorial_rows() -> list[tuple[str, ...]]:
+    page = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
+    return re.findall(r"^\| (\d+ ms) \| `(\w+)` \| (.+?) \| (.+?) \| (.+?) \|", page, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("delay", "law", "stiffness", "bounces", "energy"), tutorial_rows(), ids=str
+)
+def test_the_figures_of_the_tutorial_are_those_of_virtual_time(
+    delay: str, law: str, stiffness: str, bounces: str, energy: str
+) -> None:
+    config = load("stiff_wall", [f"law:={law}", f"delay:={delay}"])
+    rows = dict(summary_rows(run_virtual(config).summary))
+    assert rows["displayed stiffness"] == stiffness
+    assert rows["contact bounces"] == bounces
+    assert rows["minimum energy (ground truth)"] == energy

@@ -1,4 +1,4 @@
-"""The command line. Heavy imports happen inside the commands that need them.
+"""Command line. Heavy imports happen inside the commands that need them.
 
 Exit status: 0 done, 1 the run failed, 2 the input was wrong. With ``--json`` a command prints one
 JSON document on standard output and nothing else there.

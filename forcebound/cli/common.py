@@ -1,4 +1,4 @@
-"""What several commands share: options, errors as exit status, tables."""
+"""Parts that several commands share: options, errors as exit status, tables."""
 
 import json
 import sys
@@ -18,7 +18,7 @@ ARGUMENTS = "[NAME:=VALUE]..."
 
 
 def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
-    """Turn our own errors into a message and an exit status; leave bugs their traceback."""
+    """Turn errors of forcebound into a message and an exit status; bugs keep their traceback."""
 
     @wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -51,20 +51,20 @@ def _duration(_: click.Context, parameter: click.Parameter, text: str | None) ->
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 
 
-def duration_option_for(told: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return an option ``--duration`` for something else than a run."""
-    return click.option("--duration", callback=_duration, metavar="TIME", help=told)
+def duration_option_for(help_text: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Return an option ``--duration`` with another help text than that of a run."""
+    return click.option("--duration", callback=_duration, metavar="TIME", help=help_text)
 
 
-duration_option = duration_option_for("How long to run, such as 5s or 500ms.")
+duration_option = duration_option_for("Duration of the run, such as 5s or 500ms.")
 
 
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
     if path is None:
         return None
-    if path.suffix not in ("", ".mcap"):  # of another format, by its name
+    if path.suffix not in ("", ".mcap"):
         raise click.BadParameter(
-            f"a recording is MCAP: its name must end in .mcap, or have no ending, got {path}"
+            f"the name of a recording must end in .mcap, or have no ending, got {path}"
         )
     holds_something = path.exists() and path.stat().st_size > 0
     if holds_something and not context.meta[_OVERWRITE]:
@@ -72,19 +72,19 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
     return path
 
 
-def _keep_overwrite(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+def _set_overwrite(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     context.meta[_OVERWRITE] = wanted
 
 
-_OVERWRITE = "forcebound.overwrite"  # key in what click keeps of a command line
+_OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
 
 _overwrite_option = click.option(
     "--overwrite",
     is_flag=True,
-    is_eager=True,  # it is known before --record, wherever it stands
+    is_eager=True,  # evaluated before --record, in any order on the command line
     expose_value=False,
-    callback=_keep_overwrite,
-    help="Let --record replace a recording that is there.",
+    callback=_set_overwrite,
+    help="Let --record replace an existing recording.",
 )
 
 _record_option = click.option(
@@ -92,12 +92,12 @@ _record_option = click.option(
     type=click.Path(path_type=Path, dir_okay=False),
     callback=_recording,
     metavar="RUN.mcap",
-    help="Keep the recording in this file.",
+    help="Record the run in this file.",
 )
 
 
 def record_option(command: Callable[P, None]) -> Callable[P, None]:
-    """Add ``--record`` and ``--overwrite``; a command sees the first alone, checked."""
+    """Add ``--record`` and ``--overwrite``; the command gets the checked path of the first only."""
     return _record_option(_overwrite_option(command))
 
 
@@ -106,7 +106,7 @@ run_option = click.option(
     "run_dir",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Run directory of the graph that is meant, if several run.",
+    help="Run directory (needed if several graphs run).",
 )
 
 

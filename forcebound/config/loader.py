@@ -266,7 +266,7 @@ def _check_format(top: Section) -> None:
     if version is None:
         top.add_here(f"the launch file needs 'forcebound: {FORMAT}', the version of its format")
     elif (version.content is True or version.content != FORMAT) and not version.is_broken:
-        message = f"this forcebound reads launch files of format {FORMAT}, this one is {version}"
+        message = f"this version reads launch files of format {FORMAT}, this one is {version}"
         top.add(message, version)
 
 
