@@ -2,7 +2,7 @@
 
 import pytest
 
-from forcebound.controllers import CONTROLLERS
+from forcebound.controllers import CONTROLLERS, Controller
 from forcebound.controllers.direct import DirectController
 from forcebound.messages.packets import DeviceState, EnvironmentReply
 
@@ -37,7 +37,7 @@ def test_the_same_calls_from_open_on_give_the_same_forces_and_queries(name: str,
 
 
 def test_the_direct_controller_asks_about_the_device_and_passes_the_force_on() -> None:
-    controller = DirectController().open(2)
+    controller: Controller = DirectController().open(2)
     assert controller.query(state(1, 0.01, 2)) == ((0.01, 0.01), (0.01, 0.01))
     assert controller.on_state(state(1, 0.01, 2), 0) is None
     assert controller.on_reply(reply(1, 3.0, 2), 0) == (3.0, 3.0)

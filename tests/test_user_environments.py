@@ -203,8 +203,16 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         ("my_spring.py", "my_spring.py:Mine", "does not define 'Mine'; it has: MySpring"),
         ("my_spring.py", "'my_spring.py:'", "unknown environment kind 'my_spring.py:'"),
         ("my_spring.py", "my_spring.pyc", "unknown environment kind 'my_spring.pyc'"),
-        ("phantom_premium_1_5", "my_spring.py", "device: class MySpring of my_spring.py has no method open"),
-        ("pressing", "my_spring.py", "operator: class MySpring of my_spring.py has no method target"),
+        (
+            "phantom_premium_1_5",
+            "my_spring.py",
+            "class MySpring of my_spring.py has no method open",
+        ),
+        (
+            "pressing",
+            "my_spring.py",
+            "class MySpring of my_spring.py has no method target",
+        ),
     ],
 )
 def test_a_problem_in_the_launch_file_has_its_place(
