@@ -260,7 +260,7 @@ class Recording:
         packets = cast("list[Telemetry]", self.packets(TOPIC_OF[Telemetry]))
         if not packets:
             raise ConfigError(
-                f"{self.path} holds no telemetry: did the run end before its device node started?"
+                f"{self.path} has no telemetry: did the run end before its device node started?"
             )
         return TelemetryColumns.from_packets(packets)
 

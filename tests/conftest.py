@@ -1,4 +1,4 @@
-"""Fixtures of tests with sockets; which examples hypothesis draws."""
+"""Fixtures of tests with sockets; profiles of hypothesis."""
 
 import tempfile
 from collections.abc import Iterator

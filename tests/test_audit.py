@@ -1,4 +1,4 @@
-"""The audit: that the certified laws hold, and that it would find out if they did not."""
+"""The audit: certified laws stay passive, and a broken law is found."""
 
 import dataclasses
 import json

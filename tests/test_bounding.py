@@ -1,4 +1,4 @@
-"""What every bounding law promises, and the play operator."""
+"""The contract of every bounding law, and the play operator."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Parameters of a running graph: their names, what may be set, phases, in virtual time and live."""
+"""Parameters of a running graph: names, permitted values, phases, in virtual time and live."""
 
 import copy
 import json
@@ -25,6 +25,7 @@ from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
 from forcebound.monitor import nodes, tuning
+from forcebound.monitor.findings import Fact
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import (
     changed_parameters,
@@ -34,6 +35,7 @@ from forcebound.monitor.tuning import (
     read_settings,
     set_parameters,
 )
+from forcebound.monitor.wording import note
 from forcebound.network.impairment import Impairment
 
 
@@ -185,7 +187,7 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     file.write_text(json.dumps(to_document(config)))
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
-    assert "no environment is running here" in done.notes[0]
+    assert done.notes == (Fact("no_node", {"node": "environment"}),)
     model = from_document(json.loads(file.read_text())).environment.model
     force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
     assert force == pytest.approx((1.0,))
@@ -327,7 +329,7 @@ def test_an_environment_elsewhere_that_waits_takes_a_change_with_a_note(
 ) -> None:
     answering(is_graph=False, environment={"refused_for": "device-lab/1/a"})
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
-    assert "device-lab/1/a serves the graph, and not this environment" in done.notes[0]
+    assert done.notes == (Fact("environment_waits", {"serving": "device-lab/1/a"}),)
 
 
 RUNNING = {"device": "running", "controller": "running", "environment": "running"}
@@ -351,7 +353,7 @@ def test_a_change_to_a_stand_by_says_who_serves(
     )
     done = set_parameters(tmp_path, {"links.environment_query.delay": 0.001})
     assert processes.configured == {"environment"}
-    assert [note.startswith("far/1/a serves") for note in done.notes] == [True] * is_told
+    assert done.notes == (Fact("another_serves", {"serving": "far/1/a"}),) * is_told
     assert not set_parameters(tmp_path, {"links.environment_reply.delay": 0.001}).notes
 
 
@@ -364,8 +366,9 @@ def test_an_environment_that_was_stopped_on_request_keeps_the_change(
     )
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert not processes.configured
-    assert "when it starts again: forcebound start environment" in done.notes[0]
-    assert "far/1/a serves" in done.notes[1]
+    assert done.notes[0] == Fact("node_stopped", {"node": "environment"})
+    assert "when it starts again: forcebound start environment" in note(done.notes[0])
+    assert done.notes[1] == Fact("another_serves", {"serving": "far/1/a"})
     assert changed_parameters(tmp_path) == {"environment.stiffness": 500.0}
 
 
@@ -375,7 +378,7 @@ def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
     processes = answering(launcher=launcher(**RUNNING), controller={}, environment={"silent": 1})
     for _ in range(2):  # also the second time, when the document has the value already
         processes.asked.clear()
-        with pytest.raises(RunError, match="kept for when it goes on"):
+        with pytest.raises(RunError, match="kept until it continues"):
             set_parameters(tmp_path, {"environment.stiffness": 500})
         assert ("launcher", "configure environment") in processes.asked
 

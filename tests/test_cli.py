@@ -1,4 +1,4 @@
-"""The command line as a person uses it: results, messages, exit status."""
+"""The command line: results, messages, exit status."""
 
 import json
 import os

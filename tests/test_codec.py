@@ -1,4 +1,4 @@
-"""The codec: the promised bytes, and nothing but packets or refusals for any others."""
+"""The codec: golden bytes; any other bytes give a packet or a rejection."""
 
 import math
 import re

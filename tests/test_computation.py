@@ -1,4 +1,4 @@
-"""How long an environment computes, and that it answers nothing else meanwhile."""
+"""The computation time of an environment, during which it answers nothing else."""
 
 import json
 import math
@@ -18,8 +18,9 @@ from forcebound.errors import ConfigError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
+from forcebound.network.chances import Chances, Draws
 from forcebound.network.computation import ComputationTime
-from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.simulation import Simulation
@@ -59,9 +60,9 @@ def test_a_fixed_time_is_exact() -> None:
 )
 def test_times_are_drawn_as_the_delays_of_a_link_of_this_seed(impairment: Impairment) -> None:
     computation = ComputationTime(impairment, seed=7)
-    chances = Chances(impairment, generators(7))
+    chances = Chances(impairment, Draws(7))
     times = [computation.next_ns(0) for _ in range(200)]
-    assert times == [chances.next().delay_ns for _ in range(200)]
+    assert times == [chances.travel_ns() for _ in range(200)]
     assert len(set(times)) > 150
 
 
@@ -81,13 +82,13 @@ def test_a_trace_counts_from_the_first_computation() -> None:
 
 def test_it_changes_from_the_next_computation_on_and_the_numbers_go_on() -> None:
     impairment = Impairment(0.003, 0.001)
-    chances = Chances(impairment, generators(0))
+    chances = Chances(impairment, Draws(0))
     computation = ComputationTime(impairment)
-    assert computation.next_ns(0) == chances.next().delay_ns
+    assert computation.next_ns(0) == chances.travel_ns()
     computation.change(Impairment(0.005))
     assert computation.next_ns(0) == 5 * MS
     computation.change(impairment)
-    assert computation.next_ns(0) == chances.next().delay_ns
+    assert computation.next_ns(0) == chances.travel_ns()
 
 
 def test_a_computation_does_not_silently_do_without_its_trace() -> None:

@@ -1,4 +1,4 @@
-"""Launch files that mean harm: an answer in bounded time and memory, whatever they say."""
+"""Hostile launch files: an answer in bounded time and memory."""
 
 import tracemalloc
 from pathlib import Path

@@ -22,14 +22,9 @@ from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
-from forcebound.network.impairment import (
-    QUANTILES,
-    GilbertElliott,
-    Impairment,
-    Outage,
-    Slot,
-    uniform_numbers,
-)
+from forcebound.network.chances import Chances, Draws, plain_fates
+from forcebound.network.distribution import QUANTILES
+from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
@@ -176,14 +171,34 @@ def test_a_duplicate_changes_nothing_for_the_others() -> None:
     assert set(without) <= set(doubled)
 
 
+@pytest.mark.parametrize(
+    "impairment",
+    [
+        Impairment(),
+        Impairment(delay=0.01),
+        Impairment(delay=0.001, jitter=0.004),
+        Impairment(loss=0.3),
+        Impairment(delay=0.01, jitter=0.005, loss=0.2),
+    ],
+)
+def test_the_fates_of_a_whole_run_are_those_of_its_packets(impairment: Impairment) -> None:
+    count, seed = 2000, 2**100 + 7
+    lost, travels = plain_fates(impairment, seed, count)
+    at_once = [None if gone else t for gone, t in zip(lost, travels.tolist(), strict=True)]
+    chances = Chances(impairment, Draws(seed))
+    assert at_once == [chances.next_plain() for _ in range(count)]
+
+
 # Delay
 
 
 def test_correlation_is_the_recursion_of_netem() -> None:
     rho, count = 0.7, 2000
     found = delays(Impairment(0.01, 0.004, correlation=rho), count, seed=3)
+    draw = Draws(3)["jitter"]
     u: float | None = None
-    for new, delay_ns in zip(uniform_numbers(3, "jitter", count).tolist(), found, strict=True):
+    for delay_ns in found:
+        new = draw()
         u = new if u is None else (1 - rho) * new + rho * u
         assert abs(delay_ns - (10 * MS + 4 * MS * (2 * u - 1))) <= 1
 
@@ -267,9 +282,11 @@ def test_quantiles_are_those_of_the_tables_of_tc() -> None:
 
 def test_correlated_loss_is_the_recursion_of_netem() -> None:
     rho, loss, count = 0.5, 0.3, 2000
+    draw = Draws(2)["loss"]
     u: float | None = None
     expected = []
-    for new in uniform_numbers(2, "loss", count).tolist():
+    for _ in range(count):
+        new = draw()
         u = new if u is None else (1 - rho) * new + rho * u
         expected.append(u < loss)
     assert losses(Impairment(loss=loss, loss_correlation=rho), count, seed=2) == expected

@@ -1,4 +1,4 @@
-"""The laws of the paper and those it is compared with, worked out by hand."""
+"""The paper's laws and the laws it compares with, computed by hand."""
 
 import math
 from collections.abc import Callable

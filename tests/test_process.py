@@ -1,4 +1,4 @@
-"""The live runner, one turn at a time in this process; and the recorder's loop."""
+"""The live runner, one turn at a time in this process, and the recorder's loop."""
 
 import os
 import signal

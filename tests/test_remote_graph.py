@@ -1,4 +1,4 @@
-"""A runner with a link to another machine, and runners whose parameters change while they run."""
+"""Runners with a link to another machine, and runners whose parameters change."""
 
 import re
 import socket

@@ -1,21 +1,32 @@
-"""Run directories: which of them are of graphs that run, and what becomes of those of the dead."""
+"""Run directories: those of running graphs, and removal of the others."""
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
+from click.testing import CliRunner
 
+from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.launch.holding import LOCK_FILE, hold, is_held
-from forcebound.launch.live import RECORDING, RUN_FILE, RunDocument, remove_left_over, run_directory
-from forcebound.monitor.runs import find, running
+from forcebound.launch.live import (
+    LAUNCH_FILE,
+    RECORDING,
+    RUN_FILE,
+    RunDocument,
+    remove_left_over,
+    run_directory,
+)
+from forcebound.monitor import delay, observation
+from forcebound.monitor.runs import find, running, while_running
 
 MakeRun = Callable[..., Path]
 
@@ -138,6 +149,34 @@ def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
     (launched / "control-launcher").touch()
     assert find(None, [tmp_path]) == launched
     assert find(by_hand, [tmp_path]) == by_hand
+
+
+@pytest.mark.parametrize("command", [["doctor"], ["delay"]])
+def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch, command: list[str]
+) -> None:
+    run_dir = make_run(tmp_path, "a")
+    (run_dir / LAUNCH_FILE).write_text("{}")
+
+    def end(run_dir: Path, duration: float) -> NoReturn:
+        shutil.rmtree(run_dir)
+        RunDocument.read(run_dir)
+        raise AssertionError
+
+    for module in (delay, observation):
+        monkeypatch.setattr(module, "watch", end)
+    run = [str(run_dir)] if command == ["delay"] else ["--run", str(run_dir)]
+    done = CliRunner().invoke(main, [*command, *run])
+    assert done.exit_code == 1
+    assert f"the graph in {run_dir} has ended meanwhile" in done.stderr
+
+
+def test_what_is_wrong_with_a_graph_that_goes_on_is_said_as_it_is(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    run_dir = make_run(tmp_path, "a")
+    with pytest.raises(ConfigError, match="as it is"), while_running(run_dir):
+        raise ConfigError("as it is")
 
 
 # --- Owners, and what they leave when they die --------------------------------------------------

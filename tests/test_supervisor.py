@@ -1,4 +1,4 @@
-"""The supervisor with real processes, few; its decisions are tested in ``test_lifecycle.py``.
+"""The supervisor with a few real processes; ``test_lifecycle.py`` tests its decisions.
 
 No test decides by timing: each waits for something in bounded time and fails if it never comes.
 """

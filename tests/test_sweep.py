@@ -1,4 +1,4 @@
-"""Sweeps: what a file says, what a result holds, and that nothing is lost on the way."""
+"""Sweeps: plan files, results, interruption and continuation."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Recorded delays: their file, their replay on a link, and how they are recorded."""
+"""Recorded delays: file format, replay on a link, recording."""
 
 import json
 import math

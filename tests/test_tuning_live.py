@@ -1,4 +1,4 @@
-"""Parameters of live graphs: a change for who is suspended, stopped, waiting, or elsewhere."""
+"""Parameters of live graphs: changes for suspended, stopped, waiting and remote nodes."""
 
 import json
 import signal

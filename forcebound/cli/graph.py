@@ -1,7 +1,7 @@
 """Commands that look into a graph that runs, and change it."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +93,7 @@ def param() -> None:
 
 
 @param.command("list")
-@click.option("--changed", is_flag=True, help="Only what is not as the graph was started.")
+@click.option("--changed", is_flag=True, help="Only parameters changed since launch.")
 @run_option
 @json_option
 @reports_errors
@@ -118,29 +118,31 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
     """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
-    from forcebound.monitor import tuning
-    from forcebound.monitor.runs import find
+    from forcebound.monitor import tuning, wording
+    from forcebound.monitor.runs import find, while_running
 
     run = find(run_dir)
-    change = tuning.set_parameters(run, tuning.read_settings(settings))
-    _print_parameters(run, change.values)
+    with while_running(run):
+        change = tuning.set_parameters(run, tuning.read_settings(settings))
+        _print_parameters(run, change.values)
     if not change.values:
         click.echo("nothing to change: it has these values")
     for note in change.notes:
-        click.echo(f"note: {note}", err=True)
+        click.echo(f"note: {wording.note(note)}", err=True)
 
 
 def _show_parameters(
     names: tuple[str, ...], run_dir: Path | None, as_json: bool, changed: bool = False
 ) -> None:
     from forcebound.monitor import tuning
-    from forcebound.monitor.runs import find
+    from forcebound.monitor.runs import find, while_running
 
     run = find(run_dir)
-    found = tuning.changed_parameters(run) if changed else {}
-    if not changed:
-        found = tuning.find_parameters(tuning.configuration(run), names)
-    print_json(found) if as_json else _print_parameters(run, found)
+    with while_running(run):
+        found = tuning.changed_parameters(run) if changed else {}
+        if not changed:
+            found = tuning.find_parameters(tuning.configuration(run), names)
+        print_json(found) if as_json else _print_parameters(run, found)
 
 
 def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
@@ -159,9 +161,9 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
 @json_option
 @reports_errors
 def doctor(run_dir: Path | None, as_json: bool) -> None:
-    """Say what is wrong with the graph that runs, and what to do; without one: with this machine.
+    """Diagnose the running graph; if none runs, this machine.
 
-    Exit status 0: no problem; 1: at least one; 2: there is no such graph.
+    Exit status 0: no problem. 1: at least one, or the graph ended meanwhile. 2: no such graph.
     """
     from forcebound.monitor import doctor, machine, runs
     from forcebound.monitor.observation import observe
@@ -170,22 +172,31 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     if as_json:
-        from dataclasses import asdict
-
-        found = [asdict(finding) for finding in findings]
         name = None if graph is None else str(graph)
-        print_json({"graph": name, "is_well": is_well, "findings": found})
+        documents = [_document(finding) for finding in findings]
+        print_json({"graph": name, "is_well": is_well, "findings": documents})
     else:
         click.echo("this machine; no graph runs" if graph is None else f"graph in {graph}")
-        _show_findings(findings)
+        for document in map(_document, findings):
+            _show_finding(document)
         if is_well:
             click.echo("no problem found")
     sys.exit(0 if is_well else 1)
 
 
-def _show_findings(findings: "Sequence[Finding]") -> None:
-    for finding in findings:
-        severity = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
-        click.echo(f"{severity} {finding.where}: {finding.seen}")
-        if finding.advice:
-            click.echo(f"{'':8} -> {finding.advice}")
+def _document(finding: "Finding") -> dict[str, Any]:
+    """Return a finding as a map: its codes and data, and its words."""
+    from dataclasses import asdict
+
+    from forcebound.monitor import wording
+
+    words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}
+    return {**asdict(finding), **words, "commands": wording.commands(finding)}
+
+
+def _show_finding(document: Mapping[str, Any]) -> None:
+    severity = document["severity"]
+    label = click.style(f"{severity:<8}", fg=COLOURS[severity])
+    click.echo(f"{label} {document['where']}: {document['seen']}")
+    if document["advice"]:
+        click.echo(f"{'':8} -> {document['advice']}")

@@ -1,4 +1,4 @@
-"""What loop delay has a graph, one that runs or one that was recorded?"""
+"""Loop delay of a graph that runs or was recorded."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
-from forcebound.monitor.runs import find
+from forcebound.monitor.runs import find, while_running
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
@@ -38,7 +38,7 @@ class Measured:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What there is to say of the delays in a few figures, fit for JSON.
+        """The delays in a few figures, fit for JSON.
 
         ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
         None if every answer was lost.
@@ -60,9 +60,9 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         duration: How long to watch a graph that runs, in s; None: :data:`DURATION`.
 
     Raises:
-        ConfigError: If there is no such recording or graph, it has no tick to tell of, or a
-            duration is given for a recording.
-        RunError: If the graph sent nothing.
+        ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
+            for a recording.
+        RunError: If the graph sent nothing, or ended meanwhile.
     """
     if run is not None and not run.is_dir():
         if duration is not None:
@@ -71,11 +71,9 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
     run_dir = find(run, of_graph=True, option="forcebound delay ")
-    try:
+    with while_running(run_dir):
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
-    except OSError:
-        raise RunError(f"the graph in {run_dir} has ended meanwhile") from None
-    columns = watch(run_dir, DURATION if duration is None else duration)
+        columns = watch(run_dir, DURATION if duration is None else duration)
     return Measured(loop_delays(columns), document)
 
 

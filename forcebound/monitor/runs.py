@@ -1,4 +1,4 @@
-"""Which graphs run on this machine? They are found by their run directories, and by nothing else.
+"""The graphs that run on this machine, found by their run directories and by nothing else.
 
 A run directory is named ``forcebound-...``, lies in the folder for temporary files, belongs to the
 user, has a run's document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher
@@ -6,10 +6,11 @@ or by nodes that were started by hand (:mod:`forcebound.launch.holding`).
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, RunError
 from forcebound.launch.holding import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
 from forcebound.process import has_control
@@ -66,6 +67,21 @@ def find(
         return run_dir
     others = f"those that run:{_list(known)}" if known else "none runs"
     raise ConfigError(f"{run} is not the run directory of a graph that runs; {others}")
+
+
+@contextmanager
+def while_running(run_dir: Path) -> Iterator[None]:
+    """Turn what fails because the graph has ended meanwhile into one clear error.
+
+    Raises:
+        RunError: If the graph has ended.
+    """
+    try:
+        yield
+    except (ConfigError, OSError) as error:
+        if _runs(run_dir):
+            raise
+        raise RunError(f"the graph in {run_dir} has ended meanwhile") from error
 
 
 def _list(run_dirs: Iterable[Path]) -> str:

@@ -1,54 +1,19 @@
-"""What a link does to packets, in the words and with the meaning of Linux netem, and its chances.
+"""Settings of a bad link, in the words and with the meaning of Linux netem.
 
-:class:`Impairment` holds the parameters, :class:`Chances` draws what happens to each packet;
-:class:`forcebound.network.link.Link` holds the queue.
-
-Each random decision has a generator of its own, and every packet draws all its numbers: two
-settings compared under one seed differ in nothing but the setting.
-
-1. *Correlation* is netem's: ``u = (1 - rho) * new + rho * last`` of numbers uniform in [0, 1). As
-   in netem, this narrows the distribution around 1/2 (variance times ``(1 - rho) / (1 + rho)``), so
-   a correlated loss of 10 % loses less than 10 % (tc-netem(8) warns of it). ``gemodel`` does not.
-2. The *deviation* of the delay is ``jitter * quantile(u)``. The quantiles are those of the tables
-   that tc loads (iproute2 ``netem/normal.c``, ``pareto.c``, ``paretonormal.c``), without their
-   4096 steps and, as there, within 4:
-
-   ``uniform``
-       ``2 u - 1``: jitter is the largest deviation.
-   ``normal``
-       jitter is the standard deviation.
-   ``pareto``
-       ``4/3 (X - 3/2)``, ``X`` Pareto with shape 3 from 1: mean 0, from -2/3. tc scales by the
-       variance 3/4, so the standard deviation is ``2 / sqrt(3)`` times the jitter before the cut.
-   ``paretonormal``
-       ``(normal + 3 pareto) / 4`` of the same ``u``.
-
-   A ``distribution_file`` is such a table: each of its entries is as likely as the others. The
-   kernel takes the entry ``number % size``; here it is ``floor(u * size)`` of the sorted ones,
-   which is as likely and keeps the correlation.
-
-3. *Gilbert-Elliott*: the state in which a packet finds the link decides its loss, then the link
-   changes its state. It begins good.
+:mod:`forcebound.network.chances` draws what happens to each packet,
+:class:`forcebound.network.link.Link` holds the packets on the way, and
+:mod:`forcebound.network.distribution` has the distributions of a delay.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import NormalDist
-from typing import Any, ClassVar, Literal, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, ClassVar, Literal
 
 from forcebound.errors import ConfigError
-from forcebound.network.distribution import read_distribution
+from forcebound.network.distribution import QUANTILES, read_distribution
 from forcebound.quantities import DataRate, Ratio, Time
-
-_DECISIONS = (  # one generator each, by place: append only
-    *("loss", "jitter", "state", "state_loss"),
-    *("duplicate", "reorder", "corrupt", "slot"),
-)
 
 _STRICT = {"extra": "forbid", "strict": True}  # pydantic: no unknown keys in a launch file
 
@@ -208,143 +173,6 @@ class Impairment:
         if self.reorder > 0.0:
             return 0.0
         return max(0.0, self.delay + self.jitter * self.quantile(0.0))
-
-
-_NORMAL = NormalDist()
-_LARGEST = 4.0  # of a table's entries: 16 bits, of which 8192 are one jitter
-
-
-def _uniform(u: float) -> float:
-    return 2.0 * u - 1.0
-
-
-def _normal(u: float) -> float:
-    return max(-_LARGEST, min(_NORMAL.inv_cdf(u), _LARGEST)) if 0.0 < u < 1.0 else -_LARGEST
-
-
-def _pareto(u: float) -> float:
-    return float(min(4.0 / 3.0 * ((1.0 - u) ** (-1.0 / 3.0) - 1.5), _LARGEST))
-
-
-def _paretonormal(u: float) -> float:
-    return (_normal(u) + 3.0 * _pareto(u)) / 4.0
-
-
-QUANTILES: Mapping[str, Callable[[float], float]] = {
-    "uniform": _uniform,
-    "normal": _normal,
-    "pareto": _pareto,
-    "paretonormal": _paretonormal,
-}
-
-
-class Fate(NamedTuple):
-    """What chance does to one packet."""
-
-    is_lost: bool
-    is_duplicated: bool
-    is_corrupt: bool
-    goes_at_once: bool  # if the gap allows it
-    delay_ns: int
-
-
-class _Correlated:
-    """Numbers in [0, 1), each drawn towards the one before."""
-
-    def __init__(self, draw: Callable[[], float], rho: float) -> None:
-        self._draw = draw
-        self._rho = rho
-        self._last: float | None = None
-
-    def __call__(self) -> float:
-        number = self._draw()
-        if self._rho and self._last is not None:
-            number = (1.0 - self._rho) * number + self._rho * self._last
-        self._last = number
-        return number
-
-
-class Chances:
-    """The random processes of one link under one impairment.
-
-    Args:
-        impairment: What the link does.
-        draws: From :func:`generators`; the processes go on with them.
-    """
-
-    def __init__(self, impairment: Impairment, draws: Mapping[str, Callable[[], float]]) -> None:
-        """Begin: the state is good, and there is no number before."""
-        self._impairment = impairment
-        self._delay_ns = round(impairment.delay * 1e9)
-        self._jitter_ns = impairment.jitter * 1e9
-        self._quantile = impairment.quantile
-        self._loss = _Correlated(draws["loss"], impairment.loss_correlation)
-        self._jitter = _Correlated(draws["jitter"], impairment.correlation)
-        self._duplicate = _Correlated(draws["duplicate"], impairment.duplicate_correlation)
-        self._reorder = _Correlated(draws["reorder"], impairment.reorder_correlation)
-        self._corrupt = _Correlated(draws["corrupt"], impairment.corrupt_correlation)
-        self._state, self._state_loss = draws["state"], draws["state_loss"]
-        self._slot = draws["slot"]
-        self._is_bad = False
-
-    def next(self) -> Fate:
-        """Return the fate of the next packet."""
-        impairment = self._impairment
-        deviation = self._jitter_ns * self._quantile(self._jitter())
-        is_lost = self._loss() < impairment.loss
-        return Fate(
-            self._is_lost_by_state() or is_lost,
-            self._duplicate() < impairment.duplicate,
-            self._corrupt() < impairment.corrupt,
-            self._reorder() < impairment.reorder,
-            max(0, self._delay_ns + round(deviation)),
-        )
-
-    def slot_delay_ns(self, slot: Slot) -> int:
-        """Return the time until the next slot, in ns."""
-        longest = slot.min_delay if slot.max_delay is None else slot.max_delay
-        return round((slot.min_delay + (longest - slot.min_delay) * self._slot()) * 1e9)
-
-    def _is_lost_by_state(self) -> bool:
-        change, chance = self._state(), self._state_loss()
-        model = self._impairment.gemodel
-        if model is None:
-            return False
-        is_lost = chance < 1.0 - (model.h if self._is_bad else model.k)
-        if change < (model.r if self._is_bad else model.p):
-            self._is_bad = not self._is_bad
-        return is_lost
-
-
-def generators(
-    seed: int, decisions: Collection[str] = _DECISIONS, *, is_copy: bool = False
-) -> dict[str, Callable[[], float]]:
-    """Return what draws the numbers, uniform in [0, 1), of each decision.
-
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        decisions: Which ones.
-        is_copy: For the copies of duplicated packets, which have numbers of their own.
-    """
-    return {
-        decision: _bits(seed, _DECISIONS.index(decision), is_copy).random for decision in decisions
-    }
-
-
-def uniform_numbers(seed: int, decision: str, count: int) -> NDArray[np.float64]:
-    """Return the first ``count`` numbers that a link of this seed draws for a decision.
-
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        decision: ``"loss"`` or ``"jitter"``.
-        count: How many.
-    """
-    return _bits(seed, _DECISIONS.index(decision)).random(count)
-
-
-def _bits(seed: int, place: int, is_copy: bool = False) -> np.random.Generator:
-    words = [seed, place, 1] if is_copy else [seed, place]
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
 def _check_not_negative(name: str, value: float, unit: str) -> None:
