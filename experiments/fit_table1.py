@@ -52,7 +52,8 @@ def decode(unit: Floats) -> Floats:
     """Return the nine numbers (total mass first) of a point in the unit cube."""
     unit = np.clip(unit, 0.0, 1.0)
     straight = LOWEST + (HIGHEST - LOWEST) * unit
-    return np.where(LINEAR, straight, LOWEST * (HIGHEST / LOWEST) ** unit)
+    numbers: Floats = np.where(LINEAR, straight, LOWEST * (HIGHEST / LOWEST) ** unit)
+    return numbers
 
 
 @cache
@@ -120,7 +121,8 @@ def contact(law: str, hand: Floats, approach: Floats, samples: int) -> tuple[flo
     depth = readings - SURFACE
     hardness = initial_rate_hardness(forces, depth)
     if samples == SAMPLES:
-        stiffness = displayed_stiffness(np.arange(samples) * PERIOD, forces, depth)
+        times = PERIOD * np.arange(samples, dtype=np.float64)
+        stiffness = displayed_stiffness(times, forces, depth)
     else:
         steady = slice(2000, None)
         inside = depth[steady] > 0.0
@@ -149,7 +151,7 @@ def evaluate(numbers: Floats, samples: int) -> tuple[Floats, Floats, float]:
     return table, np.where(np.isfinite(errors), errors, FAILED), off
 
 
-def fit(half: Floats, seconds: float, seed: int) -> None:
+def fit(half: NDArray[np.bool_], seconds: float, seed: int) -> None:
     """Search and print every result."""
     import cma
 
@@ -177,7 +179,7 @@ def fit(half: Floats, seconds: float, seed: int) -> None:
         tell(decode(np.asarray(strategy.result.xbest)), half)
 
 
-def tell(numbers: Floats, half: Floats) -> None:
+def tell(numbers: Floats, half: NDArray[np.bool_]) -> None:
     """Print one result."""
 
     def rms(errors: Floats) -> float:
@@ -201,7 +203,7 @@ def tell(numbers: Floats, half: Floats) -> None:
 
 def main() -> int:
     """Fit; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--half", choices=("odd", "even", "all"), default="odd")
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=1)

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document
 from forcebound.config.parameters import differences
-from forcebound.config.user_parts import ALL_CODE
+from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 from forcebound.launch.build import build_link, change_environment, change_link
@@ -55,7 +54,7 @@ class Reloader:
     Args:
         config: What it was started with.
         file: The document, which ``forcebound param set`` writes anew.
-        runs: See :func:`forcebound.config.loader.from_document`.
+        runs: See :func:`forcebound.config.resolved.restore`.
     """
 
     def __init__(self, config: GraphConfig, file: Path, runs: Collection[str] = ALL_CODE) -> None:
@@ -73,7 +72,7 @@ class Reloader:
             document = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise ConfigError(f"cannot read {self._file}: {reason(error)}") from error
-        new = from_document(document, self._runs)
+        new = restore(document, self._runs)
         changed = apply(self._config, new, runner)
         self._config = new
         return changed

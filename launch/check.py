@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import member_document
 from forcebound.config.loader import member_of
+from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check

@@ -22,8 +22,9 @@ from typing import Any
 
 from forcebound import realtime
 from forcebound.config.changes import Part, timetable
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import differences, holders
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.holding import hold, seize

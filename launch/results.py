@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
-from forcebound.config.graph import KINDS, GraphConfig, to_document
+from forcebound.config.graph import KINDS, GraphConfig
+from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns

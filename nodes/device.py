@@ -14,7 +14,7 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
@@ -30,7 +30,15 @@ from forcebound.messages.packets import (
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
-from forcebound.quantities import Frequency, Ratio, Time
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Frequency,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
 
 _logger = logging.getLogger(__name__)
 
@@ -55,31 +63,18 @@ class ServoSettings:
     """How the device node runs its servo."""
 
     law: str = "certified"  # a key of forcebound.bounding.LAWS
-    rate: Frequency = 1000.0
-    reply_wait: Ratio = 0.4  # share of the period between reading and writing
-    hold_limit: Ratio = 1.25  # periods that a force may be held: T_max
-    age_limit: Time = 0.1  # an answer to an older state gives no force
-    engage_time: Time = 0.1  # from no force to full force
-    velocity_cutoff: Frequency = 100.0  # of the low-pass on the backward difference
+    rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
+    # Share of the period between reading and writing.
+    reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
+    # Periods that a force may be held: T_max.
+    hold_limit: Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = 1.25
+    age_limit: Annotated[Time, POSITIVE] = 0.1  # an answer to an older state gives no force
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1  # from no force to full force
+    # Of the low-pass on the backward difference.
+    velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
 
     def __post_init__(self) -> None:
-        if not self.rate > 0:
-            raise ValueError(f"rate must be > 0 Hz, got {self.rate} Hz")
-        if not SLOWEST <= self.rate <= FASTEST:
-            limits = f"{SLOWEST:g} to {FASTEST:g} Hz"
-            raise ValueError(f"rate must be {limits}, got {self.rate:g} Hz")
-        if not 0 <= self.reply_wait < 1:
-            raise ValueError(f"reply_wait must be in [0, 1) periods, got {self.reply_wait}")
-        if not self.hold_limit >= 1:
-            raise ValueError(f"hold_limit must be >= 1 period, got {self.hold_limit}")
-        if self.hold_limit > LONGEST_HOLD:
-            raise ValueError(f"hold_limit must be <= {LONGEST_HOLD:g}, got {self.hold_limit:g}")
-        if not self.age_limit > 0:
-            raise ValueError(f"age_limit must be > 0 s, got {self.age_limit} s")
-        if not self.engage_time >= 0:
-            raise ValueError(f"engage_time must be >= 0 s, got {self.engage_time} s")
-        if not self.velocity_cutoff > 0:
-            raise ValueError(f"velocity_cutoff must be > 0 Hz, got {self.velocity_cutoff} Hz")
+        check_ranges(self)
 
     @property
     def period_ns(self) -> int:

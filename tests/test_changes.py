@@ -16,9 +16,10 @@ from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
 from forcebound.config.changes import change, timetable
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.resolved import to_document
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Reloader
@@ -94,7 +95,7 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
             "'xyzzy'; what can be changed is in links.device_state, .* and environment$",
         ),
         ({"environment.stiffness": "5 s"}, "which is a time"),
-        ({"links.environment_query.loss": 2}, "probability"),
+        ({"links.environment_query.loss": 2}, "must be 0 to 1"),
         ({"links.environment_query.delay": "1 s"}, "age_limit"),
     ],
 )
@@ -451,7 +452,7 @@ def test_phases_that_set_nothing_are_the_plain_run(config: GraphConfig, tmp_path
         ("phases: [{name: a, duration: 1 s, sett: {}}]", "did you mean 'set'"),
         ("phases: [{name: a, duration: 1 s, set: {environment.stifness: 1}}]", "did you mean"),
         ("phases: [{name: a, duration: 1 s, set: {environment.stiffness: 5 s}}]", "is a time"),
-        ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "probability"),
+        ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "must be 0 to 1"),
     ],
 )
 def test_a_wrong_phase_is_a_problem_of_the_launch_file_at_its_place(

@@ -15,7 +15,8 @@ from launch_texts import GOOD, problems_of, written
 from test_impairment import MS, Packet
 
 from forcebound.cli import main
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.config.traces import loop_delays, read_trace, shortest_of
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import build_links

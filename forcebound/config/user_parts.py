@@ -6,35 +6,24 @@ the part in it.
 
 import json
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS, ForceBounder
-from forcebound.config.fields import Section, check_fields, fields_of
-from forcebound.config.graph import COMPUTATION, KINDS, DeviceConfig, GraphConfig, member_document
-from forcebound.config.phases import KEY
+from forcebound.config.fields import Section, check_fields
+from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
+from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
 from forcebound.contract import vector_fault
 from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
-from forcebound.nodes.device import ServoSettings, dissipation_of
+from forcebound.nodes.device import dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts import Table
 from forcebound.user_module import describe_user_error, file_of, kind_of, names_file
-
-ALL_CODE = frozenset(KINDS)
-
-# Sections whose code a process runs. That of environment and controller must not run beside the
-# bounder; the others need the device's number of axes.
-CODE_OF_PROCESS: Mapping[str, frozenset[str]] = {
-    "device": frozenset({"device", "operator"}),
-    "controller": frozenset({"device", "controller"}),
-    "environment": frozenset({"device", "environment"}),
-    "recorder": frozenset(),
-}
 
 _logger = logging.getLogger(__name__)
 
@@ -203,49 +192,3 @@ def _warn(section: str, kind: str) -> None:
         section,
         kind,
     )
-
-
-def without_code(document: Mapping[str, Any], runs: Collection[str]) -> Mapping[str, Any]:
-    """Return a document whose parts that do not ship are left out, except in some sections.
-
-    Args:
-        document: Of :func:`forcebound.config.graph.to_document`.
-        runs: Sections whose code is to run. In the others, a shipped part takes the place.
-    """
-    left_out = [
-        section
-        for section in KINDS
-        if section not in runs and _is_foreign(section, document.get(section))
-    ]
-    changed = dict(document)
-    for section in left_out:
-        stand_in = _stand_in(section, document[section])
-        if stand_in is None:
-            del changed[section]
-        else:
-            changed[section] = stand_in
-    if "environment" in left_out and KEY in document:
-        changed[KEY] = [{**phase, "set": _computation_only(phase)} for phase in document[KEY]]
-    return changed
-
-
-def _is_foreign(section: str, content: Any) -> bool:
-    return isinstance(content, Mapping) and not KINDS[section].is_shipped(str(content.get("kind")))
-
-
-def _stand_in(section: str, content: Mapping[str, Any]) -> dict[str, Any] | None:
-    """A shipped part with what of the section does not concern its kind; None: no section."""
-    if section == "environment":
-        return {"kind": "wall", **{name: content[name] for name in COMPUTATION if name in content}}
-    if section == "device":
-        servo = {name: content[name] for name in fields_of(ServoSettings) if name in content}
-        return {"kind": "phantom_premium_1_5", "axes": content.get("axes", 1), **servo}
-    return {"kind": "direct"} if section == "controller" else None
-
-
-def _computation_only(phase: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: value
-        for name, value in phase.get("set", {}).items()
-        if not name.startswith("environment.") or name.removeprefix("environment.") in COMPUTATION
-    }

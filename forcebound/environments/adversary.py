@@ -4,10 +4,20 @@ They exist for audits (``forcebound.audit``) and for showing what a bounder is f
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.environments.wall import on_first_axis, wall_force
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Damping, Force, Length, Speed, Stiffness, Time
+from forcebound.quantities import (
+    POSITIVE,
+    Damping,
+    Force,
+    Length,
+    Speed,
+    Stiffness,
+    Time,
+    check_ranges,
+)
 
 
 @dataclass(frozen=True)
@@ -60,12 +70,11 @@ class RandomForce:
     """
 
     magnitude: Force = 8.5
-    interval: Time = 0.005
+    interval: Annotated[Time, POSITIVE] = 0.005
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.interval <= 0:
-            raise ValueError(f"interval must be > 0 s, got {self.interval} s")
+        check_ranges(self)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the random force; see :class:`forcebound.environments.Environment`."""

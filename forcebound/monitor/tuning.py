@@ -15,7 +15,6 @@ from typing import Any
 
 from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document
 from forcebound.config.parameters import (
     differences,
     holders,
@@ -23,8 +22,8 @@ from forcebound.config.parameters import (
     unknown_parameter,
 )
 from forcebound.config.problems import Problems
+from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.config.tree import parse
-from forcebound.config.user_parts import ALL_CODE
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
 from forcebound.monitor.control import ANSWER_TIME, ask_all
@@ -64,7 +63,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return from_document(document, ALL_CODE if serves else ())
+    return restore(document, ALL_CODE if serves else ())
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
-from forcebound.config.graph import GraphConfig, kind_of, to_document
+from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import kind_of, to_document
 from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
