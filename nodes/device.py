@@ -11,7 +11,6 @@ tick whose time it is.
 """
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -30,6 +29,7 @@ from forcebound.messages.packets import (
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
+from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -97,20 +97,6 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         hold_limit=servo.longest_hold,
         saturation=model.saturation,
     )
-
-
-def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return how much of a difference a first-order low-pass takes over in ``dt`` s, 0 to 1.
-
-    Backward Euler, so it is stable for any ``dt``; ``cutoff`` is in Hz.
-    """
-    angle = 2.0 * math.pi * cutoff * dt
-    return angle / (1.0 + angle)
-
-
-def follow(value: float, measured: float, share: float) -> float:
-    """Return the low-pass's next value; see :func:`low_pass_share`."""
-    return value + share * (measured - value)
 
 
 class DeviceNode:
@@ -294,10 +280,10 @@ class DeviceNode:
     def _estimate_velocity(self, position: Vector, time_ns: int) -> None:
         dt = (time_ns - self._read_ns) * 1e-9
         if dt > 0.0:
-            share = low_pass_share(self._servo.velocity_cutoff, dt)
+            gain = low_pass_gain(self._servo.velocity_cutoff, dt)
             self._velocity = tuple(
                 [
-                    follow(v, (q - p) / dt, share)
+                    low_pass(v, (q - p) / dt, gain)
                     for v, q, p in zip(self._velocity, position, self._position, strict=True)
                 ]
             )

@@ -25,7 +25,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
-from forcebound.monitor import nodes, tuning
+from forcebound.monitor import control, tuning
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import (
@@ -200,8 +200,8 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
 def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
-    monkeypatch.setattr(nodes, "PATIENCE", 0.1)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.1)
+    monkeypatch.setattr(control, "STATUS_TIMEOUT", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
@@ -235,7 +235,7 @@ def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_
 def test_a_change_that_another_command_does_not_end_is_said(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.02)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.02)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     with updating(tmp_path, 0.0) as is_alone:
         assert is_alone
@@ -296,7 +296,7 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
         made = Answering(tmp_path, **answers)
-        for module in (tuning, nodes):
+        for module in (tuning, control):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 

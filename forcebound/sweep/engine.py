@@ -162,7 +162,7 @@ def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
     assert hand is not None  # a graph without a hand is no case for the kernel
-    law = LAWS[servo.law].parameters(dissipation_of(model, servo))
+    law = LAWS[servo.law].device(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
     path: list[float] = []
