@@ -23,7 +23,7 @@ __all__ = ["DEVICES", "Device", "DeviceModel", "Truth"]
 
 
 class Device(Protocol):
-    """What the device node asks of a device."""
+    """Interface of a device for the device node."""
 
     @property
     def axes(self) -> int:
