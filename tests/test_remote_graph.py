@@ -80,7 +80,7 @@ class Pair:
         self.seq += 1
         self.device.send(encode(state(self.seq)))
         for runner in (self.controller, self.environment):
-            runner.turn(runner.wait(self._at_once.fileno()))
+            runner.wait(self._at_once.fileno())
 
     def close(self) -> None:
         self.here.close()
@@ -117,7 +117,12 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "far"
     assert pair.controller.status()["environment"] == "far"
-    assert pair.controller.status()["remote"]["connected"]
+
+    def is_connected() -> bool:
+        pair.turn()
+        return bool(pair.controller.status()["remote"]["connected"])
+
+    until(is_connected, "the state of the link")
     assert pair.controller.status()["received"]["environment_reply"] >= 1
 
 
