@@ -1,4 +1,4 @@
-"""Passes TCP connections on, and keeps what the listener behind it says."""
+"""A TCP relay that keeps the bytes of the listener behind it."""
 
 import selectors
 import socket

@@ -9,10 +9,12 @@ from statistics import NormalDist
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
+from forcebound.network.chances import Chances, Draws
 from forcebound.network.distribution import LONGEST, read_distribution
-from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.impairment import Impairment
 
 MS = 1_000_000  # ns
 
@@ -29,8 +31,8 @@ def normal_table(folder: Path) -> Path:
 
 
 def delays_ns(impairment: Impairment, count: int) -> list[int]:
-    chances = Chances(impairment, generators(1))
-    return [chances.next().delay_ns for _ in range(count)]
+    chances = Chances(impairment, Draws(1))
+    return [chances.travel_ns() for _ in range(count)]
 
 
 def test_entries_stand_between_white_space_and_comments(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The walls in other languages: the real programs, against a graph of bytes and against a live one.
+"""The walls in other languages, against a graph of bytes and against a live graph.
 
 ``make examples`` builds them and runs these tests; of a program that is not built they are skipped.
 """

@@ -1,4 +1,4 @@
-"""A runner with a link to another machine, and runners whose parameters change while they run."""
+"""Runners with a link to another machine, and runners whose parameters change."""
 
 import re
 import socket
@@ -13,8 +13,9 @@ from fakes import MS
 from waiting import free_port, until
 
 from forcebound.cli import main
-from forcebound.config.graph import RemoteConfig, to_document
+from forcebound.config.graph import RemoteConfig
 from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.worker import run_node

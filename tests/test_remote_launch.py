@@ -1,4 +1,4 @@
-"""A graph and an environment that meet over TCP on this machine: what their people read."""
+"""A graph and an environment over TCP on this machine: the output of both."""
 
 import re
 import signal

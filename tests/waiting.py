@@ -1,4 +1,4 @@
-"""What tests of sockets and processes share: waiting in bounded time, ports that are free."""
+"""Helpers of tests with sockets and processes: waiting in bounded time, free ports."""
 
 import random
 import socket

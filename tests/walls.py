@@ -1,4 +1,4 @@
-"""The walls in other languages as processes, and a graph of bytes that asks them."""
+"""The walls in other languages as processes, and a graph of bytes that queries them."""
 
 import itertools
 import re

@@ -22,7 +22,8 @@ from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.workers import WARMUP, write_times
 from forcebound.config.loader import load
 from forcebound.messages.packets import EnvironmentQuery, Packet
-from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.chances import Chances, Draws
+from forcebound.network.impairment import Impairment
 from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
@@ -86,12 +87,12 @@ class WatchedLink(Link[Packet]):
     def __init__(self, impairment: Impairment) -> None:
         super().__init__(impairment, _SEED, newest_only=True)
         self.added_ns: dict[int, int] = {}
-        self._twin = Chances(impairment, generators(_SEED))  # draws what the link draws
+        self._twin = Chances(impairment, Draws(_SEED))  # draws what the link draws
 
     def accept(self, time_ns: int, packet: Packet, size: int = PACKET_SIZE) -> None:
         """Take a packet that arrives; see :meth:`forcebound.network.link.Link.accept`."""
         super().accept(time_ns, packet, size)
-        self.added_ns[packet.seq] = self._twin.next().delay_ns
+        self.added_ns[packet.seq] = self._twin.travel_ns()
 
 
 class ReceiverNode(Node):

@@ -5,7 +5,8 @@ The words are those of a link (:class:`forcebound.network.impairment.Impairment`
 impairment makes sense here, since a computation is no packet.
 """
 
-from forcebound.network.impairment import Chances, Impairment, generators
+from forcebound.network.chances import Chances, Draws
+from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 
 
@@ -27,7 +28,7 @@ class ComputationTime:
         seed: int = 0,
         trace: DelayTrace | None = None,
     ) -> None:
-        self._draws = generators(seed)
+        self._draws = Draws(seed)
         self._first_ns: int | None = None
         self.change(Impairment() if impairment is None else impairment, trace)
 
@@ -56,4 +57,4 @@ class ComputationTime:
             self._first_ns = time_ns
         if self._trace is not None:
             return self._trace.delay_ns(time_ns - self._first_ns)
-        return self._delay_ns if self._chances is None else self._chances.next().delay_ns
+        return self._delay_ns if self._chances is None else self._chances.travel_ns()

@@ -1,53 +1,26 @@
-"""What a link does to packets, in the words and with the meaning of Linux netem, and its chances.
+"""Settings of a bad link, in the words and with the meaning of Linux netem.
 
-:class:`Impairment` holds the parameters, :class:`Chances` draws what happens to each packet;
-:class:`forcebound.network.link.Link` holds the queue.
-
-Each random decision has a generator of its own, and every packet draws all its numbers: two
-settings compared under one seed differ in nothing but the setting.
-
-1. *Correlation* is netem's: ``u = (1 - rho) * new + rho * last`` of numbers uniform in [0, 1). As
-   in netem, this narrows the distribution around 1/2 (variance times ``(1 - rho) / (1 + rho)``), so
-   a correlated loss of 10 % loses less than 10 % (tc-netem(8) warns of it). ``gemodel`` does not.
-2. The *deviation* of the delay is ``jitter * quantile(u)``. The quantiles are those of the tables
-   that tc loads (iproute2 ``netem/normal.c``, ``pareto.c``, ``paretonormal.c``), without their
-   4096 steps and, as there, within 4:
-
-   ``uniform``
-       ``2 u - 1``: jitter is the largest deviation.
-   ``normal``
-       jitter is the standard deviation.
-   ``pareto``
-       ``4/3 (X - 3/2)``, ``X`` Pareto with shape 3 from 1: mean 0, from -2/3. tc scales by the
-       variance 3/4, so the standard deviation is ``2 / sqrt(3)`` times the jitter before the cut.
-   ``paretonormal``
-       ``(normal + 3 pareto) / 4`` of the same ``u``.
-
-   A ``distribution_file`` is such a table: each of its entries is as likely as the others. The
-   kernel takes the entry ``number % size``; here it is ``floor(u * size)`` of the sorted ones,
-   which is as likely and keeps the correlation.
-
-3. *Gilbert-Elliott*: the state in which a packet finds the link decides its loss, then the link
-   changes its state. It begins good.
+:mod:`forcebound.network.chances` draws what happens to each packet,
+:class:`forcebound.network.link.Link` holds the packets on the way, and
+:mod:`forcebound.network.distribution` has the distributions of a delay.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import NormalDist
-from typing import Any, ClassVar, Literal, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated, Any, ClassVar, Literal
 
 from forcebound.errors import ConfigError
-from forcebound.network.distribution import read_distribution
-from forcebound.quantities import DataRate, Ratio, Time
-
-_DECISIONS = (  # one generator each, by place: append only
-    *("loss", "jitter", "state", "state_loss"),
-    *("duplicate", "reorder", "corrupt", "slot"),
+from forcebound.network.distribution import QUANTILES, read_distribution
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    PROBABILITY,
+    DataRate,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
 )
 
 _STRICT = {"extra": "forbid", "strict": True}  # pydantic: no unknown keys in a launch file
@@ -64,16 +37,15 @@ class GilbertElliott:
         k: Probability that the good state does not lose a packet; tc takes ``1-k``.
     """
 
-    p: Ratio
-    r: Ratio
-    h: Ratio = 0.0
-    k: Ratio = 1.0
+    p: Annotated[Ratio, PROBABILITY]
+    r: Annotated[Ratio, PROBABILITY]
+    h: Annotated[Ratio, PROBABILITY] = 0.0
+    k: Annotated[Ratio, PROBABILITY] = 1.0
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        for name in ("p", "r", "h", "k"):
-            _check_probability(name, getattr(self, name))
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -89,32 +61,30 @@ class Slot:
         packets: How many go in one slot, the rest in the next one; 0: all.
     """
 
-    min_delay: Time
+    min_delay: Annotated[Time, NOT_NEGATIVE]
     max_delay: Time | None = None
-    packets: int = 0
+    packets: Annotated[int, NOT_NEGATIVE] = 0
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        _check_not_negative("min_delay", self.min_delay, "s")
+        check_ranges(self)
         if self.max_delay is not None and not self.min_delay <= self.max_delay < math.inf:
-            raise ConfigError(f"max_delay must be at least min_delay, got {self.max_delay} s")
-        if self.packets < 0:
-            raise ConfigError(f"packets must be >= 0, got {self.packets}")
+            message = f"max_delay must be at least min_delay, got {self.max_delay} s"
+            raise ConfigError(message, field="max_delay")
 
 
 @dataclass(frozen=True)
 class Outage:
     """A time in which every packet that arrives is lost, counted from the link's first packet."""
 
-    start: Time
-    duration: Time
+    start: Annotated[Time, NOT_NEGATIVE]
+    duration: Annotated[Time, NOT_NEGATIVE]
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        _check_not_negative("start", self.start, "s")
-        _check_not_negative("duration", self.duration, "s")
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -152,22 +122,22 @@ class Impairment:
     Source: tc-netem(8), Linux net/sched/sch_netem.c.
     """
 
-    delay: Time = 0.0
-    jitter: Time = 0.0
-    loss: Ratio = 0.0
+    delay: Annotated[Time, NOT_NEGATIVE] = 0.0
+    jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
+    loss: Annotated[Ratio, PROBABILITY] = 0.0
     distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
-    correlation: Ratio = 0.0
-    loss_correlation: Ratio = 0.0
+    correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    loss_correlation: Annotated[Ratio, PROBABILITY] = 0.0
     gemodel: GilbertElliott | None = None
-    duplicate: Ratio = 0.0
-    duplicate_correlation: Ratio = 0.0
-    corrupt: Ratio = 0.0
-    corrupt_correlation: Ratio = 0.0
-    reorder: Ratio = 0.0
-    reorder_correlation: Ratio = 0.0
-    gap: int = 1
-    rate: DataRate = 0.0
-    limit: int = 0
+    duplicate: Annotated[Ratio, PROBABILITY] = 0.0
+    duplicate_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    corrupt: Annotated[Ratio, PROBABILITY] = 0.0
+    corrupt_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    reorder: Annotated[Ratio, PROBABILITY] = 0.0
+    reorder_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    gap: Annotated[int, Range(at_least=1)] = 1
+    rate: Annotated[DataRate, NOT_NEGATIVE] = 0.0
+    limit: Annotated[int, NOT_NEGATIVE] = 0
     slot: Slot | None = None
     outages: tuple[Outage, ...] = ()
     distribution_file: Path | None = None
@@ -175,19 +145,13 @@ class Impairment:
     _table: tuple[float, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_table", check_delay(self))
-        for name in ("loss", "duplicate", "corrupt", "reorder"):
-            _check_probability(name, getattr(self, name))
-            _check_probability(f"{name}_correlation", getattr(self, f"{name}_correlation"))
-        _check_not_negative("rate", self.rate, "B/s")
-        if self.gap < 1:
-            raise ConfigError(f"gap must be at least 1 packet, got {self.gap}")
-        if self.limit < 0:
-            raise ConfigError(f"limit must be >= 0 packets, got {self.limit}")
+        check_ranges(self)
         if self.gemodel is not None and self.loss > 0.0:
-            raise ConfigError("gemodel excludes loss: give one of them")
+            raise ConfigError("gemodel excludes loss: give one of them", field="gemodel")
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
-            raise ConfigError("reorder needs a delay: what goes at once overtakes what is delayed")
+            message = "reorder needs a delay: what goes at once overtakes what is delayed"
+            raise ConfigError(message, field="reorder")
+        object.__setattr__(self, "_table", check_delay(self))
 
     @property
     def is_plain(self) -> bool:
@@ -210,155 +174,6 @@ class Impairment:
         return max(0.0, self.delay + self.jitter * self.quantile(0.0))
 
 
-_NORMAL = NormalDist()
-_LARGEST = 4.0  # of a table's entries: 16 bits, of which 8192 are one jitter
-
-
-def _uniform(u: float) -> float:
-    return 2.0 * u - 1.0
-
-
-def _normal(u: float) -> float:
-    return max(-_LARGEST, min(_NORMAL.inv_cdf(u), _LARGEST)) if 0.0 < u < 1.0 else -_LARGEST
-
-
-def _pareto(u: float) -> float:
-    return float(min(4.0 / 3.0 * ((1.0 - u) ** (-1.0 / 3.0) - 1.5), _LARGEST))
-
-
-def _paretonormal(u: float) -> float:
-    return (_normal(u) + 3.0 * _pareto(u)) / 4.0
-
-
-QUANTILES: Mapping[str, Callable[[float], float]] = {
-    "uniform": _uniform,
-    "normal": _normal,
-    "pareto": _pareto,
-    "paretonormal": _paretonormal,
-}
-
-
-class Fate(NamedTuple):
-    """What chance does to one packet."""
-
-    is_lost: bool
-    is_duplicated: bool
-    is_corrupt: bool
-    goes_at_once: bool  # if the gap allows it
-    delay_ns: int
-
-
-class _Correlated:
-    """Numbers in [0, 1), each drawn towards the one before."""
-
-    def __init__(self, draw: Callable[[], float], rho: float) -> None:
-        self._draw = draw
-        self._rho = rho
-        self._last: float | None = None
-
-    def __call__(self) -> float:
-        number = self._draw()
-        if self._rho and self._last is not None:
-            number = (1.0 - self._rho) * number + self._rho * self._last
-        self._last = number
-        return number
-
-
-class Chances:
-    """The random processes of one link under one impairment.
-
-    Args:
-        impairment: What the link does.
-        draws: From :func:`generators`; the processes go on with them.
-    """
-
-    def __init__(self, impairment: Impairment, draws: Mapping[str, Callable[[], float]]) -> None:
-        """Begin: the state is good, and there is no number before."""
-        self._impairment = impairment
-        self._delay_ns = round(impairment.delay * 1e9)
-        self._jitter_ns = impairment.jitter * 1e9
-        self._quantile = impairment.quantile
-        self._loss = _Correlated(draws["loss"], impairment.loss_correlation)
-        self._jitter = _Correlated(draws["jitter"], impairment.correlation)
-        self._duplicate = _Correlated(draws["duplicate"], impairment.duplicate_correlation)
-        self._reorder = _Correlated(draws["reorder"], impairment.reorder_correlation)
-        self._corrupt = _Correlated(draws["corrupt"], impairment.corrupt_correlation)
-        self._state, self._state_loss = draws["state"], draws["state_loss"]
-        self._slot = draws["slot"]
-        self._is_bad = False
-
-    def next(self) -> Fate:
-        """Return the fate of the next packet."""
-        impairment = self._impairment
-        deviation = self._jitter_ns * self._quantile(self._jitter())
-        is_lost = self._loss() < impairment.loss
-        return Fate(
-            self._is_lost_by_state() or is_lost,
-            self._duplicate() < impairment.duplicate,
-            self._corrupt() < impairment.corrupt,
-            self._reorder() < impairment.reorder,
-            max(0, self._delay_ns + round(deviation)),
-        )
-
-    def slot_delay_ns(self, slot: Slot) -> int:
-        """Return the time until the next slot, in ns."""
-        longest = slot.min_delay if slot.max_delay is None else slot.max_delay
-        return round((slot.min_delay + (longest - slot.min_delay) * self._slot()) * 1e9)
-
-    def _is_lost_by_state(self) -> bool:
-        change, chance = self._state(), self._state_loss()
-        model = self._impairment.gemodel
-        if model is None:
-            return False
-        is_lost = chance < 1.0 - (model.h if self._is_bad else model.k)
-        if change < (model.r if self._is_bad else model.p):
-            self._is_bad = not self._is_bad
-        return is_lost
-
-
-def generators(
-    seed: int, decisions: Collection[str] = _DECISIONS, *, is_copy: bool = False
-) -> dict[str, Callable[[], float]]:
-    """Return what draws the numbers, uniform in [0, 1), of each decision.
-
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        decisions: Which ones.
-        is_copy: For the copies of duplicated packets, which have numbers of their own.
-    """
-    return {
-        decision: _bits(seed, _DECISIONS.index(decision), is_copy).random for decision in decisions
-    }
-
-
-def uniform_numbers(seed: int, decision: str, count: int) -> NDArray[np.float64]:
-    """Return the first ``count`` numbers that a link of this seed draws for a decision.
-
-    Args:
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        decision: ``"loss"`` or ``"jitter"``.
-        count: How many.
-    """
-    return _bits(seed, _DECISIONS.index(decision)).random(count)
-
-
-def _bits(seed: int, place: int, is_copy: bool = False) -> np.random.Generator:
-    words = [seed, place, 1] if is_copy else [seed, place]
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
-
-
-def _check_not_negative(name: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ConfigError(f"{name} must be finite and >= 0 {unit}, got {value} {unit}")
-
-
-def _check_probability(name: str, value: float) -> None:
-    if not 0.0 <= value <= 1.0:
-        raise ConfigError(
-            f"{name} must be a probability, 0 to 1, or a percentage: 33 %; got {value}"
-        )
-
-
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
     """Check the settings that say how long something takes; return the table of their file.
 
@@ -377,26 +192,27 @@ def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
     def value(name: str) -> Any:
         return getattr(settings, prefix + name)
 
-    for name in ("delay", "jitter"):
-        _check_not_negative(prefix + name, value(name), "s")
-    _check_probability(f"{prefix}correlation", value("correlation"))
     distribution, file = value("distribution"), value("distribution_file")
     if distribution not in QUANTILES:
         raise ConfigError(
-            f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}"
+            f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}",
+            field=f"{prefix}distribution",
         )
     if file is not None and distribution != "uniform":
         raise ConfigError(
-            f"{prefix}distribution_file excludes {prefix}distribution: give one of them"
+            f"{prefix}distribution_file excludes {prefix}distribution: give one of them",
+            field=f"{prefix}distribution_file",
         )
     if value("trace") is not None and (value("delay") or value("jitter") or file is not None):
         raise ConfigError(
             f"{prefix}trace says what each delay is:"
-            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file"
+            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file",
+            field=f"{prefix}trace",
         )
     if file is None:
         return ()
     try:
         return read_distribution(Path(file))
     except ConfigError as error:
-        raise ConfigError(f"{prefix}distribution_file: {error}") from None
+        name = f"{prefix}distribution_file"
+        raise ConfigError(f"{name}: {error}", field=name) from None

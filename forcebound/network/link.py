@@ -49,11 +49,11 @@ checked by the device node (age limit).
 """
 
 import hashlib
-from collections.abc import Callable
 from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
-from forcebound.network.impairment import Chances, Fate, Impairment, generators
+from forcebound.network.chances import Chances, Draws, Fate
+from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 
 RESTART_NS = 1_000_000_000  # 1 s: ten times the usual age limit of a force, far below an uptime
@@ -144,10 +144,7 @@ class Link(Generic[PacketT]):
         self._delayed = 0  # packets since one went at once
         self._slot_ns, self._slot_room = -1, 0
         self._ahead: list[int] = []  # heap: when what counts for the limit is through
-        self._seed = seed
-        self._draws = generators(seed, ("loss", "jitter"))  # the others when they are needed
-        self._random_loss, self._random_jitter = self._draws["loss"], self._draws["jitter"]
-        self._copy_draws: dict[str, Callable[[], float]] = {}
+        self._draws, self._copy_draws = Draws(seed), Draws(seed, is_copy=True)
         self.change(impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
@@ -165,17 +162,11 @@ class Link(Generic[PacketT]):
             raise ValueError(f"a link needs the delays of its trace {impairment.trace}")
         self._impairment = impairment
         self._trace = trace
-        self._delay_ns = round(impairment.delay * 1e9)
-        self._jitter_ns = impairment.jitter * 1e9
-        self._loss = impairment.loss
+        self._chances = Chances(impairment, self._draws)
         self._is_perfect = impairment == Impairment()
         self._is_plain = impairment.is_plain and trace is None
         if self._is_plain:
             return
-        if not self._copy_draws:
-            self._draws = {**generators(self._seed), **self._draws}
-            self._copy_draws = generators(self._seed, is_copy=True)
-        self._chances = Chances(impairment, self._draws)
         self._copy_chances = Chances(impairment, self._copy_draws)
         self._outages = [
             (round(outage.start * 1e9), round((outage.start + outage.duration) * 1e9))
@@ -226,11 +217,11 @@ class Link(Generic[PacketT]):
             self._impair(time_ns, packet, size)
             return
         if not self._is_perfect:
-            fate = self._fate()
-            if fate is None:
+            travel_ns = self._chances.next_plain()
+            if travel_ns is None:
                 self.lost += 1
                 return
-            time_ns += fate
+            time_ns += travel_ns
         rank = self._rank(packet) if self.newest_only else _OLDEST
         self._number += 1
         heappush(self._queue, (time_ns, self._number, rank, packet))
@@ -262,13 +253,6 @@ class Link(Generic[PacketT]):
         self._delivered_rank = newest
         self.delivered += 1
         return [packet]
-
-    def _fate(self) -> int | None:
-        """Return how long the next packet is on its way, in ns; None if it is lost."""
-        # Every packet draws all its numbers, so that packet k has the same ones in any setting.
-        lost = self._random_loss() < self._loss
-        deviation = self._jitter_ns * (2.0 * self._random_jitter() - 1.0)
-        return None if lost else max(0, self._delay_ns + round(deviation))
 
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
         """Take a packet through everything that netem knows."""

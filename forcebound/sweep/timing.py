@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from forcebound.config.graph import GraphConfig
 from forcebound.messages.packets import LINKS
-from forcebound.network.impairment import Impairment, uniform_numbers
+from forcebound.network.chances import plain_fates
+from forcebound.network.impairment import Impairment
 from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes.safety import REMEMBERED
 
@@ -122,15 +123,8 @@ def _check_limits(
 
 def _travel(sent: Times, origin: Times, link: Impairment, seed: int) -> tuple[Times, Times]:
     """Return when packets are through and what they answer, sorted by that time."""
-    through = sent + round(link.delay * 1e9)
-    if link.jitter > 0.0:
-        deviation = np.rint(
-            link.jitter * 1e9 * (2.0 * uniform_numbers(seed, "jitter", sent.size) - 1.0)
-        )
-        through = sent + np.maximum(0, round(link.delay * 1e9) + deviation.astype(np.int64))
-    if link.loss > 0.0:
-        kept = ~(uniform_numbers(seed, "loss", sent.size) < link.loss)
-        through, origin = through[kept], origin[kept]
+    lost, travel = plain_fates(link, seed, sent.size)
+    through, origin = (sent + travel)[~lost], origin[~lost]
     order = np.argsort(through, kind="stable")
     return through[order], origin[order]
 
