@@ -138,7 +138,7 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
             packet = decode(data, Event)
             assert isinstance(packet, Event)
             told.append(packet.event)
-        return "environment_serves" in told
+        return {"environment_serves", "remote_connected"} <= set(told)
 
     until(connected, "an environment that serves")
     status = pair.controller.status()["remote"]["counts"]

@@ -51,10 +51,11 @@ class SenderNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = ()
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     wakes_on_arrival: ClassVar[bool] = False
+    wake_ns: int | None = None
 
     def __init__(self, period_ns: int, begin_ns: int) -> None:
         self.events = EventLog("controller")
-        self.wake_ns: int | None = begin_ns
+        self.wake_ns = begin_ns
         self._period_ns = period_ns
         self._seq = 0
 
