@@ -297,7 +297,7 @@ def run(
     configure: Callable[[Runner], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
-    """Run a node until it is asked to stop; return its last status.
+    """Run a node until it is asked to stop, and close it; return its last status.
 
     Args:
         node: What decides.
@@ -315,9 +315,12 @@ def run(
     """
     facts = realtime.enter(settings, name)
     _logger.info("; ".join(fact.sentence for fact in facts))
-    with Network() as network:
-        remote = None if remote_end is None else RemoteStreams(network, remote_end)
-        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
-        realtime.freeze_garbage()
-        runner.run(stop, facts, engages_itself)
-        return runner.status()
+    try:
+        with Network() as network:
+            end = None if remote_end is None else RemoteStreams(network, remote_end)
+            runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
+            realtime.freeze_garbage()
+            runner.run(stop, facts, engages_itself)
+            return runner.status()
+    finally:
+        node.close()
