@@ -82,7 +82,7 @@ class Pair:
         self.seq += 1
         self.device.send(encode(state(self.seq)))
         for runner in (self.controller, self.environment):
-            runner.turn(runner.wait(self._at_once.fileno()))
+            runner.wait(self._at_once.fileno())
 
     def close(self) -> None:
         self.here.close()
@@ -119,7 +119,12 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "far"
     assert pair.controller.status()["environment"] == "far"
-    assert pair.controller.status()["remote"]["connected"]
+
+    def is_connected() -> bool:
+        pair.turn()
+        return bool(pair.controller.status()["remote"]["connected"])
+
+    until(is_connected, "the state of the link")
     assert pair.controller.status()["received"]["environment_reply"] >= 1
 
 
@@ -134,7 +139,7 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
             packet = decode(data, Event)
             assert isinstance(packet, Event)
             told.append(packet.event)
-        return "environment_serves" in told
+        return {"environment_serves", "remote_connected"} <= set(told)
 
     until(connected, "an environment that serves")
     status = pair.controller.status()["remote"]["counts"]
