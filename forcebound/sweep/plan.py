@@ -8,7 +8,7 @@
     duration: 4 s                  # instead of the launch file's
     set: { approach_speed: 100 mm/s }
     over:                          # every combination; the last one varies fastest
-      law: [none, certified]                                          # a list
+      law: [none, certified]                                          # a list, or { all: laws }
       stiffness: { from: 0.1 N/mm, to: 20 N/mm, count: 20, scale: log }   # a range
       seed: { repeat: 5 }                                             # 1 to 5, or from: on
     random: { count: 50, seed: 7, over: { delay: { from: 0 ms, to: 5 ms } } }   # drawn jointly
@@ -26,6 +26,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from forcebound.bounding import LAWS
 from forcebound.config.document import MAX_BYTES, find
 from forcebound.config.fields import Section
 from forcebound.config.graph import FORMAT
@@ -41,6 +42,9 @@ MAX_CASES = 2_000_000
 KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
 RANGE_KEYS = ("from", "to", "count", "scale")
 MAP_KEYS = ("x", "y", "value", "per", "limits", "title", "scale")
+
+#: What ``{ all: NAME }`` stands for: the names of a table.
+TABLES: Mapping[str, Mapping[str, object]] = {"laws": LAWS}
 
 SHIPPED = Path(__file__).parent
 
@@ -239,6 +243,10 @@ class _Reader:
         if not isinstance(value.content, Mapping):
             return [value.text]
         section = Section(value, name, value, self._problems)
+        if "all" in value.entries:
+            section.check_keys(("all",))
+            texts = self._table(value.entries["all"])
+            return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
         if "repeat" in value.entries:
             section.check_keys(("repeat", "from"))
             first = self._whole(value.entries.get("from"), 1)
@@ -246,6 +254,12 @@ class _Reader:
             return [str(first + i) for i in range(repeat)]
         section.check_keys(RANGE_KEYS if draw is None else RANGE_KEYS[:2] + RANGE_KEYS[3:])
         return self._range(section, draw)
+
+    def _table(self, value: Value) -> list[str]:
+        if value.text not in TABLES:
+            self._problems.add(unknown("table", value.text, TABLES), value.place)
+            return [""]
+        return list(TABLES[value.text])
 
     def _range(self, section: Section, draw: tuple[random.Random, int] | None) -> list[str]:
         entries = section.value.entries
