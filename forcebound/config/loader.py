@@ -48,6 +48,7 @@ from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
+from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
@@ -211,6 +212,8 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     }
     if "remote" in root.entries:
         made["remote"] = sections["remote"].make(RemoteConfig, knows_all=True)
+        if made["remote"] is None:  # whatever is wrong with the address, the rest is checked
+            sections["remote"].make(RemoteConfig, address="127.0.0.1", port=DEFAULT_PORT)
     _check_together(made, sections, asks)
     problems.raise_if_any()
     assert values is not None  # what could not be read was a problem

@@ -90,8 +90,8 @@ class Runner:
         links: Impaired links by topic; a topic that is not here has a perfect link.
         network: Where the sockets are opened.
         spin_ns: See :class:`forcebound.realtime.Settings`.
-        configure: Brings node and links up to date with the run's launch document on request, and
-            returns the parameters that it has changed.
+        configure: Brings node and links to the parameters of a request; returns those that it has
+            changed.
         remote: The link to another machine. A controller uses it beside its own sockets, an
             environment instead of them.
 
@@ -107,7 +107,7 @@ class Runner:
         links: Mapping[str, Link[Packet]],
         network: Network,
         spin_ns: int = 0,
-        configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
+        configure: "Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None" = None,
         remote: RemoteStreams | None = None,
     ) -> None:
         self._node = node
@@ -263,7 +263,7 @@ class Runner:
         if wanted == "status":
             return self.status()
         if wanted == "configure" and self._configure is not None:
-            return self._change()
+            return self._change(request)
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
@@ -326,10 +326,10 @@ class Runner:
         self._readable = None
         self._unsettled.clear()
 
-    def _change(self) -> dict[str, Any]:
+    def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
         assert self._configure is not None
         try:
-            changed = self._configure(self)
+            changed = self._configure(self, request)
         except ConfigError as error:
             return {"error": str(error)}
         if changed:
@@ -453,7 +453,7 @@ def run(
     settings: realtime.Settings,
     stop: Stop,
     engages_itself: bool = False,
-    configure: Callable[[Runner], Mapping[str, Any]] | None = None,
+    configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
     """Run a node until it is asked to stop; return its last status.
