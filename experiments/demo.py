@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
+from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.cli import print_table
 from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
@@ -37,7 +38,7 @@ def main() -> int:
     save(figure([(r.label, r.columns, r.document) for r in results]), picture)
     print_table(results)
     without, certified = (result.summary for result in results)
-    if certified["true_energy_min_j"] < -1e-9:
+    if certified["true_energy_min_j"] < -ENERGY_TOLERANCE:
         raise RunError("the certified law leaked energy: please report this with the recording")
     console.print()
     console.print(

@@ -284,7 +284,7 @@ pound_force = 4.4482216152605 * newton = lbf
 def _registry() -> "pint.UnitRegistry[float]":
     import pint  # 0.15 s: only who reads text with units pays
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
     return registry
 

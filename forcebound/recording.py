@@ -315,7 +315,7 @@ def _decoder(packet: type[Packet]) -> Callable[[Mapping[str, Any]], Packet]:
     readers = [
         (name, _reader(hint), _is_optional(hint)) for name, hint in field_types(packet).items()
     ]
-    build: Callable[..., Packet] = packet
+    build = cast("Callable[..., Packet]", packet)
 
     def decode(document: Mapping[str, Any]) -> Packet:
         return build(

@@ -13,7 +13,7 @@ import atheris
 
 import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
 
-with atheris.instrument_imports(
+with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     include=["forcebound.config", "forcebound.launch", "forcebound.quantities", "ruamel"]
 ):
     from forcebound.config.loader import arguments_of, from_document, load

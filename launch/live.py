@@ -92,7 +92,7 @@ class RunDocument:
         try:
             return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError) as error:
-            raise ConfigError(f"{run_dir} is not the run directory of a graph that runs") from error
+            raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
 
 
 def run_live(

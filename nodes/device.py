@@ -10,13 +10,14 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick whose time it is.
 """
 
-import math
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
     DeviceState,
     Event,
@@ -25,8 +26,10 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
+from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -36,6 +39,8 @@ from forcebound.quantities import (
     Time,
     check_ranges,
 )
+
+_logger = logging.getLogger(__name__)
 
 
 class _Unknown(NamedTuple):
@@ -99,20 +104,6 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         hold_limit=servo.longest_hold,
         saturation=model.saturation,
     )
-
-
-def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return how much of a difference a first-order low-pass takes over in ``dt`` s, 0 to 1.
-
-    Backward Euler, so it is stable for any ``dt``; ``cutoff`` is in Hz.
-    """
-    angle = 2.0 * math.pi * cutoff * dt
-    return angle / (1.0 + angle)
-
-
-def follow(value: float, measured: float, share: float) -> float:
-    """Return the low-pass's next value; see :func:`low_pass_share`."""
-    return value + share * (measured - value)
 
 
 class DeviceNode:
@@ -191,10 +182,17 @@ class DeviceNode:
         return {"engaged": True}
 
     def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on."""
+        """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
         self._stopped = True
         self._chain.disengage()
-        self._device.write(time_ns, self._zero)
+        try:
+            self._device.write(time_ns, self._zero)
+        except DeviceError as error:
+            _logger.warning("the device did not take the last zero force: %s", error)
+
+    def close(self) -> None:
+        """Close the device."""
+        close_part(self._device, "device")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""
@@ -289,10 +287,10 @@ class DeviceNode:
     def _estimate_velocity(self, position: Vector, time_ns: int) -> None:
         dt = (time_ns - self._read_ns) * 1e-9
         if dt > 0.0:
-            share = low_pass_share(self._servo.velocity_cutoff, dt)
+            gain = low_pass_gain(self._servo.velocity_cutoff, dt)
             self._velocity = tuple(
                 [
-                    follow(v, (q - p) / dt, share)
+                    low_pass(v, (q - p) / dt, gain)
                     for v, q, p in zip(self._velocity, position, self._position, strict=True)
                 ]
             )

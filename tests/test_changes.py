@@ -21,12 +21,13 @@ from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
+from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Tuner
 from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery
-from forcebound.monitor import nodes, tuning
+from forcebound.monitor import control, tuning
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import (
@@ -191,9 +192,9 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
     assert done.notes == (Fact("no_node", {"node": "environment"}),)
-    assert from_document(json.loads(file.read_text())).environment.model.force(
-        (0.012,), (0.0,), 0.0
-    ) == pytest.approx((1.0,))
+    model = from_document(json.loads(file.read_text())).environment.model
+    force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
+    assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
         set_parameters(tmp_path, {"environment.stiffness": "5 s"})
     assert json.loads(file.read_text())["environment"]["stiffness"] == 500.0
@@ -202,8 +203,8 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
 def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
-    monkeypatch.setattr(nodes, "PATIENCE", 0.1)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.1)
+    monkeypatch.setattr(control, "STATUS_TIMEOUT", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
@@ -237,7 +238,7 @@ def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_
 def test_a_change_that_another_command_does_not_end_is_said(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.02)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.02)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     with updating(tmp_path, 0.0) as is_alone:
         assert is_alone
@@ -298,7 +299,7 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
         made = Answering(tmp_path, **answers)
-        for module in (tuning, nodes):
+        for module in (tuning, control):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 

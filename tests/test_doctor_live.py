@@ -98,4 +98,4 @@ def test_a_directory_of_no_graph_is_an_input_error(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 2
-    assert "is not the run directory of a graph that runs" in done.stderr
+    assert "is not the run directory of a running graph" in done.stderr

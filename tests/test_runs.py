@@ -69,7 +69,7 @@ def test_a_run_of_somebody_else_is_not_looked_into(
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
     assert running([tmp_path]) == []
-    with pytest.raises(ConfigError, match="not the run directory of a graph that runs; none runs"):
+    with pytest.raises(ConfigError, match="not the run directory of a running graph; none runs"):
         find(run_dir, [tmp_path])
 
 
@@ -89,13 +89,13 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
     with pytest.raises(ConfigError) as caught:
         find(None, [tmp_path])
     head, *lines = str(caught.value).splitlines()
-    assert head == "several graphs run; say which one: --run DIR, of"
+    assert head == "several graphs run; name one with --run DIR, of"
     assert lines == [
         f"  {first}  (stiff_wall law:=none, process {os.getpid()})",
         f"  {second}  (stress.yaml, process {os.getpid()})",
     ]
-    with pytest.raises(ConfigError, match="say which one: forcebound delay DIR"):
-        find(None, [tmp_path], option="forcebound delay ")
+    with pytest.raises(ConfigError, match="name one with `forcebound delay DIR`"):
+        find(None, [tmp_path], option="`forcebound delay DIR`")
     assert find(second, [tmp_path]) == second
 
 
@@ -128,9 +128,7 @@ def test_a_directory_of_no_run_is_refused_with_those_that_run(
     run_dir = make_run(tmp_path, "a")
     dead = make_run(tmp_path, "dead", is_alive=False)
     for wrong in (dead, tmp_path / "missing"):
-        with pytest.raises(
-            ConfigError, match=f"(?s){wrong.name} is not.*those that run.*{run_dir}"
-        ):
+        with pytest.raises(ConfigError, match=f"(?s){wrong.name} is not.*these are.*{run_dir}"):
             find(wrong, [tmp_path])
 
 

@@ -398,7 +398,7 @@ def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path
 
 
 def test_a_duration_has_no_meaning_for_a_recording(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="leave --duration out"):
+    with pytest.raises(ConfigError, match="leave out --duration"):
         measure(tmp_path / "run.mcap", 1.0)
 
 

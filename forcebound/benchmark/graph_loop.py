@@ -1,10 +1,10 @@
 """The four-hop loop of the real graph, with a device that waits for the answer.
 
 ``controller`` and ``environment`` are the nodes of a launch file in the live runner, placed and
-scheduled as the launch file says. The real device takes an answer at its next write and cannot tell
-when it came; so ``device`` is a probe here, in the same runner with the same codec and sockets: it
-publishes a state on an absolute schedule, sleeps until the answer is there, and takes the time when
-the decoded packet reaches the node. The round trip counts from the state's ``time_ns``.
+scheduled by the launch file's settings. The real device takes an answer at its next write and does
+not know its arrival; so ``device`` is a probe here, in the same runner with the same codec and
+sockets: it publishes a state on an absolute schedule, sleeps until the answer comes, and takes the
+time when the decoded packet reaches the node. The round trip counts from the state's ``time_ns``.
 
 ::
 
@@ -44,7 +44,7 @@ class ProbeNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState,)
     wakes_on_arrival: ClassVar[bool] = True
-    wake_ns: int | None = 0  # of the next state, then of giving up, in ns
+    wake_ns: int | None = 0  # of the next state, in ns
 
     def __init__(self) -> None:
         self.events = EventLog("device")
@@ -95,8 +95,7 @@ def drive(
         runner.turn(wait_until(next_ns, spin_ns))
         give_up_ns = next_ns + TIMEOUT_NS
         while node.round_trip_ns is None and (now := time.monotonic_ns()) < give_up_ns:
-            node.wake_ns = give_up_ns
-            runner.turn(min(runner.wait(stop.descriptor), give_up_ns - 1))
+            runner.wait(stop.descriptor)
         round_trip_ns = node.round_trip_ns
         is_closed = is_closed or round_trip_ns is not None
         if not is_closed and now > ready_ns:
@@ -113,13 +112,13 @@ def drive(
 
 
 def settings_of(config: GraphConfig) -> Settings:
-    """Return how punctual the launcher asks the nodes of ``config`` to be."""
-    asked = config.realtime
+    """Return the real-time settings of the nodes of ``config``."""
+    settings = config.realtime
     return Settings(
-        policy=asked.policy,
-        core=choose_core(asked.cores),
-        lock_memory=asked.lock_memory,
-        spin_ns=round(asked.spin * 1e9),
+        policy=settings.policy,
+        core=choose_core(settings.cores),
+        lock_memory=settings.lock_memory,
+        spin_ns=round(settings.spin * 1e9),
     )
 
 

@@ -1,4 +1,4 @@
-"""Commands that look into a graph that runs, and change it."""
+"""Commands that monitor and change a running graph."""
 
 import sys
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     stop_node(run, node_name)
     what = f"{serving} serves as before"
     if serving is None:
-        what = "the device shows zero force until somebody answers"
+        what = "the device applies zero force until replies arrive again"
     click.echo(f"{node_name} is stopped; {what}")
 
 
@@ -60,19 +60,19 @@ def start(node_name: str, run_dir: Path | None) -> None:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="TRACE.csv",
-    help="Write the delays as a trace, to be replayed on a link.",
+    help="Write the delays as a trace that a link can replay.",
 )
-@duration_option_for("How long to watch the graph that runs; 5s by default. Not for a recording.")
+@duration_option_for("How long to watch a running graph; 5s by default. Not for a recording.")
 @json_option
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
-    """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
+    """Show the loop delay of RUN, a recording or a run directory; without it, the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
 
     measured = measure(run, duration)
     if not measured.is_complete:
-        click.echo(f"{run} was cut off: these are the delays up to there", err=True)
+        click.echo(f"{run} was cut off: these are the delays until then", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
     document = {**measured.summary, "trace": None if output is None else str(output)}
@@ -89,7 +89,7 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
 
 @click.group()
 def param() -> None:
-    """Look at the parameters of a running graph, and change them."""
+    """Show and change the parameters of a running graph."""
 
 
 @param.command("list")
@@ -98,7 +98,7 @@ def param() -> None:
 @json_option
 @reports_errors
 def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
-    """List what can be changed while the graph runs, with its values."""
+    """List the parameters that can be changed while the graph runs, with their values."""
     _show_parameters((), run_dir, as_json, changed)
 
 
@@ -126,7 +126,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
         change = tuning.set_parameters(run, tuning.read_settings(settings))
         _print_parameters(run, change.values)
     if not change.values:
-        click.echo("nothing to change: it has these values")
+        click.echo("nothing to change: the graph has these values")
     for note in change.notes:
         click.echo(f"note: {wording.note(note)}", err=True)
 
@@ -152,7 +152,7 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
     config = configuration(run)
     elsewhere = found_elsewhere(run, config, values)
     for name, text in as_written(config, values).items():
-        remark = "  # of another machine; this is what the file here says"
+        remark = "  # belongs to another machine; value of the launch file here"
         click.echo(f"{name}: {text}{remark if name in elsewhere else ''}")
 
 

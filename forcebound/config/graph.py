@@ -10,19 +10,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
-from forcebound.environments import ENVIRONMENTS, Environment
+from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
+from forcebound.parts import Table
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
 # Section -> name of a kind -> dataclass of its parameters.
-KINDS: dict[str, Mapping[str, type]] = {
+KINDS: Mapping[str, Table[Any]] = {
     "device": DEVICES,
     "operator": OPERATORS,
     "controller": CONTROLLERS,
@@ -44,7 +45,7 @@ class DeviceConfig:
 class ControllerConfig:
     """What connects device and environment."""
 
-    model: Controller
+    model: ControllerModel
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class EnvironmentConfig:
         ConfigError: If the settings of that time do not go together or a file cannot be read.
     """
 
-    model: Environment
+    model: EnvironmentModel
     compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
@@ -140,7 +141,7 @@ class GraphConfig:
     seed: Annotated[int, NOT_NEGATIVE]
     duration: Annotated[Time, POSITIVE]
     device: DeviceConfig
-    operator: Operator
+    operator: Operator | None  # None: nobody holds the device
     environment: EnvironmentConfig
     controller: ControllerConfig
     description: str = ""

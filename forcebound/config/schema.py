@@ -19,14 +19,13 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.own_parts import OWN
 from forcebound.config.phases import PhaseHead
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
-_OWN_KIND = r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"  # as forcebound.config.own reads it
+_FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
@@ -85,13 +84,12 @@ def _phase() -> dict[str, Any]:
 def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
     """One alternative for each kind; the kind itself may come from an included file."""
     alternatives = []
-    for name, kind in sorted(KINDS[section].items()):
+    for name, kind in sorted(KINDS[section].usable().items()):
         chosen = {"kind": {"anyOf": [{"const": name}, SUBSTITUTION]}}
         alternatives.append(_mapping({**chosen, **properties(fields_of(kind)), **beside}))
-    if section in OWN:  # any parameters: only the user's file knows them
-        known = {"kind": {"type": "string", "pattern": _OWN_KIND}, **beside}
-        own: dict[str, Any] = {"type": "object", "properties": known, "required": ["kind"]}
-        alternatives.append(own)
+    # In a user's file any parameters: only that file knows them.
+    known = {"kind": _FILE_KIND, **beside}
+    alternatives.append({"type": "object", "properties": known, "required": ["kind"]})
     return {"anyOf": alternatives}
 
 
@@ -115,7 +113,7 @@ def _property(field: Field) -> dict[str, Any]:
     schema = adapter(field).json_schema()
     schema = _inlined(schema["properties"][field.name], schema.get("$defs", {}))
     if field.name == "law":
-        schema = {"enum": sorted(LAWS)}
+        schema = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
     described: dict[str, Any] = {"anyOf": [schema, SUBSTITUTION]}
     if not field.required and isinstance(field.default, str | int | float):
         described["default"] = field.default

@@ -6,7 +6,8 @@ They exist for audits (``forcebound.audit``) and for showing what a bounder is f
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.environments.wall import on_first_axis, wall_force
+from forcebound.environments.damper import damper_force
+from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     POSITIVE,
@@ -20,6 +21,21 @@ from forcebound.quantities import (
 )
 
 
+def active_wall_force(
+    position: float, velocity: float, stiffness: float, damping: float, surface: float
+) -> float:
+    """Return ``k d + b v`` behind the surface, in N, else 0; with negative b it may pull."""
+    depth = max(position - surface, 0.0)
+    return stiffness * depth + damping * velocity if depth > 0.0 else 0.0
+
+
+def pushing_force(velocity: float, magnitude: float, threshold: float) -> float:
+    """Return a force of ``magnitude``, in N, that pushes along a ``velocity`` above a threshold."""
+    if abs(velocity) <= threshold:
+        return 0.0
+    return -magnitude if velocity > 0.0 else magnitude
+
+
 @dataclass(frozen=True)
 class ActiveWall:
     """A stiff wall that pushes harder on the way out than on the way in (negative damping)."""
@@ -30,9 +46,9 @@ class ActiveWall:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
-        force = wall_force(position[0], self.stiffness, self.position)
-        if force > 0.0:
-            force += self.damping * velocity[0]
+        force = active_wall_force(
+            position[0], velocity[0], self.stiffness, self.damping, self.position
+        )
         return on_first_axis(force, len(position))
 
 
@@ -44,7 +60,7 @@ class NegativeDamper:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the medium's force; see :class:`forcebound.environments.Environment`."""
-        return tuple(self.damping * v for v in velocity)
+        return tuple(damper_force(v, self.damping) for v in velocity)
 
 
 @dataclass(frozen=True)
@@ -56,10 +72,7 @@ class VelocityPusher:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the pushing force; see :class:`forcebound.environments.Environment`."""
-        return tuple(
-            0.0 if abs(v) < self.threshold else (-self.magnitude if v > 0 else self.magnitude)
-            for v in velocity
-        )
+        return tuple(pushing_force(v, self.magnitude, self.threshold) for v in velocity)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What an experiment gives: numbers beside the paper's, a figure, and what was run."""
+"""Outcome of an experiment: numbers with the paper's, a figure, the commands of its runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Number:
-    """One number, beside the paper's where the paper prints one."""
+    """One number, with the paper's if it prints one."""
 
     quantity: str
     unit: str
@@ -31,15 +31,20 @@ class Number:
         }
 
 
+def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list[Number]:
+    """Return one number for each law, none of which the paper prints."""
+    return [Number(quantity, unit, value, None, law) for law, value in values.items()]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """The result of one experiment.
 
     Attributes:
-        title: What is shown.
-        paper: What the paper shows or says.
-        finding: What came out here, in words.
-        numbers: The numbers, in the order to read them.
+        title: Subject of the figure.
+        paper: Result of the paper.
+        finding: Result of this reproduction.
+        numbers: The numbers, in reading order.
         drawing: The figure.
         commands: Commands that repeat the runs behind it, one by one.
         document: Further keys of the JSON document at its top level.

@@ -1,4 +1,4 @@
-"""Runs experiments, writes their pictures, numbers and the report, and returns the document."""
+"""Reproduction: runs experiments and writes their pictures, numbers and the report."""
 
 import json
 import shlex
@@ -15,27 +15,29 @@ from forcebound.experiments.outcome import Outcome
 from forcebound.experiments.report import report, show
 from forcebound.experiments.setup import Runs
 
-Say = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What ``forcebound reproduce`` made."""
+    """Result of ``forcebound reproduce``."""
 
-    outcomes: dict[str, Outcome]  # by name, in the order asked for
+    outcomes: dict[str, Outcome]  # by name, in the requested order
     document: dict[str, Any]  # for JSON
     folder: Path
 
 
 def reproduce(
-    names: Sequence[str] = (), out: Path = Path("reproduction"), say: Say = lambda line: None
+    names: Sequence[str] = (),
+    out: Path = Path("reproduction"),
+    progress: Progress = lambda line: None,
 ) -> Reproduction:
     """Run experiments and write ``NAME.png``, ``NAME.svg``, ``numbers.json`` and ``report.html``.
 
     Args:
         names: Keys of ``EXPERIMENTS`` or ``ALIASES``; none: all of them.
         out: Folder to write into; made if missing.
-        say: Called with a line on what is being run, for people who wait.
+        progress: Called with a line of progress on each run.
 
     Raises:
         ConfigError: If a name is not known or the folder cannot be written.
@@ -45,10 +47,10 @@ def reproduce(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"cannot make the folder {out}: {error.strerror}") from error
-    runs = Runs(say)
+    runs = Runs(progress)
     outcomes: dict[str, Outcome] = {}
     for name in chosen:
-        say(name)
+        progress(name)
         outcome = outcomes[name] = EXPERIMENTS[name](runs)
         for suffix in ("png", "svg"):
             save(outcome.drawing, out / f"{name}.{suffix}")
@@ -96,7 +98,7 @@ def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, Any]:
 
 
 def tables(done: Reproduction) -> Iterator[Any]:
-    """Yield the numbers of each experiment as a table for the terminal, and what was found."""
+    """Yield the numbers of each experiment as a table for the terminal, and its finding."""
     from rich.table import Table
 
     for name, outcome in done.outcomes.items():

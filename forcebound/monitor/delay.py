@@ -4,6 +4,7 @@ import json
 import os
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -56,8 +57,8 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
     """Return the loop delay of each tick.
 
     Args:
-        run: A recording; the run directory of a graph that runs; None: the only one that runs.
-        duration: How long to watch a graph that runs, in s; None: :data:`DURATION`.
+        run: A recording; the run directory of a running graph; None: the only one that runs.
+        duration: How long to watch a running graph, in s; None: :data:`DURATION`.
 
     Raises:
         ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
@@ -66,11 +67,11 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
     """
     if run is not None and not run.is_dir():
         if duration is not None:
-            raise ConfigError(f"{run} is a recording, and read whole: leave --duration out")
+            raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
         recording = read(run)
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
-    run_dir = find(run, of_graph=True, option="forcebound delay ")
+    run_dir = find(run, of_graph=True, option="`forcebound delay DIR`")
     with while_running(run_dir):
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
         columns = watch(run_dir, DURATION if duration is None else duration)
@@ -85,7 +86,7 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         duration: How long, in s.
 
     Raises:
-        ConfigError: If it is no run directory, or not any more.
+        ConfigError: If it is no run directory, or no longer one.
         RunError: If none came.
     """
     packets: list[Telemetry] = []
@@ -111,8 +112,6 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
 def _decoded(messages: list[bytes]) -> list[Telemetry]:
     packets = []
     for data in messages:
-        try:
+        with suppress(PacketError):  # not counted: the monitor is no part of the graph
             packets.append(cast("Telemetry", decode(data, Telemetry)))
-        except PacketError:
-            continue  # counted by nobody: this is no part of the graph
     return packets

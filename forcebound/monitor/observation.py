@@ -15,12 +15,11 @@ from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import RunDocument
-from forcebound.monitor.control import PATIENCE, ask_all
+from forcebound.monitor.control import statuses
 from forcebound.monitor.delay import watch
 from forcebound.monitor.nodes import UNKNOWN
 from forcebound.monitor.runs import running, while_running
 from forcebound.monitor.tuning import configuration
-from forcebound.process import has_control
 from forcebound.processes import LAUNCHER, PROCESSES
 from forcebound.telemetry import TelemetryColumns
 
@@ -34,11 +33,11 @@ class ProcessSeen:
     """One process of a graph.
 
     Attributes:
-        state: What the launcher says of it, see ``docs/protocol.md``; or :data:`UNKNOWN`.
+        state: As its launcher says, see ``docs/protocol.md``; or :data:`UNKNOWN`.
         pid: Its process id, if it is known.
-        restarts: How often it was started anew.
+        restarts: How often it was restarted.
         kernel_state: Its letter in ``/proc/PID/stat``; empty if it is not known.
-        first: Its status, at first; None: no answer.
+        first: Its status at the beginning; None: no answer.
         last: Its status at the end; None: no answer.
         interval: Time between the two, in s.
     """
@@ -53,7 +52,7 @@ class ProcessSeen:
 
     @property
     def answers(self) -> bool:
-        """Whether it answered when it was asked last."""
+        """Whether it answered at the end."""
         return self.last is not None
 
     def status(self, *path: str) -> Any:
@@ -63,8 +62,8 @@ class ProcessSeen:
     def growth(self, *path: str) -> int:
         """Return by how much a count of the status has grown between the answers.
 
-        A count that is missing is 0. One that fell is that of a process that was started anew, and
-        has grown from 0.
+        A missing count is 0. A count that fell is that of a process that was restarted: it has
+        grown from 0.
         """
         first, last = (int(_entry(status, path) or 0) for status in (self.first, self.last))
         return last - first if last >= first else last
@@ -81,7 +80,7 @@ class RecordingSeen:
     Attributes:
         path: Where it is.
         rate: How fast it grows, in B/s.
-        free: Room that is left on its disk, in B; None if that cannot be said.
+        free: Room left on its disk, in B; None: not known.
     """
 
     path: str = ""
@@ -91,7 +90,7 @@ class RecordingSeen:
 
 @dataclass(frozen=True)
 class Observations:
-    """A graph that runs, as seen from outside.
+    """A running graph, as seen from outside.
 
     Attributes:
         config: What it runs with now.
@@ -135,7 +134,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """
     with while_running(run_dir):
         run = RunDocument.read(run_dir)
-        cores = realtime.stand_aside(run.core)  # who looks must not be the cause of what is seen
+        cores = realtime.stand_aside(run.core)  # looking must not disturb
         try:
             seen = _look(run_dir, run, duration)
         finally:
@@ -146,13 +145,13 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
 
 def _look(run_dir: Path, run: RunDocument, duration: float) -> Observations:
     size, start = _size(run.record), time.monotonic()
-    first = _statuses(run_dir)
+    first = statuses(run_dir, (*PROCESSES, LAUNCHER))
     try:
         telemetry = watch(run_dir, duration)
     except RunError:  # none came
         telemetry = TelemetryColumns.from_packets([])
     interval = time.monotonic() - start
-    last = _statuses(run_dir)
+    last = statuses(run_dir, (*PROCESSES, LAUNCHER))
     growth = _size(run.record) - size
     launched = last.get(LAUNCHER) or {}
     nodes: Mapping[str, Mapping[str, Any]] = launched.get("nodes", {})
@@ -182,12 +181,6 @@ def _look(run_dir: Path, run: RunDocument, duration: float) -> Observations:
         load=os.getloadavg()[0],
         neighbours=_neighbours(run_dir, run.core),
     )
-
-
-def _statuses(run_dir: Path) -> dict[str, dict[str, Any] | None]:
-    """Return the status of each process that has a control socket; None: no answer."""
-    names = [name for name in (*PROCESSES, LAUNCHER) if has_control(run_dir, name)]
-    return ask_all(run_dir, names, {"request": "status"}, PATIENCE)
 
 
 def _kernel_state(pid: int | None) -> str:

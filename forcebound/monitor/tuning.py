@@ -1,10 +1,10 @@
-"""Look at the parameters of a graph that runs, and change them.
+"""Parameters of a running graph: reading and changing them.
 
-The launch document in the run directory says what holds. Who changes a parameter writes it anew and
-sends the parameters to the nodes; a node that starts later reads the document.
+The launch document in the run directory holds the present values. A change writes it anew and sends
+the values to the nodes; a node that starts later reads the document.
 
-Not every parameter that the document has is one of this machine: with an environment elsewhere,
-each machine has a document of its own, and the nodes that run there read it.
+Not every parameter in the document belongs to this machine: with an environment elsewhere, each
+machine has a document of its own, which the nodes there read.
 """
 
 import json
@@ -22,18 +22,18 @@ from forcebound.config.parameters import (
     unknown_parameter,
 )
 from forcebound.config.problems import Problems
-from forcebound.config.resolved import restore
+from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
-from forcebound.monitor.control import ANSWER_TIME, ask_all
+from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 
-DOWN = ("stopped", "ended")  # states of a node that nobody starts anew by himself
+DOWN = ("stopped", "ended")  # states of a node that is not restarted by its launcher
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class Change:
 
 
 def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return what a graph runs with now.
+    """Return the present configuration of a graph.
 
     Args:
         run_dir: Of the run.
-        serves: Whether the environment matters: one of the user's own is code, and runs then.
+        serves: Whether the environment matters: parts of the user's own are code, and run then.
 
     Raises:
         ConfigError: If the run directory does not say.
@@ -63,7 +63,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return restore(document, serves)
+    return restore(document, ALL_CODE if serves else ())
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
@@ -134,11 +134,11 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
             command does not end its change.
     """
     here = present(run_dir, configuration(run_dir))
-    with updating(run_dir, ANSWER_TIME) as is_alone:
+    with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
-                f"another command has been changing parameters in {run_dir} for {ANSWER_TIME:g} s; "
-                "is it suspended (Ctrl-Z)?"
+                f"another command is changing parameters in {run_dir}, and has not ended for "
+                f"{ANSWER_TIMEOUT:g} s; is it suspended (Ctrl-Z)?"
             )
         old = configuration(run_dir)
         new = change(old, settings)
@@ -159,7 +159,7 @@ def _configure(
     run_dir: Path, nodes: Collection[str], request: Mapping[str, Any], here: Present
 ) -> None:
     """Bring nodes to what the launch document says now."""
-    answers = ask_all(run_dir, nodes, request, ANSWER_TIME)
+    answers = ask_all(run_dir, nodes, request, ANSWER_TIMEOUT)
     for node, answer in answers.items():
         if answer is not None and "error" in answer:
             raise RunError(f"{node} did not take the change: {answer['error']}")
@@ -170,7 +170,7 @@ def _configure(
     if LAUNCHER not in here.answers:
         raise RunError(f"{who} did not answer and does not have the change; is it suspended?")
     for node in silent:
-        ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIME)
+        ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)
     raise RunError(
         f"{who} did not answer; the change is kept until it continues (if it is suspended) or"
         " restarts"
@@ -186,7 +186,7 @@ def _check_reach(names: Iterable[str], here: Present) -> None:
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
     if ENVIRONMENT in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
-    raise ConfigError(f"{listed}: {why}; use forcebound param set there")
+    raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
 
 
 def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:

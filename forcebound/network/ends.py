@@ -20,9 +20,9 @@ Role = Literal["graph", "environment"]
 T = TypeVar("T")
 
 _WITHOUT_KEYS = (
-    "without keys a link stays on this machine. Make a key pair on each machine (forcebound keys "
-    "new NAME) and name them under graph_key and environment_keys; or write insecure: true, if "
-    "everybody on that network may feed forces to the hand"
+    "without keys a link stays on this machine. Make a key pair on each machine with "
+    "`forcebound keys new NAME` and name them under graph_key and environment_keys; or write "
+    "insecure: true, if everybody on that network may feed forces to the hand"
 )
 
 
@@ -100,8 +100,8 @@ class RemoteSection:
         check_ranges(self)
         known = self.environment_keys
         both = (
-            "keys are used by both ends or by none; make a pair on each machine with forcebound "
-            "keys new NAME"
+            "keys are used by both ends or by none; make a pair on each machine with "
+            "`forcebound keys new NAME`"
         )
         if known and self.graph_key is None:
             raise ConfigError(

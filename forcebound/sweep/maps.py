@@ -1,8 +1,8 @@
-"""The result of a sweep as a picture: one panel for each law, the limits of theory over it.
+"""Maps of a sweep: one panel per law, with the limits of theory.
 
-Energies: a leak, below zero by more than rounding, shows at a glance and its depth on a logarithmic
-scale; where there is none, light and dark blue tell whether the hand comes to rest. Everything else
-has one scale for all panels.
+Energies: a leak, below zero by more than rounding, is red on a logarithmic scale; elsewhere light
+blue means that the hand comes to rest, dark blue that it does not. Other figures have one scale for
+all panels.
 """
 
 import math
@@ -16,11 +16,11 @@ from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, 
 from matplotlib.figure import Figure
 
 from forcebound.analysis.plots import save
+from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.table import Table, read_table
 
-LEAK = 1e-9  # J; less is rounding of the ground truth
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffe0b3", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
 _RESTLESS = "#9fb4c8"
@@ -32,9 +32,9 @@ _UNITS: dict[str, tuple[str, float]] = {
     "stiffness": ("stiffness of the wall (N/mm)", 1e-3),
     "damping": ("damping of the wall (N s/m)", 1.0),
     "delay": ("delay, each way (ms)", 1e3),
-    "compute_delay": ("time for an answer (ms)", 1e3),
+    "compute_delay": ("computation time (ms)", 1e3),
     "approach_speed": ("approach speed (mm/s)", 1e3),
-    "true_energy_min_j": ("least energy (mJ)", 1e3),
+    "true_energy_min_j": ("minimum energy (mJ)", 1e3),
     "displayed_stiffness_n_per_m": ("displayed stiffness (N/mm)", 1e-3),
     "rate_hardness_n_per_m": ("rate-hardness (N/mm)", 1e-3),
     "peak_force_n": ("peak force (N)", 1.0),
@@ -43,11 +43,11 @@ _UNITS: dict[str, tuple[str, float]] = {
 
 
 def draw(result: Path, picture: Path) -> None:
-    """Draw the map that a sweep file asks for.
+    """Draw the map of a sweep file.
 
     Args:
         result: Parquet file of the sweep.
-        picture: Where to draw it: ``.png`` or ``.svg``.
+        picture: File to write, ``.png`` or ``.svg``.
 
     Raises:
         ConfigError: If the result has no map or lacks a column of it.
@@ -55,7 +55,7 @@ def draw(result: Path, picture: Path) -> None:
     table = read_table(result)
     drawing = table.about.get("map") or {}
     if not drawing:
-        raise ConfigError(f"{result}: its sweep file has no map section that says what to draw")
+        raise ConfigError(f"{result}: its sweep file has no section map")
     figure = _surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     figure.suptitle(drawing.get("title") or table.about.get("description", ""))
     figure.set_dpi(130)
@@ -104,12 +104,12 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
         grid = _worst(xs, ys, x[chosen], y[chosen], value[chosen])
         axis.set_facecolor("#eeeeee")
         if is_energy:
-            is_passive = grid >= -LEAK * 1e3
+            is_passive = grid >= -ENERGY_TOLERANCE * 1e3
             rest = _worst(xs, ys, x[chosen], y[chosen], rests[chosen])
             for colour, cells in ((_PASSIVE, is_passive), (_RESTLESS, is_passive & (rest == 0.0))):
                 cells = np.where(cells, 1.0, np.nan)
                 axis.pcolormesh(*_edges(xs, ys), cells, cmap=ListedColormap([colour]))
-            grid = np.where(grid < -LEAK * 1e3, -grid, np.nan)
+            grid = np.where(grid < -ENERGY_TOLERANCE * 1e3, -grid, np.nan)
         mesh = axis.pcolormesh(*_edges(xs, ys), grid, norm=norm, cmap=_LEAKS if is_energy else None)
         axis.set_title("" if panel is None else str(panel).replace("_", " "), fontsize=10)
         _draw_limits(axis, table, drawing, chosen, xs)
@@ -159,7 +159,7 @@ def _worst(
 def _scale(value: np.ndarray[Any, Any], is_energy: bool) -> Normalize:
     known = value[np.isfinite(value)]
     if is_energy:
-        leaks = -known[known < -LEAK * 1e3]
+        leaks = -known[known < -ENERGY_TOLERANCE * 1e3]
         return LogNorm(max(leaks.min(initial=1.0), 1e-4), max(leaks.max(initial=1.0), 1e-3))
     return Normalize(known.min(initial=0.0), known.max(initial=1.0))
 
@@ -217,7 +217,7 @@ def _ran(table: Table) -> np.ndarray[Any, np.dtype[np.bool_]]:
 
 
 def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
-    """One panel for each combination of what else varies, one line for each ``per``.
+    """One panel for each combination of the other arguments, one line for each ``per``.
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
     """
@@ -245,7 +245,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             at_rest = np.where(rests[rows], value[rows], np.nan)
             axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
         axis.set_title(
-            ", ".join(_told(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
+            ", ".join(_setting(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
         )
         axis.set_xlabel(_label(drawing["x"]))
         axis.set_xlim(x.min(), x.max())
@@ -267,7 +267,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _told(name: str, value: Any) -> str:
+def _setting(name: str, value: Any) -> str:
     if isinstance(value, str):
         return f"{name.replace('_', ' ')} {value}"
     label, factor = _UNITS.get(name, (name.replace("_", " "), 1.0))
