@@ -315,7 +315,7 @@ def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
     answering: Callable[..., Answering], tmp_path: Path, name: str
 ) -> None:
     processes = answering(is_graph=False, environment={"refused_for": None})
-    with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set there"):
+    with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set` there"):
         set_parameters(tmp_path, {f"links.{name}.delay": 0.015, "environment.stiffness": 1})
     assert not processes.configured
     assert not changed_parameters(tmp_path)
