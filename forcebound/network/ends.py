@@ -15,7 +15,7 @@ from forcebound.network.addresses import Host, check_free, numeric_address, reso
 from forcebound.network.keys import KeyPair
 from forcebound.quantities import Word
 
-DEFAULT_PORT = 7410  # queries; replies use the next one
+DEFAULT_PORT = 7410
 Role = Literal["graph", "environment"]
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ class RemoteEnd:
         role: ``"graph"`` sends queries, ``"environment"`` replies.
         listens: Whether this end listens.
         address: Of the end that listens: IPv4, IPv6 in brackets, or a name.
-        port: Of the queries; replies use the next one.
+        port: TCP port of the end that listens.
         key: Our own pair; None: no keys.
         peers: Who may be at the other end: name by public key. One, if we connect.
         insecure: Whether a link without keys may leave this machine.
@@ -74,7 +74,7 @@ class RemoteSection:
 
     Attributes:
         address: Of the end that listens, as the other one reaches it.
-        port: Of the queries; replies use the next one.
+        port: TCP port of the end that listens.
         listens: Which end listens.
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose
@@ -154,8 +154,8 @@ class RemoteSection:
             _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
             if listens and len(problems) == before:
                 _noting(problems, "remote.address: ", check_free, host, 0)
-            for port in (self.port, self.port + 1) if listens and len(problems) == before else ():
-                _noting(problems, "remote.port: ", check_free, host, port)
+            if listens and len(problems) == before:
+                _noting(problems, "remote.port: ", check_free, host, self.port)
         if problems:
             raise ConfigError("\n".join(problems))
 
@@ -165,8 +165,8 @@ class RemoteSection:
 
 
 def _check_port(port: int) -> None:
-    if not 1 <= port <= 65534:
-        raise ConfigError(f"port must be 1 to 65534, since replies use the next one; got {port}")
+    if not 1 <= port <= 65535:
+        raise ConfigError(f"port must be 1 to 65535, got {port}")
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:

@@ -41,7 +41,7 @@ from forcebound.messages.packets import (
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
-from forcebound.network.remote import RemoteStreams
+from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
@@ -108,7 +108,7 @@ class Runner:
         network: Network,
         spin_ns: int = 0,
         configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
-        remote: RemoteStreams | None = None,
+        remote: RemoteLink | None = None,
     ) -> None:
         self._node = node
         self._network = network
@@ -129,7 +129,7 @@ class Runner:
             if not is_away
         ]
         if remote is not None:
-            self._reach_out(remote, links)
+            self._connect_remote(remote, links)
         self._control = network.control_server(control_endpoint(run_dir, name))
         self._links: list[Link[Packet]]
         self._descriptors: list[int]
@@ -186,6 +186,8 @@ class Runner:
         Args:
             stop_descriptor: Ends the sleep when it is readable.
         """
+        if self._remote is not None:  # its descriptor may have lost its edge when it sent
+            self._unsettled.append(self._remote.subscriber)
         readable = [s.descriptor for s in self._unsettled if s.pending()]
         self._unsettled.clear()
         next_ns = self._next_ns()
@@ -201,7 +203,7 @@ class Runner:
             self._watch(self._remote, readable)
         return time.monotonic_ns()
 
-    def _watch(self, remote: RemoteStreams, readable: Collection[int]) -> None:
+    def _watch(self, remote: RemoteLink, readable: Collection[int]) -> None:
         time_ns = time.monotonic_ns()
         if time_ns >= remote.due_ns or not self._remote_descriptors.isdisjoint(readable):
             for notice in remote.watch(time_ns):
@@ -294,7 +296,7 @@ class Runner:
         endpoint = topic_endpoint(self._run_dir, topic)
         return self._network.subscriber(endpoint, newest_only=newest_only)
 
-    def _reach_out(self, remote: RemoteStreams, links: Mapping[str, Link[Packet]]) -> None:
+    def _connect_remote(self, remote: RemoteLink, links: Mapping[str, Link[Packet]]) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
 
         What goes out goes to this machine's sockets, too; what comes in is passed on to them, on
@@ -304,7 +306,7 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        here, there = self._publish[sent], remote.publisher.send
+        here, there = self._publish[sent], remote.send
 
         def both(data: bytes) -> None:
             there(data)
@@ -475,7 +477,7 @@ def run(
     facts = realtime.enter(settings, name)
     _logger.info("; ".join(fact.sentence for fact in facts))
     with Network() as network:
-        remote = None if remote_end is None else RemoteStreams(network, remote_end)
+        remote = None if remote_end is None else RemoteLink(network, remote_end)
         runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
         realtime.freeze_garbage()
         runner.run(stop, facts, engages_itself)
