@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 
 FUZZ_SECONDS ?= 60# for each of codec and launch_file
 
-.PHONY: demo test check test-slow examples endurance audit bench fuzz clean
+.PHONY: demo test check test-slow examples endurance audit bench fuzz mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -19,6 +19,7 @@ check: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
 test-slow: $(STAMP)
@@ -40,6 +41,12 @@ bench: $(STAMP)
 	$(BIN)/forcebound bench delay
 	$(BIN)/forcebound bench sweep
 	$(BIN)/python benchmarks/codec.py
+
+mutation: $(STAMP)
+	@$(BIN)/python -c 'import mutmut' 2>/dev/null \
+	  || $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[mutation]'
+	$(BIN)/python tests/mutation.py
 
 fuzz: $(STAMP)
 	@$(BIN)/python -c 'import atheris' 2>/dev/null \

@@ -1,4 +1,4 @@
-"""What ``make demo`` runs: the same late, stiff wall with and without a bounder, live."""
+"""Live demo of ``make demo``: the same late, stiff wall without and with a law."""
 
 import sys
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
+from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.cli import print_table
 from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
@@ -14,10 +15,10 @@ from forcebound.launch.live import run_live
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
 
 MESSAGE = (
-    "Without a law, a wall of 10 N/mm that answers {delay:.0f} ms late throws the hand about and "
-    "gives it {given:.0f} mJ that it never put in. With the certified law, the same wall over the "
-    "same late network holds the hand no deeper than {depth:.1f} mm, and the energy never falls "
-    "below zero ({least:.2g} mJ at the least)."
+    "Without a law, a wall of 10 N/mm with a loop delay of {delay:.0f} ms makes the hand oscillate "
+    "and gives it {given:.0f} mJ that it did not put in. With the certified law, the hand sinks no "
+    "deeper than {depth:.1f} mm into the same wall, and the energy never falls below zero "
+    "(minimum {least:.2g} mJ)."
 )
 
 
@@ -28,8 +29,8 @@ def main() -> int:
     results = []
     for law in ("none", "certified"):
         console.print(
-            f"[bold]live run, law {law}[/bold]: device, controller and environment are "
-            "processes of their own; a simulated hand presses into a late, stiff wall"
+            f"[bold]live run, law {law}[/bold]: device, controller and environment as processes; "
+            "a simulated hand presses into a late, stiff wall"
         )
         config = load("delayed_wall.yaml", [f"law:={law}"])
         results.append(run_live(config, record=RESULTS / f"{law}.mcap"))
@@ -37,8 +38,8 @@ def main() -> int:
     save(figure([(r.label, r.columns, r.document) for r in results]), picture)
     print_table(results)
     without, certified = (result.summary for result in results)
-    if certified["true_energy_min_j"] < -1e-9:
-        raise RunError("the certified law has leaked energy: please report it with the recording")
+    if certified["true_energy_min_j"] < -ENERGY_TOLERANCE:
+        raise RunError("the certified law leaked energy: please report this with the recording")
     console.print()
     console.print(
         MESSAGE.format(

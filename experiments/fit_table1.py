@@ -24,7 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.analysis.metrics import displayed_stiffness, initial_rate_hardness
-from forcebound.bounding import LAWS, Dissipation
+from forcebound.bounding import LAWS, DeviceConstants, Dissipation
+from forcebound.bounding.one_axis import one_axis
+from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
@@ -52,20 +54,20 @@ def decode(unit: Floats) -> Floats:
     """Return the nine numbers (total mass first) of a point in the unit cube."""
     unit = np.clip(unit, 0.0, 1.0)
     straight = LOWEST + (HIGHEST - LOWEST) * unit
-    return np.where(LINEAR, straight, LOWEST * (HIGHEST / LOWEST) ** unit)
+    numbers: Floats = np.where(LINEAR, straight, LOWEST * (HIGHEST / LOWEST) ** unit)
+    return numbers
 
 
 @cache
 def kernel(law: str) -> Callable[..., float]:
     """Return the compiled contact of one law; it returns the true speed at contact."""
-    chosen = LAWS[law]
-    start, limit, settle = chosen.start, chosen.limit, chosen.settle
-    allow_in_kernels([start, limit, settle, advance, quantise])
+    start, bound = LAWS[law].start, one_axis(LAWS[law])
+    allow_in_kernels([start, bound, advance, quantise])
     damping, friction, resolution = DEVICE.damping, DEVICE.friction, DEVICE.resolution
     saturation, substep = DEVICE.saturation, DEVICE.substep
 
     def run(
-        parameters: tuple[float, ...],
+        device: DeviceConstants,
         mass: float,
         hand_stiffness: float,
         hand_damping: float,
@@ -76,31 +78,26 @@ def kernel(law: str) -> Callable[..., float]:
         forces: Floats,
     ) -> float:
         x = target = begin
-        v = work = force = 0.0
-        reading = quantise(x, resolution)
-        state = start(*parameters)
-        readings[0], forces[0] = reading, 0.0
+        v = work = 0.0
+        axis, memory, state = start_axis(quantise(x, resolution)), NO_MEMORY, start(device)
+        readings[0], forces[0] = axis.reading, 0.0
         contact_speed = 0.0
         for n in range(1, readings.size):
             target_end = min(begin + speed * n * PERIOD, end)
             x_before = x
             x, v, work, _ = advance(
-                x, v, work, target, target_end, PERIOD, substep, force, mass, damping, friction,
-                hand_stiffness, hand_damping,
+                x, v, work, target, target_end, PERIOD, substep, axis.force, mass, damping,
+                friction, hand_stiffness, hand_damping,
             )  # fmt: skip
             target = target_end
             if contact_speed == 0.0 and x > SURFACE:
                 contact_speed = (x - x_before) / PERIOD
-            before, reading = reading, quantise(x, resolution)
-            move = reading - before
-            asked = min(STIFFNESS * max(reading - SURFACE, 0.0), saturation)
-            state, largest, _ = limit(
-                state, asked, PERIOD, abs(move), 0.0, 0.0, force * move, force, force, *parameters
-            )  # the two zeros: what the certified laws alone look at  # fmt: skip
-            bounded = min(asked, largest, saturation)
-            state = settle(state, bounded, abs(bounded - force), force, *parameters)
-            force = bounded
-            readings[n], forces[n] = reading, force
+            reading = quantise(x, resolution)
+            commanded = min(STIFFNESS * max(reading - SURFACE, 0.0), saturation)
+            axis, memory, state, _ = bound(
+                axis, memory, state, reading, commanded, saturation, PERIOD, device
+            )
+            readings[n], forces[n] = reading, axis.force
         return contact_speed
 
     return jit(run)
@@ -114,13 +111,14 @@ def contact(law: str, hand: Floats, approach: Floats, samples: int) -> tuple[flo
         DEVICE.damping, DEVICE.friction, DEVICE.resolution, PERIOD, PERIOD, DEVICE.saturation
     )
     contact_speed = kernel(law)(
-        LAWS[law].parameters(relied_on), *hand.tolist(), SURFACE - way, SURFACE + target, speed,
+        LAWS[law].device(relied_on), *hand.tolist(), SURFACE - way, SURFACE + target, speed,
         readings, forces,
     )  # fmt: skip
     depth = readings - SURFACE
     hardness = initial_rate_hardness(forces, depth)
     if samples == SAMPLES:
-        stiffness = displayed_stiffness(np.arange(samples) * PERIOD, forces, depth)
+        times = PERIOD * np.arange(samples, dtype=np.float64)
+        stiffness = displayed_stiffness(times, forces, depth)
     else:
         steady = slice(2000, None)
         inside = depth[steady] > 0.0
@@ -149,7 +147,7 @@ def evaluate(numbers: Floats, samples: int) -> tuple[Floats, Floats, float]:
     return table, np.where(np.isfinite(errors), errors, FAILED), off
 
 
-def fit(half: Floats, seconds: float, seed: int) -> None:
+def fit(half: NDArray[np.bool_], seconds: float, seed: int) -> None:
     """Search and print every result."""
     import cma
 
@@ -177,7 +175,7 @@ def fit(half: Floats, seconds: float, seed: int) -> None:
         tell(decode(np.asarray(strategy.result.xbest)), half)
 
 
-def tell(numbers: Floats, half: Floats) -> None:
+def tell(numbers: Floats, half: NDArray[np.bool_]) -> None:
     """Print one result."""
 
     def rms(errors: Floats) -> float:
@@ -201,7 +199,7 @@ def tell(numbers: Floats, half: Floats) -> None:
 
 def main() -> int:
     """Fit; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--half", choices=("odd", "even", "all"), default="odd")
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=1)

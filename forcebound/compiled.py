@@ -72,7 +72,8 @@ _allowed: set[Callable[..., object]] = set()
 def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     """Let compiled kernels call these plain functions; they stay plain for everyone else.
 
-    With them go the functions of this package that they call.
+    With them go the functions that they call, of this package and of their own module. All are
+    inlined, since only then a loop over simulations side by side is one over vector registers.
     """
     from numba.extending import register_jitable
 
@@ -80,17 +81,18 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
         if function not in _allowed:
             _allowed.add(function)
             allow_in_kernels(_called_by(function))
-            register_jitable(function)
+            register_jitable(forceinline=True)(function)
 
 
 def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:
-    """Return the plain functions of this package that ``function`` names."""
-    code = function.__code__
-    named = [function.__globals__.get(name) for name in code.co_names]
-    named += [cell.cell_contents for cell in function.__closure__ or ()]
-    package = __name__.partition(".")[0]
-    return [
-        one
-        for one in named
-        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] == package
-    ]
+    """Return the plain functions that ``function`` encloses, or names and are not a library's."""
+    own = {__name__.partition(".")[0], function.__module__.partition(".")[0]}
+    called: list[Callable[..., Any]] = []
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            called.append(cell.cell_contents)
+    for name in function.__code__.co_names:
+        one = function.__globals__.get(name)
+        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] in own:
+            called.append(one)
+    return called

@@ -20,12 +20,14 @@ class ConfigError(ForceboundError, ValueError):
     Attributes:
         problem: What is wrong.
         action: What to do; empty if the problem says it.
+        field: Name of the dataclass field that is wrong, if it is one.
     """
 
-    def __init__(self, problem: str, action: str = "") -> None:
+    def __init__(self, problem: str, action: str = "", field: str | None = None) -> None:
         super().__init__(f"{problem}: {action}" if action else problem)
         self.problem = problem
         self.action = action
+        self.field = field
 
 
 class PacketError(ForceboundError, ValueError):

@@ -4,8 +4,8 @@ A parameter declares its unit in its type, ``stiffness: Stiffness = 10_000.0``; 
 then say ``10 N/mm``. In the program every quantity is a float in SI units. A parameter may also
 declare what values make sense, ``rate: Annotated[Frequency, POSITIVE] = 1000.0``.
 
-Units and ranges are checked where text comes in, by the launch files (:mod:`forcebound.launch`),
-not when a dataclass is made in Python.
+Units are read where text comes in, by the launch files (:mod:`forcebound.config`). Ranges are
+checked there, too, and by :func:`check_ranges` when the dataclass is made in Python.
 """
 
 import math
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_type_hints
 
 from forcebound.errors import ConfigError
 
@@ -52,26 +52,33 @@ class Range:
     at_least: float | None = None
     at_most: float | None = None
     below: float | None = None  # excluded
+    hint: str = ""  # what a message says beside the range
 
     def check(self, value: float, symbol: str = "") -> float:
         """Return ``value``, in the unit ``symbol``.
 
         Raises:
-            ConfigError: If it is outside.
+            ConfigError: If it is outside, or not finite.
         """
-        outside = [
-            f"{sign} {bound:g} {symbol}".rstrip()
-            for sign, bound, holds in (
-                (">", self.above, self.above is None or value > self.above),
-                (">=", self.at_least, self.at_least is None or value >= self.at_least),
-                ("<=", self.at_most, self.at_most is None or value <= self.at_most),
-                ("<", self.below, self.below is None or value < self.below),
-            )
-            if not holds
-        ]
-        if outside:
-            raise ConfigError(f"must be {outside[0]}, got {value:g} {symbol}".rstrip())
-        return value
+        if (
+            math.isfinite(value)
+            and (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.at_most is None or value <= self.at_most)
+            and (self.below is None or value < self.below)
+        ):
+            return value
+        got = f"{value:g} {symbol}".rstrip()
+        raise ConfigError(f"must be {self.describe(symbol)}{self.hint}, got {got}")
+
+    def describe(self, symbol: str = "") -> str:
+        """Return the range in words: ``> 0 Hz``, ``1 to 6``."""
+        unit = f" {symbol}".rstrip()
+        if self.at_least is not None and self.at_most is not None:
+            return f"{self.at_least:g} to {self.at_most:g}{unit}"
+        bounds = ((">", self.above), (">=", self.at_least), ("<=", self.at_most), ("<", self.below))
+        said = [f"{sign} {bound:g}{unit}" for sign, bound in bounds if bound is not None]
+        return " and ".join(said) or "finite"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Let pydantic check the range after the number has been read."""
@@ -83,10 +90,18 @@ class Range:
             lambda value: self.check(value, symbol), inner, metadata={_UNIT_KEY: symbol}
         )
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        """Tell editors the range; text with a unit could have no other limits."""
+        described: dict[str, Any] = handler(schema)
+        symbol = schema.get("metadata", {}).get(_UNIT_KEY, "")
+        known = described.get("description")
+        words = self.describe(symbol)
+        return {**described, "description": f"{known}; {words}" if known else words}
+
 
 @dataclass(frozen=True)
-class Word:
-    """What a text must be, in ``Annotated[str, Word(check)]``.
+class CheckedText:
+    """What a text must be, in ``Annotated[str, CheckedText(check)]``.
 
     Attributes:
         check: Raises :class:`forcebound.errors.ConfigError` if a text will not do.
@@ -107,6 +122,36 @@ class Word:
 
 POSITIVE = Range(above=0)
 NOT_NEGATIVE = Range(at_least=0)
+PROBABILITY = Range(at_least=0, at_most=1, hint=", or with a sign, 33 %")
+
+
+def check_ranges(settings: Any) -> None:
+    """Check the numbers of a dataclass whose types name a :class:`Range`.
+
+    A dataclass calls it in ``__post_init__``, so that one made in Python is checked as one that a
+    launch file gives.
+
+    Raises:
+        ConfigError: If one is outside; it names the field.
+    """
+    kind: type = type(settings)
+    for name, permitted, symbol in _ranges_of(kind):
+        try:
+            permitted.check(getattr(settings, name), symbol)
+        except ConfigError as error:
+            raise ConfigError(f"{name} {error}", field=name) from None
+
+
+@cache
+def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
+    """Name, range and unit of each field that has a range."""
+    found = []
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        notes = getattr(hint, "__metadata__", ())
+        symbols = [note.symbol for note in notes if isinstance(note, Unit)]
+        found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]
+    return found
+
 
 DataRate: TypeAlias = Annotated[float, Unit("B/s")]
 Damping: TypeAlias = Annotated[float, Unit("N s/m")]
@@ -239,7 +284,7 @@ pound_force = 4.4482216152605 * newton = lbf
 def _registry() -> "pint.UnitRegistry[float]":
     import pint  # 0.15 s: only who reads text with units pays
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
     return registry
 

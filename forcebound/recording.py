@@ -260,7 +260,7 @@ class Recording:
         packets = cast("list[Telemetry]", self.packets(TOPIC_OF[Telemetry]))
         if not packets:
             raise ConfigError(
-                f"{self.path} holds no telemetry: did the run end before its device node started?"
+                f"{self.path} has no telemetry: did the run end before its device node started?"
             )
         return TelemetryColumns.from_packets(packets)
 
@@ -315,7 +315,7 @@ def _decoder(packet: type[Packet]) -> Callable[[Mapping[str, Any]], Packet]:
     readers = [
         (name, _reader(hint), _is_optional(hint)) for name, hint in field_types(packet).items()
     ]
-    build: Callable[..., Packet] = packet
+    build = cast("Callable[..., Packet]", packet)
 
     def decode(document: Mapping[str, Any]) -> Packet:
         return build(

@@ -7,7 +7,7 @@ import sys
 
 import atheris
 
-with atheris.instrument_imports(include=["forcebound.messages", "msgpack"]):
+with atheris.instrument_imports(include=["forcebound.messages", "msgpack"]):  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.errors import PacketError
     from forcebound.messages.codec import decode, encode
     from forcebound.messages.packets import TOPIC_OF

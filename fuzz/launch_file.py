@@ -13,10 +13,11 @@ import atheris
 
 import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
 
-with atheris.instrument_imports(
+with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     include=["forcebound.config", "forcebound.launch", "forcebound.quantities", "ruamel"]
 ):
-    from forcebound.config.loader import arguments_of, from_document, load, to_document
+    from forcebound.config.loader import arguments_of, from_document, load
+    from forcebound.config.resolved import to_document
     from forcebound.errors import ConfigError
     from forcebound.launch.build import build_links, build_node
     from forcebound.processes import NODES

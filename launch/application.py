@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document
 from forcebound.config.parameters import differences
+from forcebound.config.resolved import restore
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 from forcebound.launch.build import build_link, change_environment, change_link
@@ -71,7 +71,7 @@ class Reloader:
         except (OSError, ValueError) as error:
             raise ConfigError(f"cannot read {self._file}: {reason(error)}") from error
         serves = any(isinstance(node, EnvironmentNode) for node in runner.nodes)
-        new = from_document(document, serves)
+        new = restore(document, serves)
         changed = apply(self._config, new, runner)
         self._config = new
         return changed

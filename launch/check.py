@@ -10,8 +10,8 @@ from typing import Any
 
 from forcebound.config import own
 from forcebound.config.child import Tell, in_a_child, nobody_listens
-from forcebound.config.graph import member_document
 from forcebound.config.loader import member_of
+from forcebound.config.resolved import member_document
 from forcebound.environments import Environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError

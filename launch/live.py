@@ -22,8 +22,9 @@ from typing import Any
 
 from forcebound import realtime
 from forcebound.config.changes import Part, timetable
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import differences, holders
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.holding import hold, seize
@@ -91,7 +92,7 @@ class RunDocument:
         try:
             return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError) as error:
-            raise ConfigError(f"{run_dir} is not the run directory of a graph that runs") from error
+            raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
 
 
 def run_live(

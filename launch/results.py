@@ -12,7 +12,8 @@ from typing import Any, cast
 
 from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 from forcebound.config import own
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns

@@ -5,7 +5,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from forcebound.config.changes import timetable
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import to_document
 from forcebound.errors import RunError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_links, build_node

@@ -23,7 +23,8 @@ from typing import Any
 
 from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load_tried
+from forcebound.config.loader import load_tried
+from forcebound.config.resolved import restore
 from forcebound.errors import ConfigError
 from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
@@ -87,7 +88,7 @@ def run_node(
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))
-                config = from_document(document, serves=kind == "environment")
+                config = restore(document, serves=kind == "environment")
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
         except ConfigError:
             raise

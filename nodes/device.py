@@ -10,10 +10,9 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick whose time it is.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
@@ -27,7 +26,16 @@ from forcebound.messages.packets import (
 )
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
-from forcebound.quantities import Frequency, Ratio, Time
+from forcebound.nodes.velocity import low_pass, low_pass_gain
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Frequency,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
 
 
 class _Unknown(NamedTuple):
@@ -50,31 +58,18 @@ class ServoSettings:
     """How the device node runs its servo."""
 
     law: str = "certified"  # a key of forcebound.bounding.LAWS
-    rate: Frequency = 1000.0
-    reply_wait: Ratio = 0.4  # share of the period between reading and writing
-    hold_limit: Ratio = 1.25  # periods that a force may be held: T_max
-    age_limit: Time = 0.1  # an answer to an older state gives no force
-    engage_time: Time = 0.1  # from no force to full force
-    velocity_cutoff: Frequency = 100.0  # of the low-pass on the backward difference
+    rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
+    # Share of the period between reading and writing.
+    reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
+    # Periods that a force may be held: T_max.
+    hold_limit: Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = 1.25
+    age_limit: Annotated[Time, POSITIVE] = 0.1  # an answer to an older state gives no force
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1  # from no force to full force
+    # Of the low-pass on the backward difference.
+    velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
 
     def __post_init__(self) -> None:
-        if not self.rate > 0:
-            raise ValueError(f"rate must be > 0 Hz, got {self.rate} Hz")
-        if not SLOWEST <= self.rate <= FASTEST:
-            limits = f"{SLOWEST:g} to {FASTEST:g} Hz"
-            raise ValueError(f"rate must be {limits}, got {self.rate:g} Hz")
-        if not 0 <= self.reply_wait < 1:
-            raise ValueError(f"reply_wait must be in [0, 1) periods, got {self.reply_wait}")
-        if not self.hold_limit >= 1:
-            raise ValueError(f"hold_limit must be >= 1 period, got {self.hold_limit}")
-        if self.hold_limit > LONGEST_HOLD:
-            raise ValueError(f"hold_limit must be <= {LONGEST_HOLD:g}, got {self.hold_limit:g}")
-        if not self.age_limit > 0:
-            raise ValueError(f"age_limit must be > 0 s, got {self.age_limit} s")
-        if not self.engage_time >= 0:
-            raise ValueError(f"engage_time must be >= 0 s, got {self.engage_time} s")
-        if not self.velocity_cutoff > 0:
-            raise ValueError(f"velocity_cutoff must be > 0 Hz, got {self.velocity_cutoff} Hz")
+        check_ranges(self)
 
     @property
     def period_ns(self) -> int:
@@ -97,20 +92,6 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         hold_limit=servo.longest_hold,
         saturation=model.saturation,
     )
-
-
-def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return how much of a difference a first-order low-pass takes over in ``dt`` s, 0 to 1.
-
-    Backward Euler, so it is stable for any ``dt``; ``cutoff`` is in Hz.
-    """
-    angle = 2.0 * math.pi * cutoff * dt
-    return angle / (1.0 + angle)
-
-
-def follow(value: float, measured: float, share: float) -> float:
-    """Return the low-pass's next value; see :func:`low_pass_share`."""
-    return value + share * (measured - value)
 
 
 class DeviceNode:
@@ -287,10 +268,10 @@ class DeviceNode:
     def _estimate_velocity(self, position: Vector, time_ns: int) -> None:
         dt = (time_ns - self._read_ns) * 1e-9
         if dt > 0.0:
-            share = low_pass_share(self._servo.velocity_cutoff, dt)
+            gain = low_pass_gain(self._servo.velocity_cutoff, dt)
             self._velocity = tuple(
                 [
-                    follow(v, (q - p) / dt, share)
+                    low_pass(v, (q - p) / dt, gain)
                     for v, q, p in zip(self._velocity, position, self._position, strict=True)
                 ]
             )

@@ -1,4 +1,4 @@
-"""Traces of positions and asked forces, and what a bounder makes of them."""
+"""Traces of positions and commanded forces, and the applied forces of a bounder."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

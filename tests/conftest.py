@@ -1,4 +1,4 @@
-"""Fixtures of tests with sockets; which examples hypothesis draws."""
+"""Fixtures of tests with sockets and processes; profiles of hypothesis."""
 
 import tempfile
 from collections.abc import Iterator
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from leaks import no_leaks
 
 from forcebound.network.sockets import Network
 
@@ -14,6 +15,19 @@ from forcebound.network.sockets import Network
 settings.register_profile("daily", derandomize=True, deadline=None)  # no timing decides a test
 settings.register_profile("random", print_blob=True, deadline=None)
 settings.load_profile("daily")
+
+
+@pytest.fixture(autouse=True)
+def leak_check(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[None]:
+    """Nothing is left after a test marked ``live``: processes, sockets, files, threads."""
+    if request.node.get_closest_marker("live") is None:
+        yield
+        return
+    tmp_path_factory.getbasetemp()  # made once, and not in the folder of this test
+    with no_leaks():
+        yield
 
 
 @pytest.fixture

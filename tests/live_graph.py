@@ -1,4 +1,4 @@
-"""A live graph that a test can harm: start it, wait for contact, do harm, read what happened.
+"""A live graph for tests of faults: start, wait for contact, disturb, read the recording.
 
 Nothing here decides by the timing of the machine. What must hold is read from the recording, in the
 device's own telemetry; the waits are bounded and only end a test that hangs.

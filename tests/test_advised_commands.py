@@ -1,4 +1,4 @@
-"""Every command that a message, the README or a page of the docs advises can be parsed."""
+"""Commands that messages, README and docs advise: each can be parsed."""
 
 import ast
 import re

@@ -1,16 +1,15 @@
-"""The audit: that the certified laws hold, and that it would find out if they did not."""
+"""The audit: certified laws stay passive, and a broken law is found."""
 
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from forcebound.audit import (
-    ENERGY_TOLERANCE,
     TRACE_COLUMNS,
     Case,
     Result,
@@ -24,7 +23,16 @@ from forcebound.audit import (
 from forcebound.audit.cases import ADVERSARIES, DIMENSIONS, SENSORS, difficulties, encode
 from forcebound.audit.report import page
 from forcebound.audit.search import NICHES, pain, search
-from forcebound.bounding import LAWS, BoundingLaw, ForceBounder
+from forcebound.bounding import (
+    ENERGY_TOLERANCE,
+    LAWS,
+    BoundingLaw,
+    DeviceConstants,
+    ForceBounder,
+    Sample,
+    Write,
+)
+from forcebound.bounding.law import State
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 
@@ -70,7 +78,9 @@ def test_the_compiled_audit_and_the_live_bounder_are_the_same_law_bit_by_bit(law
         bounder.start(0, (0.0,))
         # The trace adds up seconds; whole nanoseconds come back by rounding.
         for row in trace:
-            reading, asked, force = (row[COLUMNS[name]] for name in ("reading", "asked", "force"))
+            reading, asked, force = (
+                row[COLUMNS[name]] for name in ("reading", "commanded", "force")
+            )
             time_ns = round(row[COLUMNS["time"]] * 1e9)
             bounded = bounder.bound(time_ns, (reading,), (asked,))
             bounder.settle(bounded)
@@ -245,14 +255,26 @@ def test_a_tenth_of_the_audit() -> None:
         assert rows[law]["search"]["loss_and_work_min_j"] < -1e-3
 
 
+Limit: TypeAlias = tuple[State, float, float]
+
 # Certified laws with one part missing: the audit must find each of them out
 
 
 def without_watchdog_price() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
-    def patched(state, asked, elapsed, *rest):  # type: ignore[no-untyped-def]  # compiled
-        return limit(state, asked, min(elapsed, rest[-2]), *rest)
+    def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+        sample = Sample(
+            sample.commanded,
+            min(sample.dt, device.hold_limit),
+            sample.distance,
+            sample.squared_velocity_integral,
+            sample.path,
+            sample.work,
+            sample.held,
+            sample.held_sum,
+        )
+        return limit(state, sample, device)
 
     return {"limit": patched}
 
@@ -260,10 +282,10 @@ def without_watchdog_price() -> dict[str, Any]:
 def with_nominal_period() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
-    def patched(state, asked, *rest):  # type: ignore[no-untyped-def]  # compiled
-        ledger, largest, added = limit(state, asked, *rest)
-        friction, period, hold_limit = rest[8], rest[10], rest[11]
-        return ledger, friction + (largest - friction) * (hold_limit / period) ** 0.5, added
+    def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+        ledger, largest, added = limit(state, sample, device)
+        excess = (largest - device.friction) * (device.hold_limit / device.period) ** 0.5
+        return ledger, device.friction + excess, added
 
     return {"limit": patched}
 
@@ -271,14 +293,24 @@ def with_nominal_period() -> dict[str, Any]:
 def with_quantisation_taken_for_travel() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
-    def patched(state, asked, elapsed, distance, clear_square, path, *rest):  # type: ignore[no-untyped-def]  # compiled
-        return limit(state, asked, elapsed, distance, clear_square, distance, *rest)
+    def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+        sample = Sample(
+            sample.commanded,
+            sample.dt,
+            sample.distance,
+            sample.squared_velocity_integral,
+            sample.distance,
+            sample.work,
+            sample.held,
+            sample.held_sum,
+        )
+        return limit(state, sample, device)
 
     return {"limit": patched}
 
 
 def without_price_of_change() -> dict[str, Any]:
-    def patched(state, applied, change_sum, held_sum, *rest):  # type: ignore[no-untyped-def]  # compiled
+    def patched(state: State, write: Write, device: DeviceConstants) -> State:
         return state
 
     return {"settle": patched}

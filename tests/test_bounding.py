@@ -1,4 +1,4 @@
-"""What every bounding law promises, and the play operator."""
+"""The contract of every bounding law, and the play operator."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from bounding_traces import MS, PHANTOM, Trace, forces, run, steady
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
+from forcebound.bounding import LAWS, Dissipation, ForceBounder, Sample, play
 from forcebound.bounding.bounder import shorten
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
@@ -109,12 +109,13 @@ def test_the_functions_of_a_law_hide_no_state(
     law: str, dissipation: Dissipation, trace: Trace
 ) -> None:
     chosen = LAWS[law]
-    parameters = chosen.parameters(dissipation)
-    state = chosen.start(*parameters)
+    device = chosen.device(dissipation)
+    state = chosen.start(device)
     for elapsed_ns, position, asked in trace:
-        inputs = (state, abs(asked[0]), elapsed_ns / 1e9, abs(position[0]), 0.0, 0.0, 0.0, 0.0, 0.0)
-        first = chosen.limit(*inputs, *parameters)
-        assert chosen.limit(*inputs, *parameters) == first
+        dt = elapsed_ns / 1e9
+        sample = Sample(abs(asked[0]), dt, abs(position[0]), 0.0, 0.0, 0.0, 0.0, 0.0)
+        first = chosen.limit(state, sample, device)
+        assert chosen.limit(state, sample, device) == first
         state = first[0]
 
 
@@ -188,9 +189,11 @@ def test_vectors_of_another_length_are_refused() -> None:
     bounder = ForceBounder("certified", PHANTOM, axes=2)
     with pytest.raises(ValueError, match="expected 2 positions"):
         bounder.start(0, (0.0,))
-    with pytest.raises(ValueError, match="argument 2"):
+    with pytest.raises(ValueError, match="expected 2 positions"):
         bounder.bound(MS, (0.0,), (0.0, 0.0))
-    with pytest.raises(ValueError, match="argument 2"):
+    with pytest.raises(ValueError, match="expected 2 forces"):
+        bounder.bound(MS, (0.0, 0.0), (0.0,))
+    with pytest.raises(ValueError, match="expected 2 forces"):
         bounder.settle((0.0, 0.0, 0.0))
 
 

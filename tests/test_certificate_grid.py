@@ -1,4 +1,4 @@
-"""The certified laws are not only safe, they are stiff: the aims of the grid."""
+"""The grid of walls, delays and speeds: how much stiffness the certified laws display."""
 
 import json
 import subprocess

@@ -12,7 +12,7 @@ from bounding_traces import EXACT, MS, PHANTOM, forces, run, steady
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.bounding import LAWS, Dissipation, ForceBounder, play
+from forcebound.bounding import LAWS, DeviceConstants, Dissipation, ForceBounder, Sample, play
 from forcebound.bounding.certified import FORGETTING, cut_loss
 from forcebound.messages.packets import Vector
 
@@ -248,6 +248,20 @@ def test_the_anchors_do_not_earn_the_way_of_a_cut_hold_again(law: str) -> None:
 # By hand
 
 
+def cut_sample(held: float, work: float, distance: float, dt: float) -> Sample:
+    """Return a sample after a hold-limit overrun, of one axis."""
+    return Sample(
+        commanded=0.0,
+        dt=dt,
+        distance=distance,
+        squared_velocity_integral=0.0,
+        path=0.0,
+        work=work,
+        held=held,
+        held_sum=held,
+    )
+
+
 def test_a_regular_sample_by_hand() -> None:
     # 1 mm in 1 ms, at rest before: viscous loss of (1 mm - 2r), friction of (1 mm - r).
     ledger = -0.12 * R + 0.27 * (1e-3 - 2 * R) ** 2 / 1e-3 + 0.12 * (1e-3 - R)
@@ -270,7 +284,9 @@ def test_after_an_overrun_the_worst_is_assumed_of_the_cut_hold() -> None:
     ledger = -0.12 * R + 0.27 * (1e-3 - 2 * R) ** 2 / 1e-3 + 0.12 * (1e-3 - R)
     held = 0.3
     ledger -= R * held
-    ledger -= cut_loss(held, held * 4e-3, 4e-3 - 2 * R, 1.3e-3, 0.27, 0.12, 1.25e-3)
+    ledger -= cut_loss(
+        cut_sample(held, held * 4e-3, 4e-3, 1.3e-3), LAWS["certified"].device(PHANTOM)
+    )
     ledger -= R * held + 0.12 * R
     trace = [(MS, (1e-3,), (held,)), (1_300_000, (5e-3,), (9.0,))]
     row = run("certified", PHANTOM, trace)[1]
@@ -300,7 +316,8 @@ def test_a_cut_hold_costs_no_more_than_is_assumed_wherever_it_was_cut(
     """Loss plus work of the cheapest motion, for every time of the cut and many ways in it."""
     dt = hold_limit * periods
     way = drift * abs(held) * dt / damping
-    assumed = cut_loss(abs(held), held * way, abs(way), dt, damping, friction, hold_limit)
+    device = DeviceConstants(damping, friction, 0.0, hold_limit, hold_limit, 1.0)
+    assumed = cut_loss(cut_sample(abs(held), held * way, abs(way), dt), device)
     for cut in (hold_limit * k / 20 for k in range(1, 21)):
         rest = dt - cut
         worst = (2 * damping * way / rest - held) / (2 * damping * (1 / cut + 1 / rest))
@@ -312,7 +329,8 @@ def test_a_cut_hold_costs_no_more_than_is_assumed_wherever_it_was_cut(
 
 def test_a_hand_at_rest_that_is_let_go_for_a_moment_costs_a_quarter_of_the_blind_bound() -> None:
     blind = 2.0**2 * 1.25e-3 / (4 * 0.27)
-    assert cut_loss(2.0, 0.0, 0.0, 1.250001e-3, 0.27, 0.0, 1.25e-3) == pytest.approx(blind / 4)
+    device = LAWS["certified"].device(replace(PHANTOM, friction=0.0))
+    assert cut_loss(cut_sample(2.0, 0.0, 0.0, 1.250001e-3), device) == pytest.approx(blind / 4)
 
 
 def test_a_longer_measured_period_earns_less() -> None:

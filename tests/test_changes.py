@@ -1,4 +1,4 @@
-"""Parameters of a running graph: their names, what may be set, phases, in virtual time and live."""
+"""Parameters of a running graph: names, permitted values, phases, in virtual time and live."""
 
 import copy
 import json
@@ -16,14 +16,16 @@ from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
 from forcebound.config.changes import change, timetable
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
-from forcebound.monitor import nodes, tuning
+from forcebound.monitor import control, tuning
+from forcebound.monitor.findings import Fact
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import (
     changed_parameters,
@@ -33,6 +35,7 @@ from forcebound.monitor.tuning import (
     read_settings,
     set_parameters,
 )
+from forcebound.monitor.wording import note
 from forcebound.network.impairment import Impairment
 
 
@@ -91,7 +94,7 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
             "'xyzzy'; what can be changed is in links.device_state, .* and environment$",
         ),
         ({"environment.stiffness": "5 s"}, "which is a time"),
-        ({"links.environment_query.loss": 2}, "probability"),
+        ({"links.environment_query.loss": 2}, "must be 0 to 1"),
         ({"links.environment_query.delay": "1 s"}, "age_limit"),
     ],
 )
@@ -184,7 +187,7 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     file.write_text(json.dumps(to_document(config)))
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
-    assert "no environment is running here" in done.notes[0]
+    assert done.notes == (Fact("no_node", {"node": "environment"}),)
     assert from_document(json.loads(file.read_text())).environment.model.force(
         (0.012,), (0.0,), 0.0
     ) == pytest.approx((1.0,))
@@ -196,8 +199,8 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
 def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.1)
-    monkeypatch.setattr(nodes, "PATIENCE", 0.1)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.1)
+    monkeypatch.setattr(control, "STATUS_TIMEOUT", 0.1)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
@@ -231,7 +234,7 @@ def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_
 def test_a_change_that_another_command_does_not_end_is_said(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuning, "ANSWER_TIME", 0.02)
+    monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.02)
     (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
     with updating(tmp_path, 0.0) as is_alone:
         assert is_alone
@@ -292,7 +295,7 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
         made = Answering(tmp_path, **answers)
-        for module in (tuning, nodes):
+        for module in (tuning, control):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 
@@ -326,7 +329,7 @@ def test_an_environment_elsewhere_that_waits_takes_a_change_with_a_note(
 ) -> None:
     answering(is_graph=False, environment={"refused_for": "device-lab/1/a"})
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
-    assert "device-lab/1/a serves the graph, and not this environment" in done.notes[0]
+    assert done.notes == (Fact("environment_waits", {"serving": "device-lab/1/a"}),)
 
 
 RUNNING = {"device": "running", "controller": "running", "environment": "running"}
@@ -350,7 +353,7 @@ def test_a_change_to_a_stand_by_says_who_serves(
     )
     done = set_parameters(tmp_path, {"links.environment_query.delay": 0.001})
     assert processes.configured == {"environment"}
-    assert [note.startswith("far/1/a serves") for note in done.notes] == [True] * is_told
+    assert done.notes == (Fact("another_serves", {"serving": "far/1/a"}),) * is_told
     assert not set_parameters(tmp_path, {"links.environment_reply.delay": 0.001}).notes
 
 
@@ -363,8 +366,9 @@ def test_an_environment_that_was_stopped_on_request_keeps_the_change(
     )
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert not processes.configured
-    assert "when it starts again: forcebound start environment" in done.notes[0]
-    assert "far/1/a serves" in done.notes[1]
+    assert done.notes[0] == Fact("node_stopped", {"node": "environment"})
+    assert "when it starts again: forcebound start environment" in note(done.notes[0])
+    assert done.notes[1] == Fact("another_serves", {"serving": "far/1/a"})
     assert changed_parameters(tmp_path) == {"environment.stiffness": 500.0}
 
 
@@ -374,7 +378,7 @@ def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
     processes = answering(launcher=launcher(**RUNNING), controller={}, environment={"silent": 1})
     for _ in range(2):  # also the second time, when the document has the value already
         processes.asked.clear()
-        with pytest.raises(RunError, match="kept for when it goes on"):
+        with pytest.raises(RunError, match="kept until it continues"):
             set_parameters(tmp_path, {"environment.stiffness": 500})
         assert ("launcher", "configure environment") in processes.asked
 
@@ -447,7 +451,7 @@ def test_phases_that_set_nothing_are_the_plain_run(config: GraphConfig, tmp_path
         ("phases: [{name: a, duration: 1 s, sett: {}}]", "did you mean 'set'"),
         ("phases: [{name: a, duration: 1 s, set: {environment.stifness: 1}}]", "did you mean"),
         ("phases: [{name: a, duration: 1 s, set: {environment.stiffness: 5 s}}]", "is a time"),
-        ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "probability"),
+        ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "must be 0 to 1"),
     ],
 )
 def test_a_wrong_phase_is_a_problem_of_the_launch_file_at_its_place(

@@ -1,4 +1,4 @@
-"""Code of a user's own that hangs, exits or crashes is told, and ends nothing but its own child."""
+"""User code that hangs, exits or crashes: reported, and confined to its own process."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The command line as a person uses it: results, messages, exit status."""
+"""The command line: results, messages, exit status."""
 
 import json
 import os
@@ -257,4 +257,4 @@ def test_a_node_refuses_a_run_directory_of_another_user(tmp_path: Path) -> None:
 def test_stop_and_start_say_that_no_such_graph_runs(command: str, tmp_path: Path) -> None:
     result = invoke(command, "environment", "--run", str(tmp_path))
     assert result.exit_code == 2
-    assert "is not the run directory of a graph that runs" in result.stderr
+    assert "is not the run directory of a running graph" in result.stderr

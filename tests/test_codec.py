@@ -1,4 +1,4 @@
-"""The codec: the promised bytes, and nothing but packets or refusals for any others."""
+"""The codec: golden bytes; any other bytes give a packet or a rejection."""
 
 import math
 import re
@@ -115,8 +115,7 @@ names = st.text(min_size=1, max_size=MAX_NAME)
 @st.composite
 def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
     """Any packet, of 1 to 6 axes."""
-    if kind is None:
-        kind = draw(st.sampled_from(list(TOPIC_OF)))
+    chosen: type[Packet] = kind or draw(st.sampled_from(list(TOPIC_OF)))
     vectors = st.tuples(*[numbers] * draw(st.integers(1, MAX_AXES)))
     strategies: dict[Any, st.SearchStrategy[Any]] = {
         int: counts,
@@ -131,7 +130,7 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         Mapping[str, str]: st.dictionaries(st.text(max_size=20), st.text(max_size=40), max_size=16),
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
     }
-    return kind(**{name: draw(strategies[hint]) for name, hint in field_types(kind).items()})
+    return chosen(**{name: draw(strategies[hint]) for name, hint in field_types(chosen).items()})
 
 
 def same(one: Packet, other: Packet) -> bool:

@@ -1,4 +1,4 @@
-"""How long an environment computes, and that it answers nothing else meanwhile."""
+"""The computation time of an environment, during which it answers nothing else."""
 
 import json
 import math
@@ -12,7 +12,8 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.changes import change
 from forcebound.config.graph import EnvironmentConfig
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.application import apply
@@ -192,7 +193,7 @@ def test_the_seed_of_the_launch_file_decides_the_times(tmp_path: Path) -> None:
     [
         ({"compute_jitter": "-1 ms"}, "15:19: compute_jitter"),
         ({"compute_jitter": "1 N"}, "15:19: compute_jitter: expected a time"),
-        ({"compute_correlation": "2"}, "15:24: compute_correlation must be a probability"),
+        ({"compute_correlation": "2"}, "15:24: compute_correlation: must be 0 to 1"),
         ({"compute_distribution": "gauss"}, "15:25: compute_distribution: expected 'uniform'"),
         ({"compute_distribution_file": "no.dist"}, "15:30: compute_distribution_file: cannot read"),
         ({"compute_trace": "no.csv"}, "15:18: compute_trace: cannot read the trace"),
@@ -214,7 +215,7 @@ def test_problems_of_model_and_computation_are_told_together(tmp_path: Path) -> 
     path.write_text(path.read_text().replace("position: 0 m", "position: 0 N"))
     message = problems_of(path)
     assert "position: expected" in message
-    assert "compute_correlation must be" in message
+    assert "compute_correlation: must be" in message
 
 
 def test_a_computation_beyond_the_age_limit_is_refused(tmp_path: Path) -> None:
@@ -227,7 +228,7 @@ def test_settings_that_exclude_each_other_are_refused_in_code_too() -> None:
         EnvironmentConfig(
             Wall(), compute_distribution="normal", compute_distribution_file=Path("x.dist")
         )
-    with pytest.raises(ConfigError, match="compute_delay must be finite"):
+    with pytest.raises(ConfigError, match="compute_delay must be >= 0 s"):
         EnvironmentConfig(Wall(), compute_delay=math.inf)
 
 

@@ -1,4 +1,4 @@
-"""The contract test of environments finds what it promises to find, and says where."""
+"""The contract check of environments: every broken promise is found and located."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The simulated device against what mechanics says must be true."""
+"""The simulated device against mechanics."""
 
 import math
 from dataclasses import dataclass, replace

@@ -9,7 +9,8 @@ from statistics import NormalDist
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.distribution import LONGEST, read_distribution

@@ -1,7 +1,8 @@
-"""What the doctor says of what was seen: case by case, without processes."""
+"""Findings of the doctor, case by case, without processes."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
@@ -9,12 +10,11 @@ import pytest
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.messages.packets import LINKS, TOPICS, Telemetry
-from forcebound.monitor.advice import NOTICES, REASONS
+from forcebound.monitor import wording
 from forcebound.monitor.doctor import examine
-from forcebound.monitor.findings import Finding
+from forcebound.monitor.findings import Fact, Finding
 from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
-from forcebound.network.notices import Notice
-from forcebound.network.remote import KINDS
+from forcebound.monitor.wording import REASONS
 from forcebound.telemetry import TelemetryColumns
 
 PERIOD_NS = 1_000_000
@@ -117,10 +117,17 @@ def kinds(findings: list[Finding]) -> list[str]:
 
 
 def only(seen: Observations) -> Finding:
-    """Return the only finding."""
+    """Return the only finding, which can be put in words."""
     findings = examine(seen)
     assert len(findings) == 1, findings
+    json.dumps(asdict(findings[0]))
+    assert wording.seen(findings[0])
+    wording.advice(findings[0])
     return findings[0]
+
+
+def codes(finding: Finding) -> list[str]:
+    return [cause.code for cause in finding.causes]
 
 
 def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:
@@ -134,19 +141,24 @@ def test_a_suspended_process_is_named_with_what_wakes_it() -> None:
         "suspended",
         "environment",
     )
-    assert "SIGSTOP" in finding.seen
-    assert finding.advice == "kill -CONT 4711"
+    assert "SIGSTOP" in wording.seen(finding)
+    assert wording.commands(finding) == ["kill -CONT 4711"]
 
 
 def test_a_process_that_lives_and_does_not_answer_is_busy() -> None:
     finding = only(healthy(controller=silent("running", "R")))
     assert (finding.kind, finding.where) == ("no_answer", "controller")
-    assert "process 7 is in state R" in finding.seen
+    assert finding.data == {"pid": 7, "kernel_state": "R"}
+    assert wording.seen(finding) == "does not answer: process 7 is in state R"
+    assert wording.commands(finding) == ["top -p 7"]
 
 
 def test_without_a_launcher_nobody_knows_what_became_of_a_silent_process() -> None:
     seen = replace(healthy(device=silent("unknown", pid=None)), launcher=None, phase=None)
-    assert kinds(examine(seen)) == ["no_answer", "no_launcher"]
+    findings = examine(seen)
+    assert kinds(findings) == ["no_answer", "no_launcher"]
+    assert wording.seen(findings[0]) == "does not answer"
+    assert wording.commands(findings[0]) == []
 
 
 @pytest.mark.parametrize(
@@ -162,13 +174,14 @@ def test_the_launcher_knows_why_a_process_is_silent(state: str, severity: str, k
     controller = replace(silent(state, pid=None), restarts=3)
     finding = only(healthy(controller=controller))
     assert (finding.severity, finding.kind, finding.where) == (severity, kind, "controller")
-    assert ("3 times" in finding.seen) == (state != "stopped")
+    assert finding.data["restarts"] == 3
+    assert ("3 times" in wording.seen(finding)) == (state != "stopped")
 
 
 def test_a_stopped_environment_is_no_problem_while_another_one_serves() -> None:
     finding = only(healthy(environment=silent("stopped", pid=None)))
     assert (finding.severity, finding.kind) == ("note", "process_stopped")
-    assert finding.advice == "forcebound start environment"
+    assert wording.commands(finding) == ["forcebound start environment"]
 
 
 def test_restarts_are_told_when_all_is_well_again() -> None:
@@ -201,8 +214,10 @@ def test_of_a_broken_chain_only_the_first_broken_hop_is_named(topic: str) -> Non
     finding = only(with_processes(processes))
     assert (finding.severity, finding.kind) == ("problem", "hop_broken")
     assert finding.where == f"link {topic}"
-    assert finding.seen.startswith(f"{receiver} has received nothing now (0 packets in 2.0 s)")
-    assert sender in finding.advice or topic == "environment_reply"
+    assert (finding.data["receiver"], finding.data["silence"]) == (receiver, 2.0)
+    assert finding.data["earlier"] == 5
+    cause = "environment_slow" if topic == "environment_reply" else "sender_silent"
+    assert finding.causes == (Fact(cause, {"sender": sender}),)
 
 
 def without_replies(**environment: Any) -> Observations:
@@ -217,15 +232,16 @@ def without_replies(**environment: Any) -> Observations:
 
 def test_an_environment_that_never_answered_is_told_from_one_that_stopped_to() -> None:
     finding = only(without_replies(failures=0))
-    assert "has received nothing so far" in finding.seen
-    assert "1e+03 queries/s" in finding.seen
-    assert "compute_delay" in finding.advice
+    assert finding.data["earlier"] == 0
+    assert finding.data["queries"] == pytest.approx(1000.0)
+    assert codes(finding) == ["environment_slow"]
 
 
 def test_an_environment_whose_code_fails_is_named_with_its_failures() -> None:
     finding = only(without_replies(failures=12))
-    assert "failed to answer 12 times" in finding.seen
-    assert "forcebound check environment" in finding.advice
+    assert finding.data["failures"] == 12
+    assert "failed to answer 12 times" in wording.seen(finding)
+    assert wording.commands(finding) == ["forcebound check environment FILE"]
 
 
 def counts(sent: int, lost: int, delivered: int) -> dict[str, int]:
@@ -242,15 +258,17 @@ def test_a_link_that_loses_everything_on_purpose_is_named() -> None:
         )
     )
     assert (finding.kind, finding.where) == ("hop_broken", "link environment_query")
-    assert "1e+03/s are lost on purpose" in finding.seen
-    assert "param set links.environment_query.loss:=0" in finding.advice
+    assert finding.data == {"receiver": "environment", "received": 1000.0, "lost": 1000.0}
+    assert finding.causes == (Fact("injected_loss", {"topic": "environment_query"}),)
+    assert "1e+03/s are lost on purpose" in wording.seen(finding)
+    assert wording.commands(finding) == ["forcebound param get links.environment_query"]
 
 
 def test_losses_that_were_asked_for_are_no_fault() -> None:
     link = {"force_command": counts(2000, 200, 1800)}
     finding = only(healthy(device=process("force_command", links=link)))
     assert (finding.severity, finding.kind) == ("note", "injected_loss")
-    assert "loses 200 and damages 0 of 2000 packets" in finding.seen
+    assert finding.data == {"topic": "force_command", "sent": 2000, "lost": 200, "corrupted": 0}
 
 
 def test_a_second_environment_is_named_with_the_one_that_serves() -> None:
@@ -262,8 +280,7 @@ def test_a_second_environment_is_named_with_the_one_that_serves() -> None:
     )
     finding = only(healthy(controller=controller))
     assert (finding.severity, finding.kind) == ("problem", "second_environment")
-    assert "there/2/b serves, 1e+02 answers/s" in finding.seen
-    assert SERVING in finding.seen
+    assert finding.data == {"serving": "there/2/b", "rate": 100.0, "other": SERVING}
 
 
 def test_an_environment_that_waits_is_a_note_wherever_it_is() -> None:
@@ -274,15 +291,15 @@ def test_an_environment_that_waits_is_a_note_wherever_it_is() -> None:
     for controller, serving in ((there, "there/2/b"), (here, SERVING)):
         finding = only(healthy(controller=controller))
         assert (finding.severity, finding.kind) == ("note", "waiting_environment")
-        assert f"{serving} serves" in finding.seen
+        assert finding.data["serving"] == serving
 
 
 @pytest.mark.parametrize(
-    ("refused_for", "words"),
-    [(None, f"{SERVING} serves"), ("there/2/b", f"there/2/b serves, and {SERVING} waits")],
+    ("refused_for", "serving", "waiting"),
+    [(None, SERVING, None), ("there/2/b", "there/2/b", SERVING)],
 )
 def test_on_its_own_machine_an_environment_says_who_serves(
-    refused_for: str | None, words: str
+    refused_for: str | None, serving: str, waiting: str | None
 ) -> None:
     link = {"connected": True, "listens": False, "address": "x", "port": 1, "counts": {}}
     environment = process(
@@ -291,8 +308,8 @@ def test_on_its_own_machine_an_environment_says_who_serves(
     seen = replace(healthy(), processes={"environment": environment}, telemetry=telemetry(0))
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("note", "remote_connected")
-    assert "1e+03 queries/s come" in finding.seen
-    assert words in finding.seen
+    assert finding.data == {"queries": 1000.0, "serving": serving, "waiting": waiting}
+    assert ("waits" in wording.seen(finding)) == (waiting is not None)
 
 
 def test_that_another_environment_serves_is_a_note() -> None:
@@ -309,8 +326,9 @@ def test_each_reason_for_a_refusal_has_an_explanation_and_advice(reason: str) ->
     refusing = replace(whole, last={**whole.last, "rejected": {reason: 20}})
     finding = only(with_processes({who: refusing}))
     assert finding.severity == "problem"
-    assert "10" in finding.seen
-    assert finding.advice
+    assert finding.data["rate"] == 10.0
+    assert reason in (*finding.data.values(), finding.kind)
+    assert wording.advice(finding)
 
 
 def test_refusals_of_the_past_are_not_told() -> None:
@@ -361,8 +379,8 @@ def with_remote(state: dict[str, Any], grown: int) -> Observations:
 def test_a_remote_environment_that_is_not_there_is_a_problem_and_the_only_one() -> None:
     finding = only(with_remote(remote(connected=False), grown=0))
     assert (finding.severity, finding.kind) == ("problem", "remote_not_connected")
-    assert "listens at 127.0.0.1 port 7410 and 7411" in finding.seen
-    assert "forcebound node environment FILE" in finding.advice
+    assert "listens at 127.0.0.1 port 7410" in wording.seen(finding)
+    assert wording.commands(finding) == ["forcebound node environment FILE"]
 
 
 def test_while_another_one_serves_a_remote_environment_may_be_away() -> None:
@@ -373,30 +391,29 @@ def test_while_another_one_serves_a_remote_environment_may_be_away() -> None:
 def test_a_remote_environment_that_is_there_and_silent_is_a_broken_hop() -> None:
     finding = only(with_remote(remote(connected=True), grown=0))
     assert (finding.kind, finding.where) == ("hop_broken", "link environment_reply")
-    assert "not on this machine" in finding.advice
+    assert codes(finding) == ["sender_elsewhere"]
 
 
 def test_refused_peers_are_told_while_they_knock() -> None:
     finding = only(with_remote(remote(connected=True, refused_here=3), grown=TICKS))
     assert (finding.severity, finding.kind) == ("problem", "remote_refused_here")
-    assert "3 times, 3 just now" in finding.seen
-    assert "environment_keys" in finding.advice
-
-
-def test_each_notice_that_is_a_problem_has_advice() -> None:
-    assert set(NOTICES) == {kind for kind in KINDS if Notice(kind, "").is_problem}
+    assert finding.data == {"count": 3, "recent": 3}
+    assert "environment_keys" in wording.advice(finding)
 
 
 def test_no_force_now_is_told_with_the_age_limit() -> None:
     finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, TICKS))))
     assert (finding.severity, finding.kind) == ("problem", "no_force")
-    assert "for 1.5 s and more no answer younger than the age limit of 100 ms" in finding.seen
+    assert finding.data == {"age_limit": 0.1, "silence": pytest.approx(1.499)}
+    assert "for 1.5 s and more no answer younger than the age limit of 100 ms" in wording.seen(
+        finding
+    )
 
 
 def test_gaps_of_force_are_told_with_their_share() -> None:
     finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, 700))))
     assert finding.kind == "force_gaps"
-    assert "10.0% of 2000 ticks" in finding.seen
+    assert (finding.data["share"], finding.data["ticks"]) == (pytest.approx(0.1), 2000)
 
 
 def test_a_device_that_answers_without_telemetry_is_a_problem() -> None:
@@ -407,16 +424,17 @@ def test_a_device_that_answers_without_telemetry_is_a_problem() -> None:
 def test_a_delay_near_the_age_limit_is_a_problem() -> None:
     finding = only(replace(healthy(), telemetry=telemetry(loop_delay=0.08)))
     assert finding.kind == "delay_near_age_limit"
-    assert "p50 80.0 ms" in finding.seen
-    assert "100 ms" in finding.seen
+    assert finding.data["p50"] == pytest.approx(0.08)
+    assert finding.data["age_limit"] == 0.1
 
 
 def test_a_loop_that_is_late_with_no_delay_injected_is_a_problem() -> None:
     late = replace(healthy(), telemetry=telemetry(loop_delay=0.01))
     finding = only(late)
     assert (finding.severity, finding.kind) == ("problem", "late_loop")
-    assert "0.0 ms at most are injected; the period is 1 ms" in finding.seen
-    assert finding.advice == "cause unknown; forcebound bench servo shows what this machine can do"
+    assert (finding.data["injected"], finding.data["period"]) == (0.0, 1e-3)
+    assert codes(finding) == ["unknown"]
+    assert wording.commands(finding) == ["forcebound bench servo"]
     asked_for = healthy(graph("delay:=5 ms"))
     assert examine(replace(asked_for, telemetry=telemetry(loop_delay=0.01))) == []
 
@@ -429,12 +447,13 @@ def test_late_ticks_are_told_with_their_likely_causes() -> None:
     )
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("problem", "ticks_lost")
-    assert "ticks/s, 4.7% of all" in finding.seen
-    causes = finding.advice.split("; ")
-    assert causes[0].startswith("ordinary scheduling, because SCHED_FIFO is not permitted")
-    causes = causes[-2:]
-    assert causes[0].startswith("core 1 is shared with /tmp/forcebound-b")
-    assert causes[1].startswith("the load is 5.0 on 2 cores")
+    assert finding.data["share"] == pytest.approx(99 / 2099)
+    assert finding.causes == (
+        Fact("fifo_not_permitted"),
+        Fact("core_shared", {"core": 1, "graphs": "/tmp/forcebound-b"}),
+        Fact("load", {"load": 5.0, "cores": 2}),
+    )
+    assert "the load is 5.0 on 2 cores" in wording.advice(finding)
 
 
 def test_a_tick_lost_now_and_then_is_a_note() -> None:
@@ -446,18 +465,18 @@ def test_a_recorder_that_cannot_write_is_a_problem() -> None:
     stopped = "stopped: No space left on device"
     finding = only(healthy(recorder=process("telemetry", recording=stopped)))
     assert (finding.severity, finding.kind) == ("problem", "not_recording")
-    assert "No space left on device" in finding.seen
+    assert finding.data == {"state": stopped, "path": "/data/run.mcap"}
 
 
 @pytest.mark.parametrize(
-    ("rate", "free", "words"),
-    [(0.0, 100_000_000, "100 MB are left"), (5e6, 1_200_000_000, "full in 4 min")],
+    ("rate", "free", "left"), [(0.0, 100_000_000, None), (5e6, 1_200_000_000, 240.0)]
 )
-def test_a_disk_that_is_soon_full_is_a_problem(rate: float, free: int, words: str) -> None:
+def test_a_disk_that_is_soon_full_is_a_problem(rate: float, free: int, left: float | None) -> None:
     seen = replace(healthy(), recording=RecordingSeen("/data/run.mcap", rate, free))
     finding = only(seen)
     assert finding.kind == "disk_nearly_full"
-    assert words in finding.seen
+    assert finding.data["left"] == left
+    assert ("full in 4 min" in wording.seen(finding)) == (left is not None)
 
 
 def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
@@ -468,10 +487,9 @@ def test_a_law_that_limits_most_of_the_time_is_information() -> None:
     seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0))
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("note", "law_limits")
-    assert "in 100% of the ticks with one: of 8 N asked it shows 2 N" in finding.seen
-    assert "not certified" not in finding.advice
-    other = replace(seen, config=graph("law:=tdpa"))
-    assert "not certified" in only(other).advice
+    assert finding.data == {"law": "certified", "share": 1.0, "commanded": 8.0, "applied": 2.0}
+    assert codes(finding) == []
+    assert codes(only(replace(seen, config=graph("law:=tdpa")))) == ["law_not_certified"]
 
 
 def test_without_a_law_nothing_protects_the_hand() -> None:

@@ -1,4 +1,4 @@
-"""The doctor at live graphs: healthy, with a suspended node, with a link that loses everything.
+"""The doctor with live graphs: healthy, with a suspended node, with a link that loses everything.
 
 How punctual a graph is depends on the machine that runs the tests, so findings that are of nothing
 but time are not looked at.
@@ -57,7 +57,8 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert status == 1
         assert problems(found) - OF_TIME == {"suspended", "no_force"}
         assert found["suspended"]["where"] == "environment"
-        assert found["suspended"]["advice"] == f"kill -CONT {pid}"
+        assert found["suspended"]["data"]["pid"] == pid
+        assert found["suspended"]["commands"] == [f"kill -CONT {pid}"]
         graph.signal("environment", signal.SIGCONT)
         graph.wait_until_in_contact()
 
@@ -70,6 +71,8 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert status == 1
         assert problems(found) - OF_TIME == {"hop_broken", "no_force"}
         assert found["hop_broken"]["where"] == "link environment_query"
+        [cause] = found["hop_broken"]["causes"]
+        assert cause == {"code": "injected_loss", "data": {"topic": "environment_query"}}
         assert "lost on purpose" in found["hop_broken"]["seen"]
 
         done = graph.order(
@@ -95,4 +98,4 @@ def test_a_directory_of_no_graph_is_an_input_error(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 2
-    assert "is not the run directory of a graph that runs" in done.stderr
+    assert "is not the run directory of a running graph" in done.stderr

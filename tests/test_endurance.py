@@ -1,4 +1,4 @@
-"""Long runs with everything that a network can do: memory flat, no descriptor lost, sums right.
+"""Long runs under all impairments: constant memory, no lost descriptor, correct sums.
 
 ``make endurance`` runs them: one hour in virtual time, ten minutes live.
 """

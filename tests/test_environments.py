@@ -1,4 +1,4 @@
-"""The promises that every environment keeps, and the law of each one."""
+"""The contract of every environment, and the force law of each."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The walls in other languages: the real programs, against a graph of bytes and against a live one.
+"""The walls in other languages, against a graph of bytes and against a live graph.
 
 ``make examples`` builds them and runs these tests; of a program that is not built they are skipped.
 """
@@ -45,8 +45,7 @@ def graph() -> Iterator[FakeGraph]:
     with zmq.Context() as context:
         graph = FakeGraph(context)
         yield graph
-        graph.queries.close()
-        graph.replies.close()
+        graph.socket.close()
 
 
 def golden(topic: str) -> bytes:
@@ -294,8 +293,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     with zmq.Context() as context:
         probe = FakeGraph(context)
         port = str(probe.port)
-        probe.queries.close()
-        probe.replies.close()
+        probe.socket.close()
     launch_file = keys / "graph.yaml"
     launch_file.write_text(
         f"""\

@@ -1,4 +1,4 @@
-"""``examples/build.sh`` with commands that are all stubs: what it takes, what it skips, and why."""
+"""``examples/build.sh`` with stub commands: what it uses, what it skips, and why."""
 
 import os
 import shutil

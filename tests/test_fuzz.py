@@ -1,4 +1,4 @@
-"""The campaign of ``make fuzz``: without atheris it says so, with it it runs."""
+"""The campaign of ``make fuzz``, with and without atheris."""
 
 import importlib.util
 import subprocess

@@ -1,4 +1,4 @@
-"""Launch files that mean harm: an answer in bounded time and memory, whatever they say."""
+"""Hostile launch files: an answer in bounded time and memory."""
 
 import tracemalloc
 from pathlib import Path
@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.document import SHIPPED, shipped
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
 from forcebound.config.problems import MAX_PROBLEMS
+from forcebound.config.resolved import to_document
 from forcebound.config.substitution import MAX_PASTED
 from forcebound.errors import ConfigError
 

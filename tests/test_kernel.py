@@ -1,4 +1,4 @@
-"""The compiled kernel does what the virtual-time graph does, case by case."""
+"""The compiled kernel against the virtual-time graph, case by case."""
 
 import random
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Keys in files: who may read them, and what is said when something is wrong."""
+"""Keys in files: permissions and error messages."""
 
 import os
 import stat

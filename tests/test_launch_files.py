@@ -9,8 +9,9 @@ from launch_texts import GOOD, problems_of, written
 from forcebound.config.document import shipped
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import COMPUTATION, KINDS
-from forcebound.config.loader import arguments_of, from_document, load, to_document
+from forcebound.config.loader import arguments_of, from_document, load
 from forcebound.config.own_parts import OWN
+from forcebound.config.resolved import to_document
 from forcebound.config.schema import json_schema
 from forcebound.config.tree import scalar
 from forcebound.messages.packets import LINKS
@@ -301,7 +302,7 @@ def accepts(schema: dict[str, Any], value: Any) -> bool:
         return False
     if "enum" in schema and value not in schema["enum"]:
         return False
-    if "pattern" in schema and not re.search(schema["pattern"], value):
+    if "pattern" in schema and not re.search(schema["pattern"], str(value)):
         return False
     if "anyOf" in schema and not any(accepts(option, value) for option in schema["anyOf"]):
         return False

@@ -1,4 +1,4 @@
-"""The supervisor's decisions by histories: tables of events and actions, without processes."""
+"""The supervisor's decisions: histories of events and actions, without processes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The limits of theory that maps show."""
+"""Theoretical limits on maps."""
 
 import pytest
 

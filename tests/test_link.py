@@ -1,4 +1,4 @@
-"""Links: what a bad network may do to packets, and what a link never does."""
+"""Links: possible and impossible fates of packets."""
 
 import math
 import timeit

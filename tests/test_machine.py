@@ -1,4 +1,4 @@
-"""What the doctor says of a machine on which no graph runs."""
+"""Findings of the doctor on a machine without a running graph."""
 
 import json
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.monitor import machine, runs
+from forcebound.monitor import machine, runs, wording
 from forcebound.monitor.machine import Machine
 from forcebound.network.keys import new_key
 
@@ -37,7 +37,7 @@ GOOD = Machine(
 def test_a_good_machine_is_fine_in_all_respects() -> None:
     findings = machine.examine(GOOD)
     assert {finding.severity for finding in findings} == {"fine"}
-    assert not any(finding.advice for finding in findings)
+    assert not any(map(wording.advice, findings))
     assert len({finding.kind for finding in findings}) == len(findings)
 
 
@@ -46,11 +46,11 @@ def test_a_good_machine_is_fine_in_all_respects() -> None:
     [
         ({"permits_fifo": False}, "note", "no_fifo", "not permitted", "rtprio 95"),
         ({"lock_limit": 65536}, "note", "no_memory_lock", "at most 64 KiB", "memlock unlimited"),
-        ({"rt_runtime": 0.0}, "note", "rt_throttling", "no time at all", "sysctl"),
+        ({"rt_runtime": 0.0}, "note", "no_rt_time", "no time at all", "sysctl"),
         ({"has_preempt_rt": False}, "note", "no_preempt_rt", "without PREEMPT_RT", "kernel"),
-        ({"cores": 1}, "note", "few_cores", "1 may be used", "2 cores"),
-        ({"load": 3.0}, "note", "load", "3.0 processes", "taskset"),
-        ({"governor": "powersave"}, "note", "governor", "powersave", "cpupower"),
+        ({"cores": 1}, "note", "few_cores", "1 may be used", "2 or more"),
+        ({"load": 3.0}, "note", "high_load", "3.0 processes", "taskset"),
+        ({"governor": "powersave"}, "note", "slow_governor", "powersave", "cpupower"),
         ({"clock_resolution": 4e-3}, "note", "coarse_timers", "4 ms", "HIGH_RES"),
         ({"clock_source": "hpet"}, "note", "slow_clock", "hpet", "echo tsc"),
         ({"has_curve": False}, "note", "no_curve", "without CURVE", "pip install"),
@@ -71,8 +71,8 @@ def test_what_could_be_better_is_said_with_how(
 ) -> None:
     worst = machine.examine(replace(GOOD, **change))[0]
     assert (worst.severity, worst.kind) == (severity, kind)
-    assert seen in worst.seen
-    assert advice in worst.advice
+    assert seen in wording.seen(worst)
+    assert advice in wording.advice(worst)
 
 
 def test_what_the_kernel_does_not_say_is_left_out() -> None:
@@ -101,7 +101,7 @@ def test_keys_that_others_can_replace_are_told(
     tmp_path.chmod(0o777)
     monkeypatch.setenv("FORCEBOUND_KEYS", str(tmp_path))
     findings = {finding.kind: finding for finding in machine.examine(machine.look())}
-    assert findings["unsafe_keys"].advice == f"chmod 700 {tmp_path}"
+    assert findings["unsafe_keys"].data["action"] == f"chmod 700 {tmp_path}"
 
 
 def test_a_temporary_folder_that_is_not_there_is_told(

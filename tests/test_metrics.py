@@ -1,4 +1,4 @@
-"""Summaries against runs whose stiffness, hardness, turns and energies are known beforehand."""
+"""Summaries of runs with known stiffness, rate-hardness, bounces and energies."""
 
 import json
 import math
@@ -60,10 +60,10 @@ def config(**environment: Any) -> dict[str, Any]:
 def ticks(
     path: Callable[[float], float],
     shown: float = 540.0,
-    asked: float = 10_000.0,
+    commanded: float = 10_000.0,
     duration: float = 6.0,
 ) -> list[Telemetry]:
-    """Return a run along ``path`` in which a wall of ``asked`` N/m shows as ``shown`` N/m."""
+    """Return a run along ``path`` in which a wall of ``commanded`` N/m shows as ``shown`` N/m."""
     run = []
     for tick in range(round(duration * RATE)):
         elapsed = tick / RATE
@@ -75,7 +75,7 @@ def ticks(
                 time_ns=tick * 1_000_000 + 400_000,
                 elapsed=elapsed,
                 position=(position,),
-                commanded_force=(asked * depth,),
+                commanded_force=(commanded * depth,),
                 applied_force=(shown * depth,),
                 force_limit=8.5,
                 estimated_energy=0.002,
@@ -273,7 +273,7 @@ def test_hardware_has_no_true_energy_and_no_known_rest() -> None:
     assert summary["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
 
 
-# --- Turns and rest ------------------------------------------------------------------------------
+# --- Bounces and rest -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("periods", [1, 7])
@@ -283,9 +283,9 @@ def test_an_oscillation_turns_twice_a_period(periods: int) -> None:
 
 
 def test_a_turn_counts_from_its_excursion_on() -> None:
-    for factor, turns in [(0.99, 0), (1.01, 1)]:
+    for factor, bounces in [(0.99, 0), (1.01, 1)]:
         there_and_back = np.array([0.0, 0.001, 0.001 - factor * BOUNCE_EXCURSION])
-        assert count_bounces(there_and_back) == turns
+        assert count_bounces(there_and_back) == bounces
 
 
 def test_an_encoder_that_chatters_does_not_turn() -> None:

@@ -1,4 +1,4 @@
-"""Two machines that are two network namespaces: the graph in one, the environment in the other.
+"""Two network namespaces as two machines: the graph in one, the environment in the other.
 
 What must hold is judged by the device's own telemetry. It takes root and iproute2.
 """

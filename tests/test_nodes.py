@@ -1,4 +1,4 @@
-"""What each node decides, fed by hand."""
+"""Decisions of each node, fed by hand."""
 
 import dataclasses
 import logging

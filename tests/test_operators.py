@@ -1,4 +1,4 @@
-"""The promises that every operator keeps, and the path of each one."""
+"""The contract of every operator, and the path of each."""
 
 import math
 from itertools import pairwise

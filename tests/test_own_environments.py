@@ -12,8 +12,8 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.cli import main
 from forcebound.config.changes import change
-from forcebound.config.graph import member_document
-from forcebound.config.loader import from_document, load, member_of, to_document
+from forcebound.config.loader import from_document, load, member_of
+from forcebound.config.resolved import member_document, restore, to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.results import run_metadata
@@ -99,9 +99,8 @@ def test_its_code_does_not_run_in_the_process_of_the_device(tmp_path: Path) -> N
         {"name": "late", "duration": 1.0, "set": {"environment.compute_delay": 0.002}},
         {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},
     ]
-    del document["duration"]
     document["environment"] |= {"kind": str(tmp_path / "not_read.py"), "compute_delay": 0.001}
-    config = from_document(document, serves=False)
+    config = restore(document, serves=False)
     assert type(config.environment.model) is Wall
     assert config.environment.compute_delay == 0.001
     late, soft = config.phases

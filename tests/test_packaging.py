@@ -1,4 +1,4 @@
-"""The rooms on disk are the rooms in the package, and the package is whole."""
+"""The package: every folder is listed, layered and complete."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""The laws of the paper and those it is compared with, worked out by hand."""
+"""The paper's laws and the laws it compares with, computed by hand."""
 
 import math
 from collections.abc import Callable
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from forcebound.bounding import (
     LAWS,
+    Sample,
     less_conservative_noncausal,
     more_conservative_noncausal,
 )
@@ -89,13 +90,21 @@ def test_more_conservative_satisfies_its_condition_21_at_every_sample(
     trace: list[tuple[float, float]],
 ) -> None:
     x, held, beta = 0.0, 0.0, B
-    parameters = LAWS["more_conservative"].parameters(PHANTOM)
+    device = LAWS["more_conservative"].device(PHANTOM)
     for move, asked in trace:
         x += move
         before = beta
-        beta, largest, _ = LAWS["more_conservative"].limit(
-            beta, abs(asked), 1e-3, abs(move), 0, 0, held * move, abs(held), abs(held), *parameters
+        sample = Sample(
+            commanded=abs(asked),
+            dt=1e-3,
+            distance=abs(move),
+            squared_velocity_integral=0.0,
+            path=0.0,
+            work=held * move,
+            held=abs(held),
+            held_sum=abs(held),
         )
+        beta, largest, _ = LAWS["more_conservative"].limit(beta, sample, device)
         force = math.copysign(min(abs(asked), largest), asked)
         left = (2 * before * move + held) ** 2 / (4 * before)
         assert 0.0 < beta <= B
@@ -112,10 +121,9 @@ def test_more_conservative_passes_a_soft_wall_untouched() -> None:
 def test_more_conservative_forgets_what_no_force_needed() -> None:
     free = run("more_conservative", PHANTOM, steady([1e-3, 2e-3, 2e-3], [0.0, 0.0, 8.0]))
     assert forces(free) == [0.0, 0.0, 0.0]
-    parameters = LAWS["more_conservative"].parameters(PHANTOM)
-    state = LAWS["more_conservative"].limit(
-        17.0, 0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, *parameters
-    )
+    device = LAWS["more_conservative"].device(PHANTOM)
+    sample = Sample(0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    state = LAWS["more_conservative"].limit(17.0, sample, device)
     assert state == (B, 0.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A picture shows the data that it was given, in scales that keep every run readable."""
+"""Plots: the given data, in scales that keep every run readable."""
 
 import math
 from collections import Counter
@@ -28,15 +28,15 @@ def telemetry(ticks: int = 200, swing: float = 0.0, energy: float = 0.005) -> li
     for tick in range(ticks):
         elapsed = tick * 1e-3
         position = min(0.2 * elapsed, WALL + 0.002) + swing * math.sin(60.0 * elapsed)
-        asked = max(10_000.0 * (position - WALL), 0.0)
+        commanded = max(10_000.0 * (position - WALL), 0.0)
         run.append(
             Telemetry(
                 seq=tick,
                 time_ns=tick * 1_000_000,
                 elapsed=elapsed,
                 position=(position,),
-                commanded_force=(min(asked, 8.5),),
-                applied_force=(min(asked, 2.0),),
+                commanded_force=(min(commanded, 8.5),),
+                applied_force=(min(commanded, 2.0),),
                 force_limit=2.0,
                 estimated_energy=0.9 * energy * elapsed,
                 true_energy=energy * elapsed,
@@ -259,7 +259,7 @@ def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names(
     run = run_of(telemetry())
     log = EventLog("device")
     start_ns = int(run[1].time_ns[0])
-    told = [
+    marked = [
         log.emit(start_ns - 1, "environment_lost", "before the force engaged", is_fault=True),
         log.emit(start_ns + 3_000_000, "force_released", "", is_fault=True),
         log.emit(start_ns + 4_000_000, "force_released", "", is_fault=True),
@@ -274,12 +274,12 @@ def test_faults_and_changes_are_lines_by_kind_and_phases_bands_with_their_names(
     def marks(axes: Any) -> Counter[str]:
         return Counter(line.get_label() for line in axes.lines)
 
-    axes = panel(figure([run], events=[told]), 0)
+    axes = panel(figure([run], events=[marked]), 0)
     assert marks(axes)["force released"] == 2
     assert marks(axes)["parameter set"] == 1
     assert not {"environment lost", "force engages"} & set(marks(axes))
     assert not axes.child_axes
-    axes = panel(figure([run], events=[told + phases]), 0)
+    axes = panel(figure([run], events=[marked + phases]), 0)
     assert marks(axes)["force released"] == 2
     assert marks(axes)["parameter set"] == 0
     (above,) = axes.child_axes

@@ -1,4 +1,4 @@
-"""The live runner, one turn at a time in this process; and the recorder's loop."""
+"""The live runner, one turn at a time in this process, and the recorder's loop."""
 
 import os
 import signal
@@ -59,7 +59,7 @@ class BrokenServo(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = ()
     publishes: ClassVar[tuple[type[Packet], ...]] = ()
     wakes_on_arrival: ClassVar[bool] = False
-    wake_ns: ClassVar[int] = 0
+    wake_ns: int | None = 0
 
     def __init__(self) -> None:
         self.events = EventLog("device")

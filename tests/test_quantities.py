@@ -149,4 +149,4 @@ def test_an_editor_is_told_the_unit() -> None:
     from pydantic import TypeAdapter
 
     schema = TypeAdapter(Sample).json_schema()["properties"]["period"]
-    assert schema["description"] == "time in s; or with its unit, e.g. 5 ms"
+    assert schema["description"] == "time in s; or with its unit, e.g. 5 ms; > 0 s"

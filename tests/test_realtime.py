@@ -1,4 +1,4 @@
-"""Punctuality: what is set, what is refused, and that it is said. No test decides by timing."""
+"""Real-time settings: what is set, denied and reported. No test decides by timing."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A recording holds every packet exactly, survives a killed recorder, and opens elsewhere."""
+"""Recordings: exact packets, a killed recorder, other readers of MCAP."""
 
 import json
 import math
@@ -311,7 +311,7 @@ def test_a_file_of_another_kind_is_refused(path: Path, content: bytes) -> None:
 def test_a_recording_without_telemetry_says_so_when_asked_for_it(path: Path) -> None:
     recording = record(path, [p for p in packets() if type(p) is not Telemetry])
     assert len(recording.packets("device_state")) == 5
-    with pytest.raises(ConfigError, match="holds no telemetry"):
+    with pytest.raises(ConfigError, match="has no telemetry"):
         _ = recording.telemetry
 
 

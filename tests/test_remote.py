@@ -1,4 +1,4 @@
-"""The link to another machine: real sockets on loopback, friends, strangers and rubbish."""
+"""The link to another machine: sockets on loopback, permitted and other peers, invalid bytes."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""The paper's experiments: numbers that must hold, and a report that needs nothing but itself."""
+"""The paper's experiments: required numbers, and a self-contained report."""
 
 import json
 import re

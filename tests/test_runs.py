@@ -1,21 +1,32 @@
-"""Run directories: which of them are of graphs that run, and what becomes of those of the dead."""
+"""Run directories: those of running graphs, and removal of the others."""
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
+from click.testing import CliRunner
 
+from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.launch.holding import LOCK_FILE, hold, is_held
-from forcebound.launch.live import RECORDING, RUN_FILE, RunDocument, remove_left_over, run_directory
-from forcebound.monitor.runs import find, running
+from forcebound.launch.live import (
+    LAUNCH_FILE,
+    RECORDING,
+    RUN_FILE,
+    RunDocument,
+    remove_left_over,
+    run_directory,
+)
+from forcebound.monitor import delay, observation
+from forcebound.monitor.runs import find, running, while_running
 
 MakeRun = Callable[..., Path]
 
@@ -58,7 +69,7 @@ def test_a_run_of_somebody_else_is_not_looked_into(
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
     assert running([tmp_path]) == []
-    with pytest.raises(ConfigError, match="not the run directory of a graph that runs; none runs"):
+    with pytest.raises(ConfigError, match="not the run directory of a running graph; none runs"):
         find(run_dir, [tmp_path])
 
 
@@ -78,12 +89,12 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
     with pytest.raises(ConfigError) as caught:
         find(None, [tmp_path])
     head, *lines = str(caught.value).splitlines()
-    assert head == "several graphs run; say which one: --run DIR, of"
+    assert head == "several graphs run; name one: --run DIR, of"
     assert lines == [
         f"  {first}  (stiff_wall law:=none, process {os.getpid()})",
         f"  {second}  (stress.yaml, process {os.getpid()})",
     ]
-    with pytest.raises(ConfigError, match="say which one: forcebound delay DIR"):
+    with pytest.raises(ConfigError, match="name one: forcebound delay DIR"):
         find(None, [tmp_path], option="forcebound delay ")
     assert find(second, [tmp_path]) == second
 
@@ -117,9 +128,7 @@ def test_a_directory_of_no_run_is_refused_with_those_that_run(
     run_dir = make_run(tmp_path, "a")
     dead = make_run(tmp_path, "dead", is_alive=False)
     for wrong in (dead, tmp_path / "missing"):
-        with pytest.raises(
-            ConfigError, match=f"(?s){wrong.name} is not.*those that run.*{run_dir}"
-        ):
+        with pytest.raises(ConfigError, match=f"(?s){wrong.name} is not.*these are.*{run_dir}"):
             find(wrong, [tmp_path])
 
 
@@ -138,6 +147,34 @@ def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
     (launched / "control-launcher").touch()
     assert find(None, [tmp_path]) == launched
     assert find(by_hand, [tmp_path]) == by_hand
+
+
+@pytest.mark.parametrize("command", [["doctor"], ["delay"]])
+def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch, command: list[str]
+) -> None:
+    run_dir = make_run(tmp_path, "a")
+    (run_dir / LAUNCH_FILE).write_text("{}")
+
+    def end(run_dir: Path, duration: float) -> NoReturn:
+        shutil.rmtree(run_dir)
+        RunDocument.read(run_dir)
+        raise AssertionError
+
+    for module in (delay, observation):
+        monkeypatch.setattr(module, "watch", end)
+    run = [str(run_dir)] if command == ["delay"] else ["--run", str(run_dir)]
+    done = CliRunner().invoke(main, [*command, *run])
+    assert done.exit_code == 1
+    assert f"the graph in {run_dir} has ended meanwhile" in done.stderr
+
+
+def test_what_is_wrong_with_a_graph_that_goes_on_is_said_as_it_is(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    run_dir = make_run(tmp_path, "a")
+    with pytest.raises(ConfigError, match="as it is"), while_running(run_dir):
+        raise ConfigError("as it is")
 
 
 # --- Owners, and what they leave when they die --------------------------------------------------

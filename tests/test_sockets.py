@@ -1,4 +1,4 @@
-"""The sockets: each trap of ZeroMQ that is handled has a test here. Only ipc and loopback."""
+"""Sockets: one test for each trap of ZeroMQ that is handled. Only ipc and loopback."""
 
 import os
 import socket

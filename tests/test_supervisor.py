@@ -1,4 +1,4 @@
-"""The supervisor with real processes, few; its decisions are tested in ``test_lifecycle.py``.
+"""The supervisor with a few real processes; ``test_lifecycle.py`` tests its decisions.
 
 No test decides by timing: each waits for something in bounded time and fails if it never comes.
 """
@@ -180,8 +180,8 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
 def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control, "ANSWER_TIME", 0.1)
-    with pytest.raises(ConfigError, match=r"nobody takes orders in .*started by hand"):
+    monkeypatch.setattr(control, "ANSWER_TIMEOUT", 0.1)
+    with pytest.raises(ConfigError, match=r"no launcher answers in .*started by hand"):
         ask_launcher(run_dir, {"request": "status"})
     (run_dir / "control-launcher").touch()
     with pytest.raises(RunError, match=r"has not answered for 0.1 s"):

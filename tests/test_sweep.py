@@ -1,4 +1,4 @@
-"""Sweeps: what a file says, what a result holds, and that nothing is lost on the way."""
+"""Sweeps: plan files, results, interruption and continuation."""
 
 import contextlib
 import json
@@ -329,6 +329,7 @@ def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.P
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 cwd=folder,
+                env={**os.environ, "TMPDIR": str(folder)},  # a killed one leaves its scratch space
             )
             running.callback(process.wait)
             running.callback(process.kill)

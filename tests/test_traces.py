@@ -1,4 +1,4 @@
-"""Recorded delays: their file, their replay on a link, and how they are recorded."""
+"""Recorded delays: file format, replay on a link, recording."""
 
 import json
 import math
@@ -15,7 +15,8 @@ from launch_texts import GOOD, problems_of, written
 from test_impairment import MS, Packet
 
 from forcebound.cli import main
-from forcebound.config.loader import from_document, load, to_document
+from forcebound.config.loader import from_document, load
+from forcebound.config.resolved import to_document
 from forcebound.config.traces import loop_delays, read_trace, shortest_of
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.build import build_links
@@ -397,7 +398,7 @@ def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path
 
 
 def test_a_duration_has_no_meaning_for_a_recording(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="leave --duration out"):
+    with pytest.raises(ConfigError, match="leave out --duration"):
         measure(tmp_path / "run.mcap", 1.0)
 
 

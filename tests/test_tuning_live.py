@@ -1,4 +1,4 @@
-"""Parameters of live graphs: a change for who is suspended, stopped, waiting, or elsewhere."""
+"""Parameters of live graphs: changes for suspended, stopped, waiting and remote nodes."""
 
 import json
 import signal
@@ -54,7 +54,7 @@ def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path) -> 
         assert refused.returncode == 2
         assert "on the machine of the graph" in refused.stderr
         listed = graph.order("param", "get", "links", *far).stdout.splitlines()
-        of_graph = {line.split(".")[1] for line in listed if "# of another machine" in line}
+        of_graph = {line.split(".")[1] for line in listed if "# belongs to another machine" in line}
         assert of_graph == {"device_state", "environment_reply", "force_command"}
         waits = graph.order("param", "set", "environment.stiffness:=9 N/mm", *far)
         assert waits.returncode == 0, waits.stderr

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telemetry, launch file
 
 # Source: Okabe, Ito, Color universal design, 2008.
-HAPPENS = "#0072B2"  # blue: physical quantities
+PHYSICAL = "#0072B2"  # blue: physical quantities
 COMMANDED = "#E69F00"  # orange: commanded force, and the environment's own stiffness
-BELIEVED = "#009E73"  # green: estimates of the law
-FORBIDDEN = "#D55E00"  # vermilion: not passive; faults
+ESTIMATED = "#009E73"  # green: estimates of the law
+NOT_PASSIVE = "#D55E00"  # vermilion: not passive; faults
 PHASE = "#56B4E9"  # sky blue: every other phase
 NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
@@ -68,7 +68,7 @@ def _draw_position(axes: Axes, view: View) -> None:
         surface_line = view.wall.position * 1e3
         axes.axhline(surface_line, label="surface", color=NEUTRAL, linestyle="--", linewidth=1.0)
     true_position = columns.true_position[shown, axis] * 1e3
-    _line(axes, view.time, true_position, "true", color=HAPPENS, linewidth=2.2, alpha=0.45)
+    _line(axes, view.time, true_position, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
     position = columns.position[shown, axis] * 1e3
     _line(axes, view.time, position, "reading", color="black", linewidth=0.6)
 
@@ -82,20 +82,20 @@ def _draw_force(axes: Axes, view: View) -> None:
     commanded = columns.commanded_force[shown, axis]
     _line(axes, view.time, commanded, "commanded", color=COMMANDED, linewidth=0.8)
     applied = columns.applied_force[shown, axis]
-    _line(axes, view.time, applied, "applied", color=HAPPENS, linewidth=1.1)
+    _line(axes, view.time, applied, "applied", color=PHYSICAL, linewidth=1.1)
 
 
 def _draw_energy(axes: Axes, view: View) -> None:
     axes.axhline(0.0, color=NEUTRAL, linewidth=0.8)
     estimated = view.columns.estimated_energy[view.shown] * 1e3
-    _line(axes, view.time, estimated, "estimated", color=BELIEVED, linewidth=1.0)
+    _line(axes, view.time, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
     true = view.columns.true_energy[view.shown] * 1e3
-    _line(axes, view.time, true, "true", color=HAPPENS, linewidth=1.4)
+    _line(axes, view.time, true, "true", color=PHYSICAL, linewidth=1.4)
 
 
 def _draw_delay(axes: Axes, view: View) -> None:
     delay = view.columns.loop_delay[view.shown] * 1e3
-    _line(axes, view.time, delay, "state\nto force", color=HAPPENS, linewidth=0.6)
+    _line(axes, view.time, delay, "state\nto force", color=PHYSICAL, linewidth=0.6)
 
 
 def _draw_force_over_penetration(axes: Axes, view: View) -> None:
@@ -112,7 +112,7 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
             linewidth=1.0,
         )
     applied = view.columns.applied_force[view.shown, view.axis]
-    _line(axes, depth, applied, "applied", color=HAPPENS, linewidth=0.8)
+    _line(axes, depth, applied, "applied", color=PHYSICAL, linewidth=0.8)
     deepest = float(depth.max()) if depth.size else 0.0
     if deepest > 0.0:  # without the long way to the surface, on which no force acts
         axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
@@ -130,7 +130,7 @@ def _draw_contact(axes: Axes, view: View) -> None:
     commanded = columns.commanded_force[shown, axis]
     _line(axes, since[seen], commanded[seen], "commanded", color=COMMANDED, linewidth=0.8)
     applied = columns.applied_force[shown, axis]
-    _line(axes, since[seen], applied[seen], "applied", color=HAPPENS, linewidth=1.1)
+    _line(axes, since[seen], applied[seen], "applied", color=PHYSICAL, linewidth=1.1)
     axes.set_xlim(*AROUND_CONTACT)
 
 

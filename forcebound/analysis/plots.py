@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcebound.analysis.metrics import Floats
-from forcebound.analysis.panels import FORBIDDEN, NEUTRAL, PANELS, PHASE, Panel, Run, view_of
+from forcebound.analysis.panels import NEUTRAL, NOT_PASSIVE, PANELS, PHASE, Panel, Run, view_of
 from forcebound.analysis.summary import law
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Event
@@ -102,7 +102,7 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
         if event.time_ns >= zero_ns:
             axes.axvline(
                 (event.time_ns - zero_ns) * 1e-9,
-                color=FORBIDDEN if event.is_fault else NEUTRAL,
+                color=NOT_PASSIVE if event.is_fault else NEUTRAL,
                 linestyle=MARK_STYLES[kinds.index(event.event) % len(MARK_STYLES)],
                 linewidth=0.8,
                 label=event.event.replace("_", " ") if names else None,
@@ -202,7 +202,7 @@ def _scale_energy(row: list[Axes]) -> None:
         bottom, top = low - margin, high + margin
     for axes in row:
         axes.axhspan(
-            bottom, 0.0, label="not passive", color=FORBIDDEN, alpha=0.12, linewidth=0.0, zorder=0
+            bottom, 0.0, label="not passive", color=NOT_PASSIVE, alpha=0.12, linewidth=0.0, zorder=0
         )
         axes.set_ylim(bottom, top)
     _label_outer(row)

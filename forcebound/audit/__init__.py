@@ -21,11 +21,10 @@ The device dissipates exactly what the law is told, so no law has a hidden reser
 
 from forcebound.audit.campaign import run_campaign
 from forcebound.audit.cases import ADVERSARIES, SENSORS, Case, case_of, dissipation_of, draw_case
-from forcebound.audit.run import ENERGY_TOLERANCE, TRACE_COLUMNS, Result, attack, replay
+from forcebound.audit.run import TRACE_COLUMNS, Result, attack, replay
 
 __all__ = [
     "ADVERSARIES",
-    "ENERGY_TOLERANCE",
     "SENSORS",
     "TRACE_COLUMNS",
     "Case",

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from forcebound.audit.cases import difficulties, draw_case
-from forcebound.audit.run import ENERGY_TOLERANCE, Result, attack
+from forcebound.audit.run import Result, attack
 from forcebound.audit.search import NICHES, search
-from forcebound.bounding import LAWS
+from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
 from forcebound.workers import completed, local_executor
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.analysis.plots import save
-from forcebound.audit.run import ENERGY_TOLERANCE, TRACE_COLUMNS, Floats, Result
+from forcebound.audit.run import TRACE_COLUMNS, Floats, Result
+from forcebound.bounding import ENERGY_TOLERANCE
 
 INTRODUCTION = """\
 # The audit: can the laws be broken?
@@ -158,7 +159,7 @@ def draw_run(result: Result, trace: Floats, picture: Path) -> None:
     top.plot(columns["time"], 1e3 * columns["position"], label="position")
     top.plot(columns["time"], 1e3 * columns["reading"], lw=0.7, label="reading")
     top.set_ylabel("mm")
-    middle.plot(columns["time"], columns["asked"], lw=0.7, color="0.6", label="asked")
+    middle.plot(columns["time"], columns["commanded"], lw=0.7, color="0.6", label="commanded")
     middle.plot(columns["time"], columns["force"], label="applied")
     middle.set_ylabel("N")
     bottom.plot(columns["time"], 1e3 * columns["energy"], label="of the hand")

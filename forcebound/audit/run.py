@@ -1,7 +1,8 @@
 """One run of an audit: plant, hand, adversary, bad clock and law, compiled.
 
-The order within a sample is that of :class:`forcebound.bounding.ForceBounder` for one axis; tests
-compare the two bit by bit.
+The sample and the law are those of the live bounder
+(:func:`forcebound.bounding.one_axis.one_axis`), the plant is that of the simulated
+device, the adversaries are those of :mod:`forcebound.environments`.
 """
 
 import math
@@ -13,18 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.audit.cases import PERIOD, Case, case_of, dissipation_of
-from forcebound.bounding import (
-    ANCHOR_SAMPLES,
-    LAWS,
-    clear_square,
-    least_viscous_path,
-    play,
-)
+from forcebound.bounding import ENERGY_TOLERANCE, LAWS, DeviceConstants
+from forcebound.bounding.one_axis import one_axis
+from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import advance, quantise
+from forcebound.environments.adversary import active_wall_force, pushing_force
+from forcebound.environments.damper import damper_force
+from forcebound.environments.wall import wall_force
 from forcebound.errors import ConfigError
 
-ENERGY_TOLERANCE = 1e-9  # J; rounding of sums that reach some 10 J in a run
 SUBSTEPS = 8  # plant steps in a hold
 EARNED = 1e-5  # J; a run that has not earned this much says nothing about how much was given back
 
@@ -59,7 +58,7 @@ TRACE_COLUMNS = (
     "time",
     "position",
     "reading",
-    "asked",
+    "commanded",
     "force",
     "energy",
     "loss_and_work",
@@ -67,7 +66,7 @@ TRACE_COLUMNS = (
 )
 
 Kernel: TypeAlias = Callable[
-    [Case, tuple[float, ...], NDArray[np.int64], Floats, Floats, NDArray[np.int64], Floats], None
+    [Case, DeviceConstants, NDArray[np.int64], Floats, Floats, NDArray[np.int64], Floats], None
 ]
 
 
@@ -95,8 +94,8 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
     faults[chance[:, 2] < case.loss] = LOST
     faults[chance[:, 3] < case.corruption] = CORRUPTED
     trace = np.zeros((case.samples, len(TRACE_COLUMNS)))
-    parameters = LAWS[law].parameters(dissipation_of(case))
-    _kernel_of(law)(case, parameters, periods_ns, 2.0 * chance[:, 4] - 1.0, noise, faults, trace)
+    device = LAWS[law].device(dissipation_of(case))
+    _kernel_of(law)(case, device, periods_ns, 2.0 * chance[:, 4] - 1.0, noise, faults, trace)
     lost = trace[:, 6]
     earned = np.maximum.accumulate(lost)
     lowest = int(np.argmin(lost))
@@ -134,182 +133,152 @@ def read(sensor: int, x: float, v: float, resolution: float, noise: float) -> fl
     return quantise(x, resolution)
 
 
-LOST = 1  # the force of this sample did not arrive: the old one is asked for again
+LOST = 1  # the force of this sample did not arrive: the old one is commanded again
 CORRUPTED = 2  # a random force arrived in its place
 
 
-def ask(
-    adversary: int,
-    reading: float,
-    velocity: float,
-    chance: float,
-    stiffness: float,
-    damping: float,
-    magnitude: float,
-    surface: float,
-) -> float:
-    """Return the force that the adversary asks for, in N; ``chance`` is random in [-1, 1]."""
-    depth = max(reading - surface, 0.0)
-    if adversary == 0:
-        return stiffness * depth
-    if adversary == 1:
-        return stiffness * depth - damping * velocity if depth > 0.0 else 0.0
-    if adversary == 2:
-        return -damping * velocity
-    if adversary == 3:
-        return magnitude * chance
-    if adversary == 4:
-        return -magnitude if velocity > 0.0 else (magnitude if velocity < 0.0 else 0.0)
-    return stiffness * (reading - surface)
+def ask(case: Case, reading: float, velocity: float, chance: float) -> float:
+    """Return the force of the case's adversary, in N; ``chance`` is random in [-1, 1]."""
+    if case.adversary == 0:
+        return wall_force(reading, case.stiffness, case.surface)
+    if case.adversary == 1:
+        damping = -case.environment_damping
+        return active_wall_force(reading, velocity, case.stiffness, damping, case.surface)
+    if case.adversary == 2:
+        return damper_force(velocity, -case.environment_damping)
+    if case.adversary == 3:
+        return case.magnitude * chance
+    if case.adversary == 4:
+        return pushing_force(velocity, case.magnitude, 0.0)
+    return case.stiffness * (reading - case.surface)
+
+
+def command(case: Case, answer: float, fault: int, chance: float, before: float) -> float:
+    """Return the force that arrives, saturated, in N; ``before`` is that of the last sample."""
+    if fault == LOST:
+        return before
+    if fault == CORRUPTED:
+        answer = 1e3 * chance
+    return max(-case.saturation, min(case.saturation, answer))
+
+
+def target_at(case: Case, time: float) -> float:
+    """Return where the hand wants to be, in m."""
+    slow = 1.0 - math.cos(2.0 * math.pi * case.slow * time)
+    fast = 1.0 - math.cos(2.0 * math.pi * case.fast * time)
+    return case.amplitude * (0.5 * slow + 0.1 * fast)
+
+
+class Body(NamedTuple):
+    """The true motion and energies."""
+
+    x: float  # m
+    v: float  # m/s
+    work: float  # J, of the hand's spring and damper
+    loss: float  # J, lost by viscous damping and friction, plus work against the motor
+
+
+class Lowest(NamedTuple):
+    """The lowest energies since the last sample."""
+
+    energy: float  # J, of the hand
+    loss_and_work: float  # J
+    balance: float  # J, of a plant step: the integrator's error
+
+
+def hold(
+    body: Body,
+    lowest: Lowest,
+    case: Case,
+    target: float,
+    target_velocity: float,
+    duration: float,
+    force: float,
+) -> tuple[Body, Lowest]:
+    """Move for ``duration``, in s, with the motor's ``force``, in N, from the hand's ``target``."""
+    x, v, work, loss = body.x, body.v, body.work, body.loss
+    energy, loss_and_work, balance = lowest.energy, lowest.loss_and_work, lowest.balance
+    total_mass = case.mass + case.hand_mass
+    h = duration / SUBSTEPS
+    for i in range(SUBSTEPS):
+        x_before, v_before, work_before = x, v, work
+        x, v, work, _ = advance(
+            x,
+            v,
+            work,
+            target + target_velocity * h * i,
+            target + target_velocity * h * (i + 1),
+            h,
+            h,
+            force,
+            total_mass,
+            case.damping,
+            case.friction,
+            case.hand_stiffness,
+            case.hand_damping,
+        )
+        dx = x - x_before
+        spent = case.damping * dx * dx / h + case.friction * abs(dx) + force * dx
+        kinetic = 0.5 * total_mass * (v * v - v_before * v_before)
+        loss += spent
+        energy = min(energy, work - 0.5 * case.hand_mass * v * v)
+        loss_and_work = min(loss_and_work, loss)
+        balance = min(balance, work - work_before - kinetic - spent)
+    return Body(x, v, work, loss), Lowest(energy, loss_and_work, balance)
+
+
+def move(
+    body: Body, case: Case, target: float, target_end: float, dt: float, force: float
+) -> tuple[Body, Lowest]:
+    """Move for ``dt``, in s; the watchdog drops a force that is older than the hold limit."""
+    lowest = Lowest(math.inf, math.inf, math.inf)
+    target_velocity = (target_end - target) / dt
+    held_for = min(dt, case.hold_limit)
+    body, lowest = hold(body, lowest, case, target, target_velocity, held_for, force)
+    if dt > held_for:
+        target += target_velocity * held_for
+        body, lowest = hold(body, lowest, case, target, target_velocity, dt - held_for, 0.0)
+    return body, lowest
 
 
 @cache
 def _kernel_of(law: str) -> Kernel:
     """Return the compiled run of one law."""
-    chosen = LAWS[law]
-    start, limit, settle = chosen.start, chosen.limit, chosen.settle
-    allow_in_kernels([start, limit, settle])
-    _allow_common()
+    start, bound = LAWS[law].start, one_axis(LAWS[law])
 
     def run(
         case: Case,
-        parameters: tuple[float, ...],
+        device: DeviceConstants,
         periods_ns: NDArray[np.int64],
         chances: Floats,
         noise: Floats,
         faults: NDArray[np.int64],
         trace: Floats,
     ) -> None:
-        half_resolution = 0.5 * case.resolution
-        total_mass = case.mass + case.hand_mass
-        x = v = work = loss = time = 0.0
-        target = reading = playing = path = 0.0
-        older = younger = older_age = younger_age = viscous = between = 0.0
-        since_anchor = 0
-        force = asked = 0.0
-        state = start(*parameters)
+        body = Body(0.0, 0.0, 0.0, 0.0)
+        axis, memory, state = start_axis(0.0), NO_MEMORY, start(device)
+        time = target = commanded = 0.0
         history = np.zeros((case.delay + 1, 2))  # reading and velocity, as a ring
         for n in range(case.samples):
-            # Hold: the plant moves, and the watchdog drops a force that gets too old.
-            elapsed = periods_ns[n] / 1e9
-            held_for = min(elapsed, case.hold_limit)
-            time += elapsed
-            slow = 1.0 - math.cos(2.0 * math.pi * case.slow * time)
-            fast = 1.0 - math.cos(2.0 * math.pi * case.fast * time)
-            target_before = target
-            target = case.amplitude * (0.5 * slow + 0.1 * fast)
-            target_velocity = (target - target_before) / elapsed
-            lowest_energy = lowest_loss = lowest_balance = math.inf
-            for part in range(2):
-                duration = held_for if part == 0 else elapsed - held_for
-                if duration <= 0.0:
-                    continue
-                motor = force if part == 0 else 0.0
-                began = target_before if part == 0 else target_before + target_velocity * held_for
-                h = duration / SUBSTEPS
-                for i in range(SUBSTEPS):
-                    x_before, v_before, work_before = x, v, work
-                    x, v, work, _ = advance(
-                        x,
-                        v,
-                        work,
-                        began + target_velocity * h * i,
-                        began + target_velocity * h * (i + 1),
-                        h,
-                        h,
-                        motor,
-                        total_mass,
-                        case.damping,
-                        case.friction,
-                        case.hand_stiffness,
-                        case.hand_damping,
-                    )
-                    dx = x - x_before
-                    spent = case.damping * dx * dx / h + case.friction * abs(dx) + motor * dx
-                    kinetic = 0.5 * total_mass * (v * v - v_before * v_before)
-                    loss += spent
-                    energy = work - 0.5 * case.hand_mass * v * v
-                    lowest_energy = min(lowest_energy, energy)
-                    lowest_loss = min(lowest_loss, loss)
-                    lowest_balance = min(lowest_balance, work - work_before - kinetic - spent)
-            # Sample: as ForceBounder.bound does for one axis (tests compare the two bit by bit).
-            reading_before = reading
-            reading = read(case.sensor, x, v, case.resolution, noise[n])
-            move = reading - reading_before
-            older_age += elapsed
-            younger_age += elapsed
-            viscous_before = viscous
-            viscous = least_viscous_path(
-                viscous,
-                clear_square(reading, reading_before, half_resolution),
-                elapsed,
-                clear_square(reading, older, half_resolution),
-                older_age,
-                clear_square(reading, younger, half_resolution),
-                younger_age,
-                between,
-            )
-            playing_before = playing
-            playing = play(reading, playing, half_resolution)
-            path_before = path
-            path += abs(playing - playing_before)
-            # Environment: sees readings, late; its answer may get lost or corrupted.
+            dt = periods_ns[n] / 1e9
+            time += dt
+            target_before, target = target, target_at(case, time)
+            body, lowest = move(body, case, target_before, target, dt, axis.force)
+            reading = read(case.sensor, body.x, body.v, case.resolution, noise[n])
+            # The environment sees readings, late; its answer may get lost or corrupted.
             slot = n % (case.delay + 1)
             history[slot, 0] = reading
-            history[slot, 1] = move / elapsed
+            history[slot, 1] = (reading - axis.reading) / dt
             seen = (n + 1) % (case.delay + 1)
-            answer = ask(
-                case.adversary,
-                history[seen, 0],
-                history[seen, 1],
-                chances[n],
-                case.stiffness,
-                case.environment_damping,
-                case.magnitude,
-                case.surface,
+            answer = ask(case, history[seen, 0], history[seen, 1], chances[n])
+            commanded = command(case, answer, faults[n], chances[n], commanded)
+            axis, memory, state, _ = bound(
+                axis, memory, state, reading, commanded, case.saturation, dt, device
             )
-            if faults[n] == CORRUPTED:
-                answer = 1e3 * chances[n]
-            if faults[n] != LOST:
-                asked = max(-case.saturation, min(case.saturation, answer))
-            # Law.
-            held = abs(force)
-            state, largest, added = limit(
-                state,
-                abs(asked),
-                elapsed,
-                abs(move),
-                viscous - viscous_before,
-                path - path_before,
-                force * move,
-                held,
-                held,
-                *parameters,
-            )
-            if elapsed > case.hold_limit:
-                force = 0.0
-                playing = older = younger = reading
-                path = older_age = younger_age = viscous = between = 0.0
-                since_anchor = 0
-            else:
-                since_anchor += 1
-                if since_anchor == ANCHOR_SAMPLES:
-                    older, older_age, younger, younger_age = younger, younger_age, reading, 0.0
-                    viscous -= between
-                    between = viscous
-                    since_anchor = 0
-            largest = min(largest, case.saturation)
-            wanted = asked + added / elapsed * move if added > 0.0 else asked
-            bounded = max(-largest, min(largest, wanted))
-            state = settle(state, abs(bounded), abs(bounded - force), abs(force), *parameters)
-            force = bounded
-            row = (time, x, reading, asked, force, lowest_energy, lowest_loss, lowest_balance)
+            energies = (lowest.energy, lowest.loss_and_work, lowest.balance)
+            row = (time, body.x, reading, commanded, axis.force, *energies)
             for column, value in enumerate(row):
                 trace[n, column] = value
 
+    allow_in_kernels([start, bound])
     return jit(run)
-
-
-@cache
-def _allow_common() -> None:
-    allow_in_kernels([advance, quantise, read, play, ask, clear_square, least_viscous_path])

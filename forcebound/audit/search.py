@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from forcebound.audit.cases import ADVERSARIES, DIMENSIONS, NOISES, SENSORS, encode
-from forcebound.audit.run import ENERGY_TOLERANCE, Result, replay
+from forcebound.audit.run import Result, replay
+from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]

@@ -45,7 +45,8 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     rounds, count = plan(duration, len(contestants), rate)
     timing = (round(1e9 / rate), count)
     bare = (core, settings.policy, *timing)
-    rest = {  # module, roles, arguments after the folder
+    # module, roles, arguments after the folder
+    rest: dict[str, tuple[str, tuple[str, ...], tuple[object, ...]]] = {
         "graph": ("graph_loop", NODES, (LAUNCH_FILE, *timing)),
         "bare": ("bare_loop", NODES, bare),
         "default": ("bare_loop", NODES, (-1, "other", *timing)),

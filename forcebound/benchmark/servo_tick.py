@@ -37,7 +37,7 @@ class AnswerNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry)
     publishes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     wakes_on_arrival: ClassVar[bool] = True
-    wake_ns: ClassVar[None] = None
+    wake_ns: int | None = None
 
     def __init__(self) -> None:
         self.events = EventLog("controller")

@@ -184,7 +184,7 @@ def _library(folder: Path, name: str, flags: Sequence[str]) -> Run:
     """Return ``sweep.c``, built with ``flags`` on top."""
     path = folder / f"{name}.so"
     width = f"-DWIDTH={WIDTH}"
-    with resources.as_file(resources.files(__package__).joinpath("sweep.c")) as source:
+    with resources.as_file(resources.files("forcebound.benchmark").joinpath("sweep.c")) as source:
         command = [_compiler(), *FLAGS, *flags, width, "-shared", "-fPIC"]
         built = subprocess.run(
             [*command, "-o", str(path), str(source), "-lm"], capture_output=True, text=True

@@ -105,7 +105,7 @@ def compile_c(source: str, folder: Path) -> Path:
             "install one, for example with: apt install gcc"
         )
     program = folder / Path(source).stem
-    with resources.as_file(resources.files(__package__).joinpath(source)) as path:
+    with resources.as_file(resources.files("forcebound.benchmark").joinpath(source)) as path:
         built = subprocess.run(
             [compiler, "-O2", "-o", str(program), str(path)], capture_output=True, text=True
         )

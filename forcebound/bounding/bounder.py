@@ -1,16 +1,50 @@
-"""The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
+"""The bounder: a law, its memory and the vectors, as the device node calls it at each sample.
+
+What happens to numbers is compiled, one call for :meth:`ForceBounder.bound` and one for
+:meth:`ForceBounder.settle`: a tick runs once a millisecond, with cold caches, and there interpreted
+arithmetic costs several times more than compiled. The memory lies in an array, which such a call
+takes over without copying.
+"""
 
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import TypeAlias
 
-from forcebound.bounding.law import ANCHOR_SAMPLES, Dissipation, least_viscous_path
+import numpy as np
+
+from forcebound.bounding.law import BoundingLaw, Dissipation
 from forcebound.bounding.laws import LAWS
+from forcebound.bounding.sample import (
+    AXIS_ROWS,
+    DEVICE_ROWS,
+    MEMORY_ROWS,
+    NO_MEMORY,
+    NO_MOTION,
+    NO_WRITE,
+    Floats,
+    load_axis,
+    load_device,
+    load_memory,
+    observe,
+    observe_axis,
+    start_axis,
+    store_axis,
+    store_memory,
+    write_axis,
+)
+from forcebound.compiled import allow_in_kernels, jit
 from forcebound.errors import ConfigError
 
 Vector: TypeAlias = tuple[float, ...]
 
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
+
+# Places in the array of a bounder.
+STATE, SATURATION, DEVICE = 0, 1, 2
+MEMORY = DEVICE + DEVICE_ROWS
+AXES = MEMORY + MEMORY_ROWS  # one block for each axis
 
 
 class ForceBounder:
@@ -26,6 +60,11 @@ class ForceBounder:
         dissipation: What the law may rely on.
         axes: Length of the vectors, at least 1.
 
+    Attributes:
+        limit: Largest magnitude allowed at the last sample, in N: the law's or the saturation.
+        estimated_energy: Energy that the law believes in after the last sample, in J; its meaning
+            is the law's.
+
     Raises:
         ConfigError: If the law is not known or there is no axis.
     """
@@ -35,31 +74,16 @@ class ForceBounder:
             raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
         if axes < 1:
             raise ConfigError(f"axes must be >= 1, got {axes}")
-        self._law = LAWS[law]
-        self._parameters = self._law.parameters(dissipation, axes)
-        self._limit_force = self._law.limit
-        self._settle_state = self._law.settle
-        self._half_resolution = dissipation.resolution / 2.0
-        self._hold_limit = dissipation.hold_limit
-        self._saturation = dissipation.saturation
+        self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
-        self._force: Vector = (0.0,) * axes
-        self._held = self._held_sum = self._path = 0.0
-        self._viscous = self._between = 0.0
-        self._samples = 0  # since the anchors were moved
-        self._plays: list[float] = []
-        self._paths: list[float] = []
-        self.start(0, self._force)
-
-    @property
-    def limit(self) -> float:
-        """Largest magnitude allowed at the last sample, in N: the law's or the saturation."""
-        return self._limit
-
-    @property
-    def estimated_energy(self) -> float:
-        """Energy that the law believes in after the last sample, in J; its meaning is the law's."""
-        return self._law.energy(self._state, self._held, self._held_sum, *self._parameters)
+        self._vector = np.zeros(axes)  # what a compiled call takes in
+        self._rows = np.zeros(AXES + AXIS_ROWS * axes)
+        self._rows[SATURATION] = dissipation.saturation
+        self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
+        # Compile, or load from the cache, before time matters.
+        self.start(0, (0.0,) * axes)
+        self.settle(self.bound(1, self._position, self._position))
+        self.start(0, self._position)
 
     def start(self, time_ns: int, position: Vector) -> None:
         """Begin with the first reading and no force; forget everything before.
@@ -73,14 +97,12 @@ class ForceBounder:
         Raises:
             ValueError: If ``position`` does not have as many entries as there are axes.
         """
-        if len(position) != self._axes:
-            raise ValueError(f"expected {self._axes} positions, got {len(position)}")
         self._time_ns = time_ns
-        self._state = self._law.start(*self._parameters)
-        self._reading = position
-        self._limit = 0.0
-        self._release()
-        self._restart()
+        self._position = position
+        self.limit = 0.0
+        self.estimated_energy: float = self._start_law(
+            self._rows, self._take_in(position, "positions")
+        )
 
     def bound(self, time_ns: int, position: Vector, force: Vector) -> Vector:
         """Return the force to write at this sample.
@@ -88,92 +110,35 @@ class ForceBounder:
         Args:
             time_ns: When ``position`` was read and the force is written, in ns; later than before.
             position: Reading of each axis, in m.
-            force: Force asked for on each axis, in N, finite.
+            force: Commanded force of each axis, in N.
 
         Returns:
-            Bounded force of each axis, in N, in the direction asked for (a law that adds damping
-            excepted).
+            Bounded force of each axis, in N, in the direction of the commanded force (a law that
+            adds damping excepted).
 
         Raises:
-            ValueError: If the time has not advanced or a number is not finite. Both are mistakes
-                of the caller: the safety chain has refused such forces before.
+            ValueError: If the time has not advanced, a length is wrong or a number is not finite.
+                All are mistakes of the caller: the safety chain has rejected such forces before.
         """
-        elapsed = (time_ns - self._time_ns) / 1e9
-        if elapsed <= 0.0:
+        dt = (time_ns - self._time_ns) / 1e9
+        if dt <= 0.0:
             raise ValueError(f"time must advance: {time_ns} ns after {self._time_ns} ns")
-        r = self._half_resolution
-        cell = 2.0 * r
-        moves: list[float] = []
-        distance_square = step_square = older_square = younger_square = work = path_square = 0.0
-        plays, paths, held_force = self._plays, self._paths, self._force
-        older, younger = self._older, self._younger
-        for axis, (reading, before) in enumerate(zip(position, self._reading, strict=True)):
-            move = reading - before
-            moves.append(move)
-            distance_square += move * move
-            work += held_force[axis] * move
-            # clear_square() and play(), written out: a call costs more than what it does
-            clear = abs(move) - cell
-            if clear > 0.0:
-                step_square += clear * clear
-            clear = abs(reading - older[axis]) - cell
-            if clear > 0.0:
-                older_square += clear * clear
-            clear = abs(reading - younger[axis]) - cell
-            if clear > 0.0:
-                younger_square += clear * clear
-            playing = plays[axis]
-            if reading - r > playing:
-                plays[axis] = reading - r
-                paths[axis] += plays[axis] - playing
-            elif reading + r < playing:
-                plays[axis] = reading + r
-                paths[axis] += playing - plays[axis]
-            path_square += paths[axis] * paths[axis]
-        asked_norm = math.hypot(*force)
-        if not asked_norm + distance_square < math.inf:
+        if len(force) != self._axes:
+            raise ValueError(f"expected {self._axes} forces, got {len(force)}")
+        magnitude = math.hypot(*force)
+        readings = self._take_in(position, "positions")
+        limit, damping = self._limit_force(self._rows, readings, magnitude, dt)
+        if limit < 0.0:
             raise ValueError(f"numbers must be finite, got {position} m and {force} N")
-        self._time_ns = time_ns
-        self._reading = position
-        path = math.sqrt(path_square)
-        self._older_age += elapsed
-        self._younger_age += elapsed
-        viscous = least_viscous_path(
-            self._viscous,
-            step_square,
-            elapsed,
-            older_square,
-            self._older_age,
-            younger_square,
-            self._younger_age,
-            self._between,
-        )
-        self._state, limit, damping = self._limit_force(
-            self._state,
-            min(asked_norm, self._saturation),
-            elapsed,
-            math.sqrt(distance_square),
-            viscous - self._viscous,
-            path - self._path,
-            work,
-            self._held,
-            self._held_sum,
-            *self._parameters,
-        )
-        self._path = path
-        self._viscous = viscous
-        self._samples += 1
-        if elapsed > self._hold_limit:
-            self._release()
-            self._restart()
-        elif self._samples == ANCHOR_SAMPLES:
-            self._move_anchors()
-        self._limit = limit = min(limit, self._saturation)
         if damping > 0.0:
-            rate = damping / elapsed
-            force = tuple([f + rate * move for f, move in zip(force, moves, strict=True)])
-            asked_norm = math.hypot(*force)
-        return shorten(force, asked_norm, limit)
+            rate = damping / dt
+            moved = zip(force, position, self._position, strict=True)
+            force = tuple([f + rate * (now - before) for f, now, before in moved])
+            magnitude = math.hypot(*force)
+        self._time_ns = time_ns
+        self._position = position
+        self.limit = limit
+        return shorten(force, magnitude, limit)
 
     def settle(self, applied: Vector) -> None:
         """Close the sample with the force that was really written.
@@ -184,39 +149,70 @@ class ForceBounder:
         Raises:
             ValueError: If the length is wrong.
         """
-        change_sum = held_sum = square = 0.0
-        for now, before in zip(applied, self._force, strict=True):
-            change_sum += abs(now - before)
-            held_sum += abs(now)
-            square += now * now
-        held = math.sqrt(square)
-        self._state = self._settle_state(
-            self._state, held, change_sum, self._held_sum, *self._parameters
-        )
-        self._force = applied
-        self._held = held
-        self._held_sum = held_sum
+        self.estimated_energy = self._settle_force(self._rows, self._take_in(applied, "forces"))
 
-    def _release(self) -> None:
-        self._force = (0.0,) * self._axes
-        self._held = self._held_sum = 0.0
+    def _take_in(self, values: Vector, what: str) -> Floats:
+        if len(values) != self._axes:
+            raise ValueError(f"expected {self._axes} {what}, got {len(values)}")
+        vector = self._vector
+        for axis, value in enumerate(values):
+            vector[axis] = value
+        return vector
 
-    def _restart(self) -> None:
-        """Forget the way so far: from here on play operator and anchors start anew."""
-        self._plays = list(self._reading)
-        self._paths = [0.0] * self._axes
-        self._path = 0.0
-        self._older = self._younger = self._reading
-        self._older_age = self._younger_age = 0.0
-        self._viscous = self._between = 0.0
-        self._samples = 0
 
-    def _move_anchors(self) -> None:
-        self._older, self._younger = self._younger, self._reading
-        self._older_age, self._younger_age = self._younger_age, 0.0
-        self._viscous -= self._between
-        self._between = self._viscous
-        self._samples = 0
+_Start: TypeAlias = Callable[[Floats, Floats], float]
+_Limit: TypeAlias = Callable[[Floats, Floats, float, float], tuple[float, float]]
+_Settle: TypeAlias = Callable[[Floats, Floats], float]
+
+
+@cache
+def _compiled(law: BoundingLaw) -> tuple[_Start, _Limit, _Settle]:
+    """Return what a bounder does with its array and a vector, compiled.
+
+    ``start(rows, position) -> estimated energy``, ``limit(rows, position, commanded force, dt) ->
+    (largest force, added damping)``, with a negative force if a number is not finite, and
+    ``settle(rows, applied) -> estimated energy``.
+    """
+    start_law, limit_force, settle_law, energy = law.start, law.limit, law.settle, law.energy
+
+    def start(rows: Floats, position: Floats) -> float:
+        device = load_device(rows, DEVICE, 1)
+        for axis in range(position.size):
+            store_axis(rows, AXES + axis * AXIS_ROWS, 1, start_axis(position[axis]))
+        store_memory(rows, MEMORY, 1, NO_MEMORY)
+        rows[STATE] = start_law(device)
+        return energy(rows[STATE], NO_WRITE, device)
+
+    def limit(rows: Floats, position: Floats, commanded: float, dt: float) -> tuple[float, float]:
+        device = load_device(rows, DEVICE, 1)
+        memory = load_memory(rows, MEMORY, 1)
+        motion = NO_MOTION
+        for axis in range(position.size):
+            first = AXES + axis * AXIS_ROWS
+            one, motion = observe_axis(
+                load_axis(rows, first, 1), memory, position[axis], motion, dt, device
+            )
+            store_axis(rows, first, 1, one)
+        saturation = rows[SATURATION]
+        memory, sample = observe(memory, motion, min(commanded, saturation), dt, device)
+        if not commanded + sample.distance < math.inf:
+            return -1.0, 0.0
+        store_memory(rows, MEMORY, 1, memory)
+        rows[STATE], largest, added_damping = limit_force(rows[STATE], sample, device)
+        return min(largest, saturation), added_damping
+
+    def settle(rows: Floats, applied: Floats) -> float:
+        device = load_device(rows, DEVICE, 1)
+        write = NO_WRITE
+        for axis in range(applied.size):
+            first = AXES + axis * AXIS_ROWS
+            one, write = write_axis(load_axis(rows, first, 1), applied[axis], write)
+            store_axis(rows, first, 1, one)
+        rows[STATE] = settle_law(rows[STATE], write, device)
+        return energy(rows[STATE], write, device)
+
+    allow_in_kernels([start_law, limit_force, settle_law, energy])
+    return jit(start), jit(limit), jit(settle)
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

@@ -17,9 +17,9 @@ ledger A. Between samples, with e = x - q and y the play operator, it keeps the 
    max(\|q_i(n) - q_i(j)\| - 2r, 0), so by Cauchy-Schwarz ∫\|v\|² dt >= \|Δ\|²/(t_n - t_j) in it. If
    V_j is a lower bound up to t_j, then V_j + \|Δ\|²/(t_n - t_j) is one up to t_n, and so is the
    largest of several such: from the last sample and from two anchors, which move on every eight
-   samples (:func:`forcebound.bounding.least_viscous_path`). The ledger gets b times its increase.
-   One sample alone loses 2r each time: a hand at 35 mm/s moves 0.035 mm a millisecond, and with
-   2r = 0.03 mm a fiftieth of its loss is left.
+   samples (:func:`~forcebound.bounding.sample.squared_velocity_integral`). The ledger gets b times
+   its increase. One sample alone loses 2r each time: a hand at 35 mm/s moves 0.035 mm a
+   millisecond, and with 2r = 0.03 mm a fiftieth of its loss is left.
 5. *In deficit* \|F\| <= f_c: friction eats all that such a force could give.
 6. *The memoryless variant* only gives energy up, so its A is a lower bound as well.
 
@@ -34,42 +34,20 @@ across it. The factor √axes is the length of a vector of n errors of at most r
 
 import math
 
-from forcebound.bounding.law import BoundingLaw
+from forcebound.bounding.law import BoundingLaw, State
+from forcebound.bounding.sample import DeviceConstants, Sample, Write
 
 FORGETTING = 0.020  # s, in which the memoryless law forgets 62 % of a surplus: the longest for
 #                     which contacts turn no oftener than with the paper's law (docs/theory.md, 3)
 
 
-def start(
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def start(device: DeviceConstants) -> State:
     r"""Return the ledger at the first reading, in J: :math:`A = -f_c r \sqrt{axes}`."""
-    return -friction * half_resolution * math.sqrt(axes)
+    return -device.friction * device.half_resolution * math.sqrt(device.axes)
 
 
-def limit(
-    state: float,
-    asked: float,
-    elapsed: float,
-    distance: float,
-    viscous_path: float,
-    path: float,
-    work: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> tuple[float, float, float]:
-    r"""Bring the ledger up to this sample; arguments in :mod:`forcebound.bounding.law`.
+def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
+    r"""Bring the ledger up to this sample.
 
     .. math::
 
@@ -83,27 +61,24 @@ def limit(
 
     and from there (:func:`cut_loss`) F(n-1) = 0, y' = q(n) and V begins anew.
     """
-    stiffness = damping / hold_limit
-    if elapsed > hold_limit:
-        clear = max(distance - 2.0 * half_resolution * math.sqrt(axes), 0.0)
-        ledger = state - cut_loss(held, work, clear, elapsed, damping, friction, hold_limit)
-        ledger -= half_resolution * held_sum + friction * half_resolution * math.sqrt(axes)
+    r, friction = device.half_resolution, device.friction
+    if sample.dt > device.hold_limit:
+        ledger = state - cut_loss(sample, device)
+        ledger -= r * sample.held_sum + friction * r * math.sqrt(device.axes)
         surplus = max(ledger, 0.0)
     else:
-        ledger = state + damping * viscous_path + friction * path + work
-        surplus = max(ledger - half_resolution * held_sum, 0.0)
-    return ledger, friction + 2.0 * math.sqrt(stiffness * surplus), 0.0
+        ledger = (
+            state
+            + device.damping * sample.squared_velocity_integral
+            + friction * sample.path
+            + sample.work
+        )
+        surplus = max(ledger - r * sample.held_sum, 0.0)
+    capability = device.damping / device.hold_limit
+    return ledger, friction + 2.0 * math.sqrt(capability * surplus), 0.0
 
 
-def cut_loss(
-    held: float,
-    work: float,
-    clear: float,
-    elapsed: float,
-    damping: float,
-    friction: float,
-    hold_limit: float,
-) -> float:
+def cut_loss(sample: Sample, device: DeviceConstants) -> float:
     r"""Return the most energy that a cut hold and the free motion after it can have cost, in J.
 
     The device dropped the force F at an unknown time :math:`s \le T_{max}` after an unknown
@@ -123,53 +98,30 @@ def cut_loss(
     :math:`F ((1 - \bar s) e(n-1) + \bar s e(n)) \ge -r \sum_i |F_i|`, the price paid anyway.
     A hand at rest that is let go for a moment so costs a quarter of what the first bound says.
 
+    :math:`|\Delta x|` is at least :math:`(|\Delta q| - 2r\sqrt{axes})_+`.
+
     Args:
-        held: :math:`|F(n-1)|`, in N.
-        work: :math:`F(n-1) \cdot \Delta q`, in J.
-        clear: Least way between the two positions, in m: :math:`(|\Delta q| - 2r\sqrt{axes})_+`.
-        elapsed: dt, in s, more than ``hold_limit``.
-        damping: b, in N s/m.
-        friction: f_c, in N.
-        hold_limit: T_max, in s.
+        sample: A sample whose dt is more than the hold limit.
+        device: Constants of the device.
     """
-    excess = max(held - friction, 0.0)
-    blind = excess * excess * hold_limit / (4.0 * damping)
-    square = max(held * held, 1e-30)  # N²; no force: the share does not matter
-    share = 0.5 - 2.0 * damping * work / (square * elapsed)
-    share = min(max(share, 0.0), hold_limit / elapsed)
-    seeing = share * (1.0 - share) * held * held * elapsed / (4.0 * damping)
-    seeing -= share * work + damping * clear * clear / elapsed
+    damping, held, work, dt = device.damping, sample.held, sample.work, sample.dt
+    clear = max(sample.distance - 2.0 * device.half_resolution * math.sqrt(device.axes), 0.0)
+    excess = max(held - device.friction, 0.0)
+    blind = excess * excess * device.hold_limit / (4.0 * damping)
+    square = max(held * held, 1e-30)  # N²; without a force the share does not matter
+    share = 0.5 - 2.0 * damping * work / (square * dt)
+    share = min(max(share, 0.0), device.hold_limit / dt)
+    seeing = share * (1.0 - share) * held * held * dt / (4.0 * damping)
+    seeing -= share * work + damping * clear * clear / dt
     return min(blind, seeing)
 
 
-def settle(
-    state: float,
-    applied: float,
-    change_sum: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def settle(state: State, write: Write, device: DeviceConstants) -> State:
     r"""Pay for the change of force: :math:`A \mathrel{-}= r |F(n) - F(n-1)|`."""
-    return state - half_resolution * change_sum
+    return state - device.half_resolution * write.change_sum
 
 
-def settle_memoryless(
-    state: float,
-    applied: float,
-    change_sum: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def settle_memoryless(state: State, write: Write, device: DeviceConstants) -> State:
     r"""Forget part of what this force does not need, then pay for its change.
 
     .. math::
@@ -179,26 +131,17 @@ def settle_memoryless(
 
     Giving energy up is always safe: A remains a lower bound.
     """
-    excess = max(applied - friction, 0.0)
-    needed = half_resolution * held_sum + excess * excess * hold_limit / (4.0 * damping)
+    r = device.half_resolution
+    excess = max(math.sqrt(write.square) - device.friction, 0.0)
+    needed = r * write.held_sum + excess * excess * device.hold_limit / (4.0 * device.damping)
     surplus = max(state - needed, 0.0)
-    forgotten = surplus * period / (FORGETTING + period)
-    return state - forgotten - half_resolution * change_sum
+    forgotten = surplus * device.period / (FORGETTING + device.period)
+    return state - forgotten - r * write.change_sum
 
 
-def energy(
-    state: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def energy(state: State, write: Write, device: DeviceConstants) -> float:
     r"""Return a lower bound of loss plus work at this sample, in J: :math:`A - r |F(n)|`."""
-    return state - half_resolution * held_sum
+    return state - device.half_resolution * write.force_sum
 
 
 CERTIFIED = BoundingLaw(

@@ -10,58 +10,34 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from forcebound.bounding.law import BoundingLaw, Dissipation, keep, read_state, start_empty
+from forcebound.bounding.law import BoundingLaw, Dissipation, State, observe_energy
+from forcebound.bounding.sample import DeviceConstants, Sample
 
 
-def limit(
-    state: float,
-    asked: float,
-    elapsed: float,
-    distance: float,
-    viscous_path: float,
-    path: float,
-    work: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> tuple[float, float, float]:
-    r"""Limit the force by the energy observed so far; arguments in :mod:`forcebound.bounding.law`.
+def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
+    r"""Limit the force by the energy observed so far.
 
-    .. math::
+    .. math:: F_{max}(n) = \sqrt{4 B (E_1(n) + f_c |\Delta x(n)|)}
 
-        E_1(n) &= E_1(n-1) + B \Delta x(n)^2 + f_c |\Delta x(n)| + F_d(n-1) \Delta x(n) \\
-        F_{max}(n) &= \sqrt{4 B (E_1(n) + f_c |\Delta x(n)|)}
-
-    with :math:`B = b / T`. An argument of the root below 0, which the paper leaves open, gives
-    :math:`F_{max} = 0`.
+    with :math:`B = b / T` and E1 of :func:`observe_energy`. An argument of the root below 0, which
+    the paper leaves open, gives :math:`F_{max} = 0`.
 
     Source: Eq. 11 and 14 of the paper; with f_c = 0 Eq. 35 and 36.
     """
-    stiffness = damping / period
-    energy = state + stiffness * distance * distance + friction * distance + work
-    budget = energy + friction * distance
-    return energy, math.sqrt(4.0 * stiffness * max(budget, 0.0)), 0.0
+    energy = observe_energy(state, sample, device)
+    budget = energy + device.friction * sample.distance
+    capability = device.damping / device.period
+    return energy, math.sqrt(4.0 * capability * max(budget, 0.0)), 0.0
 
 
 LESS_CONSERVATIVE = BoundingLaw(
     summary="less conservative, viscous damping and Coulomb friction",
-    start=start_empty,
     limit=limit,
-    settle=keep,
-    energy=read_state,
 )
 
 LESS_CONSERVATIVE_VISCOUS = BoundingLaw(
     summary="less conservative, viscous damping alone",
-    start=start_empty,
     limit=limit,
-    settle=keep,
-    energy=read_state,
     uses_friction=False,
 )
 

@@ -9,43 +9,21 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from forcebound.bounding.law import BoundingLaw, Dissipation, keep
+from forcebound.bounding.law import BoundingLaw, Dissipation, State
+from forcebound.bounding.sample import DeviceConstants, Sample, Write
 
 # Smallest share of B that β may take: far below any force that matters, far above underflow. A β
 # above the required one keeps Eq. 21 satisfied as long as it is at most B.
 SMALLEST_SHARE = 1e-30
 
 
-def start(
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def start(device: DeviceConstants) -> State:
     """Return β at the start: B, in N/m (paper, after Eq. 30)."""
-    return damping / period
+    return device.damping / device.period
 
 
-def limit(
-    state: float,
-    asked: float,
-    elapsed: float,
-    distance: float,
-    viscous_path: float,
-    path: float,
-    work: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> tuple[float, float, float]:
-    r"""Limit the force by what the last hold has left; arguments in :mod:`forcebound.bounding.law`.
+def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
+    r"""Limit the force by what the last hold has left.
 
     .. math::
 
@@ -63,40 +41,32 @@ def limit(
 
     Source: Eq. 26 to 31 of the paper; with f_c = 0 Eq. 37 to 40.
     """
-    capability = damping / period
-    gamma_square = (2.0 * state * distance) ** 2 + 4.0 * state * work + held * held
-    rho = 4.0 * state * friction * distance
+    capability = device.damping / device.period
+    gamma_square = (
+        (2.0 * state * sample.distance) ** 2 + 4.0 * state * sample.work + sample.held * sample.held
+    )
+    rho = 4.0 * state * device.friction * sample.distance
     square = max(gamma_square, 0.0) + rho  # below 0 by rounding only
-    if asked == 0.0 or square == 0.0:
+    commanded = sample.commanded
+    if commanded == 0.0 or square == 0.0:
         return capability, 0.0, 0.0
-    needed = max(state * asked * asked / square, SMALLEST_SHARE * capability)
+    needed = max(state * commanded * commanded / square, SMALLEST_SHARE * capability)
     needed = min(capability, needed)
     return needed, math.sqrt(needed / state * square), 0.0
 
 
-def energy(
-    state: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> float:
+def energy(state: State, write: Write, device: DeviceConstants) -> float:
     r"""Return the energy that the law has kept, in J: :math:`F_d(n)^2 / (4 \beta(n))`.
 
     All else has been given up: the sum of Eq. 20 is zero (paper, after Eq. 25).
     """
-    return held * held / (4.0 * state)
+    return write.square / (4.0 * state)
 
 
 MORE_CONSERVATIVE = BoundingLaw(
     summary="more conservative, viscous damping and Coulomb friction",
     start=start,
     limit=limit,
-    settle=keep,
     energy=energy,
 )
 
@@ -104,7 +74,6 @@ MORE_CONSERVATIVE_VISCOUS = BoundingLaw(
     summary="more conservative, viscous damping alone",
     start=start,
     limit=limit,
-    settle=keep,
     energy=energy,
     uses_friction=False,
 )

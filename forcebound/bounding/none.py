@@ -6,40 +6,16 @@ that a recording shows what a law would have seen.
 
 import math
 
-from forcebound.bounding.law import BoundingLaw, keep, read_state, start_empty
+from forcebound.bounding.law import BoundingLaw, State, observe_energy
+from forcebound.bounding.sample import DeviceConstants, Sample
 
 
-def limit(
-    state: float,
-    asked: float,
-    elapsed: float,
-    distance: float,
-    viscous_path: float,
-    path: float,
-    work: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> tuple[float, float, float]:
-    r"""Observe the energy, limit nothing; arguments in :mod:`forcebound.bounding.law`.
-
-    .. math:: E_1(n) = E_1(n-1) + B \Delta x(n)^2 + f_c |\Delta x(n)| + F_d(n-1) \Delta x(n)
-
-    Source: Eq. 6 and 11 of the paper.
-    """
-    energy = state + damping / period * distance * distance + friction * distance + work
-    return energy, math.inf, 0.0
+def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
+    """Observe the energy (:func:`observe_energy`), limit nothing."""
+    return observe_energy(state, sample, device), math.inf, 0.0
 
 
 NONE = BoundingLaw(
     summary="no bound but the saturation",
-    start=start_empty,
     limit=limit,
-    settle=keep,
-    energy=read_state,
 )

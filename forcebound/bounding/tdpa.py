@@ -14,7 +14,8 @@ Transactions on Robotics and Automation 18(1), 2002.
 
 import math
 
-from forcebound.bounding.law import BoundingLaw, keep, read_state, start_empty
+from forcebound.bounding.law import BoundingLaw, State
+from forcebound.bounding.sample import DeviceConstants, Sample
 
 # N s/m. A sampled damper α on a mass m overshoots at α > m/T: 75 N s/m for the 0.075 kg of a
 # PHANToM Premium 1.5 at 1 kHz. Held well below, as the authors' own cap on α.
@@ -24,24 +25,8 @@ MAX_DAMPING = 30.0
 MIN_SPEED = 1e-3
 
 
-def limit(
-    state: float,
-    asked: float,
-    elapsed: float,
-    distance: float,
-    viscous_path: float,
-    path: float,
-    work: float,
-    held: float,
-    held_sum: float,
-    damping: float,
-    friction: float,
-    half_resolution: float,
-    period: float,
-    hold_limit: float,
-    axes: float,
-) -> tuple[float, float, float]:
-    r"""Observe, and ask for damping in deficit; arguments in :mod:`forcebound.bounding.law`.
+def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
+    r"""Observe, and ask for damping in deficit.
 
     .. math::
 
@@ -51,18 +36,15 @@ def limit(
     with :math:`v = \Delta x / dt`; :math:`v^2` has a floor and :math:`\alpha` a cap. The bounder
     then applies :math:`F_e + \alpha v` within the saturation.
     """
-    balance = state + work
+    balance = state + sample.work
     if balance >= 0.0:
         return balance, math.inf, 0.0
-    speed = max(distance / elapsed, MIN_SPEED)
-    return balance, math.inf, min(-balance / (speed * speed * period), MAX_DAMPING)
+    speed = max(sample.distance / sample.dt, MIN_SPEED)
+    return balance, math.inf, min(-balance / (speed * speed * device.period), MAX_DAMPING)
 
 
 TDPA = BoundingLaw(
     summary="time-domain passivity observer and controller",
-    start=start_empty,
     limit=limit,
-    settle=keep,
-    energy=read_state,
     adds_damping=True,
 )

@@ -1,7 +1,7 @@
-"""Commands that look into a graph that runs, and change it."""
+"""Commands that monitor and change a running graph."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     stop_node(run, node_name)
     what = f"{serving} serves as before"
     if serving is None:
-        what = "the device shows zero force until somebody answers"
+        what = "the device applies zero force until replies arrive again"
     click.echo(f"{node_name} is stopped; {what}")
 
 
@@ -60,19 +60,19 @@ def start(node_name: str, run_dir: Path | None) -> None:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="TRACE.csv",
-    help="Write the delays as a trace, to be replayed on a link.",
+    help="Write the delays as a trace that a link can replay.",
 )
-@duration_option_for("How long to watch the graph that runs; 5s by default. Not for a recording.")
+@duration_option_for("How long to watch a running graph; 5s by default. Not for a recording.")
 @json_option
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
-    """Show the loop delay of RUN: a recording or a run directory; else the graph that runs."""
+    """Show the loop delay of RUN, a recording or a run directory; without it, the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
 
     measured = measure(run, duration)
     if not measured.is_complete:
-        click.echo(f"{run} was cut off: these are the delays up to there", err=True)
+        click.echo(f"{run} was cut off: these are the delays until then", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
     document = {**measured.summary, "trace": None if output is None else str(output)}
@@ -89,16 +89,16 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
 
 @click.group()
 def param() -> None:
-    """Look at the parameters of a running graph, and change them."""
+    """Show and change the parameters of a running graph."""
 
 
 @param.command("list")
-@click.option("--changed", is_flag=True, help="Only what is not as the graph was started.")
+@click.option("--changed", is_flag=True, help="Only parameters changed since launch.")
 @run_option
 @json_option
 @reports_errors
 def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
-    """List what can be changed while the graph runs, with its values."""
+    """List the parameters that can be changed while the graph runs, with their values."""
     _show_parameters((), run_dir, as_json, changed)
 
 
@@ -118,29 +118,31 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
     """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
-    from forcebound.monitor import tuning
-    from forcebound.monitor.runs import find
+    from forcebound.monitor import tuning, wording
+    from forcebound.monitor.runs import find, while_running
 
     run = find(run_dir)
-    change = tuning.set_parameters(run, tuning.read_settings(settings))
-    _print_parameters(run, change.values)
+    with while_running(run):
+        change = tuning.set_parameters(run, tuning.read_settings(settings))
+        _print_parameters(run, change.values)
     if not change.values:
-        click.echo("nothing to change: it has these values")
+        click.echo("nothing to change: the graph has these values")
     for note in change.notes:
-        click.echo(f"note: {note}", err=True)
+        click.echo(f"note: {wording.note(note)}", err=True)
 
 
 def _show_parameters(
     names: tuple[str, ...], run_dir: Path | None, as_json: bool, changed: bool = False
 ) -> None:
     from forcebound.monitor import tuning
-    from forcebound.monitor.runs import find
+    from forcebound.monitor.runs import find, while_running
 
     run = find(run_dir)
-    found = tuning.changed_parameters(run) if changed else {}
-    if not changed:
-        found = tuning.find_parameters(tuning.configuration(run), names)
-    print_json(found) if as_json else _print_parameters(run, found)
+    with while_running(run):
+        found = tuning.changed_parameters(run) if changed else {}
+        if not changed:
+            found = tuning.find_parameters(tuning.configuration(run), names)
+        print_json(found) if as_json else _print_parameters(run, found)
 
 
 def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
@@ -150,7 +152,7 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
     config = configuration(run)
     elsewhere = found_elsewhere(run, config, values)
     for name, text in as_written(config, values).items():
-        remark = "  # of another machine; this is what the file here says"
+        remark = "  # belongs to another machine; value of the launch file here"
         click.echo(f"{name}: {text}{remark if name in elsewhere else ''}")
 
 
@@ -159,9 +161,9 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
 @json_option
 @reports_errors
 def doctor(run_dir: Path | None, as_json: bool) -> None:
-    """Say what is wrong with the graph that runs, and what to do; without one: with this machine.
+    """Diagnose the running graph; if none runs, this machine.
 
-    Exit status 0: no problem; 1: at least one; 2: there is no such graph.
+    Exit status 0: no problem. 1: at least one, or the graph ended meanwhile. 2: no such graph.
     """
     from forcebound.monitor import doctor, machine, runs
     from forcebound.monitor.observation import observe
@@ -170,22 +172,31 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
     if as_json:
-        from dataclasses import asdict
-
-        found = [asdict(finding) for finding in findings]
         name = None if graph is None else str(graph)
-        print_json({"graph": name, "is_well": is_well, "findings": found})
+        documents = [_document(finding) for finding in findings]
+        print_json({"graph": name, "is_well": is_well, "findings": documents})
     else:
         click.echo("this machine; no graph runs" if graph is None else f"graph in {graph}")
-        _show_findings(findings)
+        for document in map(_document, findings):
+            _show_finding(document)
         if is_well:
             click.echo("no problem found")
     sys.exit(0 if is_well else 1)
 
 
-def _show_findings(findings: "Sequence[Finding]") -> None:
-    for finding in findings:
-        severity = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
-        click.echo(f"{severity} {finding.where}: {finding.seen}")
-        if finding.advice:
-            click.echo(f"{'':8} -> {finding.advice}")
+def _document(finding: "Finding") -> dict[str, Any]:
+    """Return a finding as a map: its codes and data, and its words."""
+    from dataclasses import asdict
+
+    from forcebound.monitor import wording
+
+    words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}
+    return {**asdict(finding), **words, "commands": wording.commands(finding)}
+
+
+def _show_finding(document: Mapping[str, Any]) -> None:
+    severity = document["severity"]
+    label = click.style(f"{severity:<8}", fg=COLOURS[severity])
+    click.echo(f"{label} {document['where']}: {document['seen']}")
+    if document["advice"]:
+        click.echo(f"{'':8} -> {document['advice']}")

@@ -232,6 +232,6 @@ def _print_phases(phases: list[Any]) -> None:
 
 
 def _print_document(config: Any) -> None:
-    from forcebound.config.graph import to_document
+    from forcebound.config.resolved import to_document
 
     print_json(to_document(config))

@@ -4,19 +4,19 @@
 :mod:`forcebound.launch.application` brings running nodes and links to it.
 """
 
-import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from forcebound.config.graph import GraphConfig, to_document
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document
 from forcebound.config.parameters import (
     describe,
     parameters,
     unknown_parameter,
 )
+from forcebound.config.resolved import restore, to_document
 from forcebound.errors import ConfigError
 
 
@@ -31,19 +31,25 @@ def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
         ConfigError: If there is no such parameter, or it cannot have this value.
     """
     known = parameters(config)
-    document = copy.deepcopy(to_document(config))
-    for name, value in settings.items():
+    for name in settings:
         if name not in known:
             raise ConfigError(unknown_parameter(name, config))
+    try:
+        return from_document(_with(config, settings))
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
+
+
+def _with(config: GraphConfig, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of a configuration with parameters in their places."""
+    document = to_document(config)
+    for name, value in settings.items():
         *path, last = name.split(".")
         section = document
         for step in path:
             section = section.setdefault(step, {})
         section[last] = value
-    try:
-        return from_document(document)
-    except ConfigError as error:  # the places are names of parameters: they need no other words
-        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
+    return document
 
 
 @dataclass(frozen=True)
@@ -57,18 +63,18 @@ class Part:
 
     @property
     def data(self) -> dict[str, str]:
-        """For the event that tells it."""
+        """Of the event that reports its beginning."""
         return {"name": self.name}
 
 
 def timetable(config: GraphConfig) -> list[Part]:
     """Return the phases of a graph with their beginnings."""
     parts: list[Part] = []
-    plain = replace(config, phases=())  # which each phase would check again, and each node read
+    plain = replace(config, phases=())
     start_ns = 0
     for phase in config.phases:
         told = describe(phase.settings) or "as the launch file says"
         message = f"phase {phase.name}: {told}"
-        parts.append(Part(phase.name, start_ns, change(plain, phase.settings), message))
+        parts.append(Part(phase.name, start_ns, restore(_with(plain, phase.settings)), message))
         start_ns += round(phase.duration * 1e9)
     return parts

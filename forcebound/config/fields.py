@@ -1,30 +1,28 @@
-"""How a section of a launch file becomes a frozen dataclass, every problem at its place.
+"""Sections of a launch file: pydantic reads their values, each problem is noted at its place.
 
-1. Keys that no dataclass of the section has are problems, with the nearest known one.
-2. Each value is read by pydantic as its field's type says: quantities by
-   :func:`forcebound.quantities.parse_quantity`, everything else strictly (no text for a number).
-3. The dataclass is made. What its ``__post_init__`` refuses is reported at the field that the
-   message names first; then the dataclass is tried without that field, for the next complaint.
+Quantities are read by :func:`forcebound.quantities.parse_quantity`, everything else strictly (no
+text for a number). What pydantic refuses has a location within the section, which becomes a line
+and a column. Then the frozen dataclass is made; what its ``__post_init__`` refuses stands at the
+field that the error names.
 """
 
 import dataclasses
 import json
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, NotRequired, get_type_hints
 
 from forcebound.config import own
-from forcebound.config.problems import Problems, unknown
-from forcebound.config.tree import BROKEN, Value
+from forcebound.config.problems import Place, Problems, unknown
+from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
-    """What a launch file may say under one key."""
+    """One key of a section: what a launch file may say under it."""
 
     name: str
     hint: Any
@@ -33,29 +31,33 @@ class Field:
 
 
 @cache
-def fields_of(kind: type, names: Collection[str] | None = None) -> dict[str, Field]:
+def fields_of(kind: type, names: tuple[str, ...] | None = None) -> dict[str, Field]:
     """Return the fields of a dataclass that a launch file can set, or those in ``names``."""
     hints = get_type_hints(kind, include_extras=True)
-    missing = dataclasses.MISSING
     found: dict[str, Field] = {}
     for field in dataclasses.fields(kind):
         if not field.init or (names is not None and field.name not in names):
             continue
         factory = field.default_factory
-        default = field.default if factory is missing else factory()
-        required = default is missing
+        default = field.default if factory is dataclasses.MISSING else factory()
+        required = default is dataclasses.MISSING
         found[field.name] = Field(
             field.name, hints[field.name], required, None if required else default
         )
     return found
 
 
-@cache
-def adapter(hint: Any) -> Any:
-    """Return pydantic's reader for a type."""
+@lru_cache(maxsize=1024)
+def adapter(*fields: Field) -> Any:
+    """Return pydantic's reader of a mapping with these fields."""
+    import typing_extensions  # pydantic wants its TypedDict before Python 3.12
     from pydantic import ConfigDict, TypeAdapter
 
-    return TypeAdapter(hint, config=ConfigDict(strict=True))
+    hints = {f.name: f.hint if f.required else NotRequired[f.hint] for f in fields}
+    typed_dict: Any = typing_extensions.TypedDict  # mypy would want to see the keys
+    shape = typed_dict("shape", hints)
+    shape.__pydantic_config__ = ConfigDict(strict=True)
+    return TypeAdapter(shape)
 
 
 def check_fields(kind: type, taken: Collection[str]) -> None:
@@ -74,12 +76,11 @@ def check_fields(kind: type, taken: Collection[str]) -> None:
         raise ConfigError(f"the fields of {kind.__name__}: {own.blame(error, kind)}") from None
     for field in fields.values():
         if field.name in taken:
-            message = (
+            raise ConfigError(
                 f"{kind.__name__}: a parameter cannot be called {field.name!r}, which is taken"
             )
-            raise ConfigError(message)
         try:
-            adapter(field.hint)
+            adapter(field)
         except Exception as error:  # of pydantic, or of a type's own code
             detail = str(error).partition("\n")[0]
             raise ConfigError(
@@ -136,101 +137,117 @@ class Section:
             return value.content
         return None
 
-    def read(self, fields: Mapping[str, Field]) -> dict[str, Any]:
-        """Return what is given for these fields; broken where a problem was noted."""
-        values: dict[str, Any] = {}
-        for name, field in fields.items():
-            value = self.value.entries.get(name)
-            if value is not None:
-                values[name] = self._convert(name, field.hint, value)
-            elif field.required:
-                self.add_here(f"{self.name} needs {name!r}")
-                values[name] = BROKEN
-        return values
+    def read(self, fields: Mapping[str, Field]) -> dict[str, Any] | None:
+        """Return what is given for these fields; None with problems noted."""
+        from pydantic import ValidationError
 
-    def make(self, kind: type, **made_before: Any) -> Any:
+        given = {name: value for name, value in self.value.entries.items() if name in fields}
+        sound = {name: value.plain for name, value in given.items() if not value.is_broken}
+        try:
+            # Through JSON, since strict pydantic then still takes a list for a tuple.
+            values = adapter(*fields.values()).validate_json(json.dumps(sound))
+        except ValidationError as error:
+            self._note(error.errors(include_url=False, include_input=False))
+            return None
+        if len(sound) < len(given):
+            return None
+        return {name: _absolute(value, given[name]) for name, value in values.items()}
+
+    def make(self, kind: type, knows_all: bool = False, **made_before: Any) -> Any:
         """Return the dataclass with its values from this section; None with problems noted.
 
         Args:
             kind: The dataclass.
-            made_before: Fields that do not stand in this section as such.
+            knows_all: Whether the section has no keys but its fields.
+            made_before: Fields that do not stand in this section as such; None: a problem has been
+                noted.
         """
+        if not self.is_readable:
+            return None
+        if knows_all:
+            self.check_keys(fields_of(kind))
         names = tuple(name for name in fields_of(kind) if name not in made_before)
-        values = {**self.read(fields_of(kind, names)), **made_before}
-        sound = {name: value for name, value in values.items() if value is not BROKEN}
-        while True:
-            missing = [f for f in fields_of(kind).values() if f.required and f.name not in sound]
-            if missing:
-                return None
-            try:
-                made = kind(**sound)
-            except Exception as error:
-                if not isinstance(error, ValueError | ArithmeticError):
-                    if own.kind_of(kind) is None:
-                        raise
-                    self.add_here(f"{self.name}: {own.blame(error, kind)}")
-                    return None
-                blamed = self._blame(str(error), kind, sound)
-                if blamed is None:
-                    return None
-                del sound[blamed]
-            else:
-                return made if len(sound) == len(values) else None
-
-    def _blame(self, message: str, kind: type, sound: Mapping[str, Any]) -> str | None:
-        """Note what the dataclass refused; return the field to blame if it is clear which."""
-        named = [name for name in fields_of(kind) if re.search(rf"\b{name}\b", message)]
-        named.sort(key=lambda name: re.search(rf"\b{name}\b", message).start())  # type: ignore[union-attr]  # found above
-        given = [name for name in named if name in sound and name in self.value.entries]
-        if given:
-            self.add(message, self.value.entries[given[0]])
-        else:
-            self.add_here(f"{self.name}: {message}")
-        return given[0] if len(named) == 1 and given else None
-
-    def _convert(self, name: str, hint: Any, value: Value) -> Any:
-        from pydantic import ValidationError
-
-        if value.is_broken:
-            return BROKEN
+        values = self.read(fields_of(kind, names))
+        if values is None or None in made_before.values():
+            return None
         try:
-            # Through JSON, since strict pydantic then still takes a list for a tuple.
-            result = adapter(hint).validate_json(json.dumps(value.plain))
-        except ValidationError as error:
-            self._complain(name, value, error.errors(include_url=False, include_input=False))
-            return BROKEN
-        if isinstance(result, Path) and value.place.line:
-            return (Path(value.place.name).parent / result).absolute()
-        return result
-
-    def _complain(self, name: str, value: Value, details: list[Any]) -> None:
-        """Note what pydantic refused: one problem for each place, whatever a union has tried."""
-        refused: dict[int, tuple[Value, list[str]]] = {}
-        expected: dict[int, tuple[Value, list[str]]] = {}
-        for detail in details:
-            at = _inside(value, detail["loc"])
-            if detail["type"] == "value_error":
-                refused.setdefault(id(at), (at, []))[1].append(str(detail["ctx"]["error"]))
-            elif detail["type"] in _KEYS:
-                wrong = f"{_KEYS[detail['type']]} {detail['loc'][-1]!r}"
-                refused.setdefault(id(at), (at, []))[1].append(wrong)
+            return kind(**values, **made_before)
+        except Exception as error:
+            if isinstance(error, ValueError | ArithmeticError):
+                self._note_refusal(error)
+            elif own.kind_of(kind) is not None:
+                self.add_here(f"{self.name}: {own.blame(error, kind)}")
             else:
-                expected.setdefault(id(at), (at, []))[1].append(_expected(detail))
-        for at, words in refused.values():
-            self.add(f"{name}: {'; or '.join(words)}", at)
-        for key, (at, words) in expected.items():
-            if key not in refused:
-                self.add(f"{name}: expected {' or '.join(words)}, got {at}", at)
+                raise
+        return None
+
+    def _note_refusal(self, error: Exception) -> None:
+        """Note what a dataclass refused, at the field that the error names."""
+        at = self.value.entries.get(getattr(error, "field", None) or "")
+        if at is None:
+            self.add_here(f"{self.name}: {error}")
+        else:
+            self.add(str(error), at)
+
+    def _note(self, details: list[Any]) -> None:
+        """Note what pydantic refused: one problem for each place, whatever a union has tried."""
+        named: dict[Place, tuple[str, Value]] = {}
+        refused: dict[Place, list[str]] = {}
+        expected: dict[Place, list[str]] = {}
+        for detail in details:
+            if detail["loc"][0] not in self.value.entries:
+                self.add_here(f"{self.name} needs {detail['loc'][0]!r}")
+                continue
+            refusal = _refusal(detail)
+            _, at = _inside(self.value, (*detail["loc"], *refusal[1:]))
+            is_key = detail["type"] in _KEYS
+            name, _ = _inside(self.value, detail["loc"][:-1] if is_key else detail["loc"])
+            named.setdefault(at.place, (name, at))
+            if refusal:
+                refused.setdefault(at.place, []).append(refusal[0])
+            else:
+                expected.setdefault(at.place, []).append(_expected(detail))
+        for place, (name, at) in named.items():
+            if place in refused:
+                self.add(f"{name}: {'; or '.join(refused[place])}", at)
+            else:
+                self.add(f"{name}: expected {' or '.join(expected[place])}, got {at}", at)
 
 
-def _inside(value: Value, location: tuple[int | str, ...]) -> Value:
-    """The value that pydantic means; names of union members in ``location`` are passed over."""
+def _absolute(value: Any, written: Value) -> Any:
+    """A path of a launch file starts from the folder of the file that says it."""
+    if isinstance(value, Path) and written.place.line:
+        return (Path(written.place.name).parent / value).absolute()
+    return value
+
+
+def _inside(value: Value, location: Sequence[int | str]) -> tuple[str, Value]:
+    """Name and value that pydantic means; names of union members in ``location`` are left out."""
+    names = []
     for step in location:
         if isinstance(step, int) and isinstance(value.content, tuple):
             value = value.content[step] if step < len(value.content) else value
         elif isinstance(step, str) and step in value.entries:
             value = value.entries[step]
-    return value
+            names.append(step)
+    return ".".join(names), value
+
+
+def _refusal(detail: Any) -> tuple[str, ...]:
+    """What is wrong with a value of the right type, and with which of its fields, if one is."""
+    if detail["type"] == "value_error":
+        error = detail["ctx"]["error"]
+        field = getattr(error, "field", None)
+        return (str(error),) if field is None else (str(error), field)
+    if detail["type"] in _KEYS:
+        return (f"{_KEYS[detail['type']]} {detail['loc'][-1]!r}",)
+    return ()
+
+
+def _expected(detail: Any) -> str:
+    if detail["type"] == "literal_error":
+        return str(detail["ctx"]["expected"])
+    return _EXPECTED.get(detail["type"], f"something else ({detail['msg']})")
 
 
 _KEYS = {"missing": "needs", "unexpected_keyword_argument": "has no key"}
@@ -248,9 +265,3 @@ _EXPECTED = {
     "string_type": "text",
     "tuple_type": "a list",
 }
-
-
-def _expected(detail: Any) -> str:
-    if detail["type"] == "literal_error":
-        return str(detail["ctx"]["expected"])
-    return _EXPECTED.get(detail["type"], f"something else ({detail['msg']})")

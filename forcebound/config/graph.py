@@ -1,8 +1,7 @@
-"""What a launch file says, resolved: frozen dataclasses in SI units.
+"""The configuration of a graph: frozen dataclasses in SI units.
 
-:mod:`forcebound.config.loader` makes them from launch files; :func:`to_document` gives them back as
-plain JSON, which is itself a launch file: without arguments, everything said, all in SI units.
-Node processes read it, and every recording holds it.
+:mod:`forcebound.config.loader` makes it from launch files, :mod:`forcebound.config.resolved` writes
+it as plain JSON and reads that back.
 """
 
 import dataclasses
@@ -11,17 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from forcebound.bounding import LAWS
-from forcebound.config import own
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, Environment
-from forcebound.errors import ConfigError
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Ratio, Time
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
@@ -34,23 +30,6 @@ KINDS: dict[str, Mapping[str, type]] = {
 }
 
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
-
-__all__ = [
-    "COMPUTATION",
-    "FORMAT",
-    "KINDS",
-    "LAWS",
-    "RUN_KEYS",
-    "ControllerConfig",
-    "DeviceConfig",
-    "EnvironmentConfig",
-    "GraphConfig",
-    "RealtimeConfig",
-    "kind_of",
-    "member_document",
-    "plain",
-    "to_document",
-]
 
 
 @dataclass(frozen=True)
@@ -80,11 +59,12 @@ class EnvironmentConfig:
     compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0  # s; all as the delay of a link
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
-    compute_correlation: Ratio = 0.0
+    compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
     compute_distribution_file: Path | None = None
     compute_trace: Path | None = None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         check_delay(self, "compute_")
 
     @property
@@ -141,74 +121,3 @@ class GraphConfig:
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     remote: RemoteConfig | None = None
     phases: tuple[Phase, ...] = ()  # one after the other, from the moment when the force engages
-
-
-def to_document(config: GraphConfig) -> dict[str, Any]:
-    """Return the configuration as a launch file of plain JSON types in SI units.
-
-    :func:`forcebound.config.loader.from_document` reads it back to an equal configuration.
-    """
-    device, environment = config.device, config.environment
-    document: dict[str, Any] = {
-        "forcebound": FORMAT,
-        "description": config.description,
-        "seed": config.seed,
-        "duration": config.duration,
-        "device": {**member_document("device", device.model), **plain(device.servo)},
-        "operator": member_document("operator", config.operator),
-        "controller": member_document("controller", config.controller.model),
-        "environment": {
-            **member_document("environment", environment.model),
-            **{name: _json(getattr(environment, name)) for name in COMPUTATION},
-        },
-        "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
-        "realtime": plain(config.realtime),
-    }
-    if config.remote is not None:
-        document["remote"] = plain(config.remote)
-    if config.phases:
-        document["phases"] = [
-            {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
-            for phase in config.phases
-        ]
-    return document
-
-
-def kind_of(section: str, member: object) -> str:
-    """Return the ``kind`` that a launch file gives to ``member`` of a section.
-
-    Raises:
-        ConfigError: If it has none: it was made by a class that no launch file can name.
-    """
-    for name, kind in KINDS[section].items():
-        if kind is type(member):
-            return name
-    own_kind = own.kind_of(type(member))
-    if own_kind is None:
-        raise ConfigError(
-            f"no kind of {section} is a {type(member).__name__}: keep the class in a file and name"
-            " it in a launch file, kind: my_file.py"
-        )
-    return own_kind
-
-
-def member_document(section: str, member: object) -> dict[str, Any]:
-    """Return kind and parameters of a member of a section, in plain JSON types."""
-    return {"kind": kind_of(section, member), **plain(member)}
-
-
-def plain(member: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
-    return {
-        field.name: _json(getattr(member, field.name))
-        for field in dataclasses.fields(member)
-        if field.init
-    }
-
-
-def _json(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_json(entry) for entry in value]
-    if dataclasses.is_dataclass(value):
-        return plain(value)
-    return str(value) if isinstance(value, Path) else value

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from forcebound.bounding import LAWS
 from forcebound.config import own
 from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
 from forcebound.config.child import Tell, in_a_child
@@ -25,7 +26,6 @@ from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
-    LAWS,
     RUN_KEYS,
     ControllerConfig,
     DeviceConfig,
@@ -33,7 +33,6 @@ from forcebound.config.graph import (
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
-    to_document,
 )
 from forcebound.config.own_parts import (
     OWN,
@@ -41,7 +40,6 @@ from forcebound.config.own_parts import (
     check_answer,
     own_class,
     own_file,
-    without_own,
 )
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems
@@ -53,18 +51,6 @@ from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import Operator
-
-__all__ = [
-    "Argument",
-    "arguments_of",
-    "build",
-    "from_document",
-    "load",
-    "load_tried",
-    "member_of",
-    "read_template",
-    "to_document",
-]
 
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
@@ -181,23 +167,18 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
         else:
             entries[name] = Value(scalar(word.strip()), place, text=word.strip())
     value = Value(entries, Place(section))
-    made = _member(Section(value, section, value, problems))
+    made = _model(Section(value, section, value, problems))
     problems.raise_if_any()
     return made
 
 
-def from_document(document: Mapping[str, Any], serves: bool = True) -> GraphConfig:
-    """Return the configuration of a document that :func:`to_document` made.
-
-    Args:
-        document: What was made.
-        serves: Whether the environment will be asked. If not, an environment of the user's own is
-            left out, a wall in its place: its code must not run beside the bounder.
+def from_document(document: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration of a resolved document that somebody may have changed.
 
     Raises:
         ConfigError: If anything in it is wrong.
     """
-    return _build(from_plain(document if serves else without_own(document), "document"), Problems())
+    return _build(from_plain(document, "document"), Problems())
 
 
 def _read(path: str | Path, problems: Problems) -> Value:
@@ -215,42 +196,41 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
     top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
-    run_keys = tuple(key for key in RUN_KEYS if key != "duration" or KEY not in root.entries)
-    values = {"duration": math.inf, **top.read(fields_of(GraphConfig, run_keys))}
+    has_phases = KEY in root.entries
+    run_keys = tuple(key for key in RUN_KEYS if key != "duration" or not has_phases)
+    values = top.read(fields_of(GraphConfig, run_keys))
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
-    device = _device(sections["device"])
-    operator = _member(sections["operator"])
-    controller = _controller(sections["controller"])
-    environment = _environment(sections["environment"])
-    links = _links(sections["links"])
-    realtime = _realtime(sections["realtime"])
-    remote = _remote(sections["remote"]) if "remote" in root.entries else None
-    if device and operator:
-        _check_axes(device, operator, sections["operator"])
-    if device and environment:
-        _check_delays(device.servo, environment, links, sections["device"])
-        if asks:
-            check_answer(environment.model, device.model.axes, sections["environment"])
+    made = {
+        "device": _device(sections["device"]),
+        "operator": _model(sections["operator"]),
+        "controller": _controller(sections["controller"]),
+        "environment": _environment(sections["environment"]),
+        "links": _links(sections["links"]),
+        "realtime": sections["realtime"].make(RealtimeConfig, knows_all=True),
+        "remote": None,
+    }
+    if "remote" in root.entries:
+        made["remote"] = sections["remote"].make(RemoteConfig, knows_all=True)
+    _check_together(made, sections, asks)
     problems.raise_if_any()
-    assert device is not None  # what could not be made was a problem
-    assert controller is not None
-    assert environment is not None
-    assert realtime is not None
-    config = GraphConfig(
-        **values,
-        device=device,
-        operator=operator,
-        controller=controller,
-        environment=environment,
-        links=links,
-        realtime=realtime,
-        remote=remote,
-    )
-    if KEY not in root.entries:
+    assert values is not None  # what could not be read was a problem
+    config = GraphConfig(**{"duration": math.inf, **values, **made})
+    if not has_phases:
         return config
     phases = read_phases(root, config, partial(_build, asks=asks), problems)
     problems.raise_if_any()
     return replace(config, phases=phases, duration=phase_duration(phases))
+
+
+def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], asks: bool) -> None:
+    """Check what concerns several sections, as far as they could be made."""
+    device, operator, environment = made["device"], made["operator"], made["environment"]
+    if device and operator:
+        _check_axes(device, operator, sections["operator"])
+    if device and environment:
+        _check_delays(device.servo, environment, made["links"], sections["device"])
+        if asks:
+            check_answer(environment.model, device.model.axes, sections["environment"])
 
 
 def _check_format(top: Section) -> None:
@@ -262,30 +242,31 @@ def _check_format(top: Section) -> None:
         top.add(message, version)
 
 
-def _member(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
-    """The parameters of the kind that a section names; ``beside``: what else stands there."""
+def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
+    """The model of the kind that a section names; ``beside``: what else stands there."""
     if not section.is_readable:
         return None
-    table = KINDS[section.name]
     taken = {"kind", *(beside or ())}
-    value = section.value.entries.get("kind")
-    member: type | None
-    if section.name in OWN and value is not None and own.names_file(value.text):
-        member = own_class(section, value, taken)
-    else:
-        kind = section.choose(f"{section.name} kind", "kind", table)
-        member = None if kind is None else table[kind]
-    if member is None:
+    model = _class_of(section, taken)
+    if model is None:
         return None
-    section.check_keys({*fields_of(member), *taken})
-    made = section.make(member)
+    section.check_keys({*fields_of(model), *taken})
+    made = section.make(model)
     return made if made is None or can_be_written(made, section) else None
 
 
+def _class_of(section: Section, taken: set[str]) -> type | None:
+    """The class that the kind of a section means; None with a problem noted."""
+    value = section.value.entries.get("kind")
+    if section.name in OWN and value is not None and own.names_file(value.text):
+        return own_class(section, value, taken)
+    table = KINDS[section.name]
+    kind = section.choose(f"{section.name} kind", "kind", table)
+    return None if kind is None else table[kind]
+
+
 def _device(section: Section) -> DeviceConfig | None:
-    if not section.is_readable:
-        return None
-    model = _member(section, fields_of(ServoSettings))
+    model = _model(section, fields_of(ServoSettings))
     law = section.value.entries.get("law")
     if law is not None and isinstance(law.content, str):
         section.choose("law", "law", LAWS)
@@ -296,32 +277,28 @@ def _device(section: Section) -> DeviceConfig | None:
 def _controller(section: Section) -> ControllerConfig | None:
     if not section.value.entries and section.is_readable:
         return ControllerConfig(KINDS["controller"]["direct"]())
-    model = _member(section)
+    model = _model(section)
     return None if model is None else ControllerConfig(model)
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:
-    if not section.is_readable:
-        return None
-    model = _member(section, fields_of(EnvironmentConfig, COMPUTATION))
+    model = _model(section, fields_of(EnvironmentConfig, COMPUTATION))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
     if made is None or not _has_trace(section, "compute_trace", made.computation):
         return None
-    return None if model is None else made
+    return made
 
 
 def _links(section: Section) -> dict[str, Impairment]:
     links: dict[str, Impairment] = {}
     section.check_keys(LINKS)
-    for topic in LINKS:
-        value = section.value.entries.get(topic)
-        if value is not None:
+    for topic, value in section.value.entries.items():
+        if topic in LINKS:
             link = Section(value, f"links.{topic}", value, section.problems)
-            link.check_keys(fields_of(Impairment))
-            impairment = link.make(Impairment) if link.is_readable else None
+            impairment = link.make(Impairment, knows_all=True)
             if impairment is not None and _has_trace(link, "trace", impairment):
                 links[topic] = impairment
-    return links
+    return {topic: links[topic] for topic in LINKS if topic in links}
 
 
 def _has_trace(section: Section, key: str, impairment: Impairment) -> bool:
@@ -332,24 +309,6 @@ def _has_trace(section: Section, key: str, impairment: Impairment) -> bool:
         section.add(f"{key}: {error}", section.value.entries[key])
         return False
     return True
-
-
-def _realtime(section: Section) -> RealtimeConfig | None:
-    if not section.is_readable:
-        return None
-    section.check_keys(fields_of(RealtimeConfig))
-    made: RealtimeConfig | None = section.make(RealtimeConfig)
-    return made
-
-
-def _remote(section: Section) -> RemoteConfig | None:
-    if not section.is_readable:
-        return None
-    section.check_keys(fields_of(RemoteConfig))
-    made: RemoteConfig | None = section.make(RemoteConfig)
-    if made is None:  # whatever is wrong with the address, the rest is looked at
-        section.make(RemoteConfig, address="127.0.0.1")
-    return made
 
 
 def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> None:

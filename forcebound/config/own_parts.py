@@ -4,14 +4,12 @@
 """
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from forcebound.config import own
 from forcebound.config.fields import Section, check_fields
-from forcebound.config.graph import COMPUTATION, member_document
-from forcebound.config.phases import KEY
+from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
 from forcebound.environments.contract import force_fault
 from forcebound.errors import ConfigError
@@ -67,23 +65,3 @@ def check_answer(model: Any, axes: int, section: Section) -> None:
     if fault is not None:
         question = f"force({still}, {still}, 0.0)"
         section.add(f"environment: {question}: {fault}", section.value.entries["kind"])
-
-
-def without_own(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the document with a wall in place of a user's own environment, in its phases too."""
-    environment = document.get("environment")
-    if not isinstance(environment, Mapping) or not own.names_file(str(environment.get("kind"))):
-        return document
-    kept = {name: value for name, value in environment.items() if name in COMPUTATION}
-    changed: dict[str, Any] = {**document, "environment": {"kind": "wall", **kept}}
-    if KEY in document:
-        changed[KEY] = [{**phase, "set": _without_own_set(phase)} for phase in document[KEY]]
-    return changed
-
-
-def _without_own_set(phase: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: value
-        for name, value in phase.get("set", {}).items()
-        if not name.startswith("environment.") or name.removeprefix("environment.") in COMPUTATION
-    }

@@ -15,9 +15,8 @@ from forcebound.config.graph import (
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
-    plain,
-    to_document,
 )
+from forcebound.config.resolved import plain, to_document
 from forcebound.devices import DEVICES
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
@@ -32,7 +31,7 @@ def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
     """Return all that can be changed, by name, as plain JSON values in SI units.
 
     Args:
-        config: A configuration, or its document (:func:`forcebound.config.graph.to_document`).
+        config: A configuration, or its document (:func:`forcebound.config.resolved.to_document`).
     """
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}

@@ -20,7 +20,7 @@ from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import GraphConfig, Phase
 from forcebound.config.parameters import differences, parameters, unknown_parameter
 from forcebound.config.problems import Problems
-from forcebound.config.tree import BROKEN, Value
+from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
 from forcebound.quantities import POSITIVE, Time
 
@@ -68,7 +68,7 @@ def read_phases(
         head = section.read(fields_of(PhaseHead))
         settings = Section(value.entries.get("set"), f"set of phase {number}", value, problems)
         changed = _overlaid(replace(root, content=plain), settings, config)
-        if changed is None or BROKEN in head.values():
+        if changed is None or head is None:
             continue
         found = Problems()
         try:

@@ -7,12 +7,12 @@ units are text. What it refuses, the loader refuses too.
 from collections.abc import Mapping
 from typing import Any
 
+from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, adapter, fields_of
 from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
-    LAWS,
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
@@ -113,8 +113,8 @@ def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
 
 
 def _property(field: Field) -> dict[str, Any]:
-    schema = adapter(field.hint).json_schema()
-    schema = _inlined(schema, schema.pop("$defs", {}))
+    schema = adapter(field).json_schema()
+    schema = _inlined(schema["properties"][field.name], schema.get("$defs", {}))
     described: dict[str, Any] = {"anyOf": [schema, _SUBSTITUTION]}
     if not field.required and isinstance(field.default, str | int | float):
         described["default"] = field.default

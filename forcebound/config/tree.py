@@ -216,6 +216,7 @@ class _Tree:
             return self._anchors[event.anchor]
         if any("\ud800" <= char <= "\udfff" for char in getattr(event, "value", "")):
             self._problems.add("half a surrogate pair is not a character", place)
+            return Value(BROKEN, place)
         if getattr(event, "ctag", None) is not None:
             self._problems.add(f"tags such as {event.tag} have no meaning here", place)
         if kind == "MappingStartEvent":

@@ -1,11 +1,22 @@
 """PHANToM Premium 1.5, simulated: the device of the paper's experiments."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.devices.plant import SimulatedDevice
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import Operator
-from forcebound.quantities import Damping, Force, Length, Mass, Time
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Force,
+    Length,
+    Mass,
+    Range,
+    Time,
+    check_ranges,
+)
 
 
 @dataclass(frozen=True)
@@ -17,27 +28,17 @@ class PhantomPremium15:
     relies on them has no hidden reserve.
     """
 
-    axes: int = 1
-    mass: Mass = 0.075  # apparent mass at the tip; the usual data-sheet figure (paper: not given)
-    damping: Damping = 0.27  # paper 4.1
-    friction: Force = 0.12  # paper 4.1
-    resolution: Length = 3e-5  # paper 4.1
-    saturation: Force = 8.5  # paper 4.1
-    substep: Time = 5e-5  # longest integration step
+    axes: Annotated[int, Range(at_least=1, at_most=MAX_AXES)] = 1
+    # Apparent mass at the tip; the usual data-sheet figure (paper: not given).
+    mass: Annotated[Mass, POSITIVE] = 0.075
+    damping: Annotated[Damping, NOT_NEGATIVE] = 0.27  # paper 4.1
+    friction: Annotated[Force, NOT_NEGATIVE] = 0.12  # paper 4.1
+    resolution: Annotated[Length, NOT_NEGATIVE] = 3e-5  # paper 4.1
+    saturation: Annotated[Force, POSITIVE] = 8.5  # paper 4.1
+    substep: Annotated[Time, POSITIVE] = 5e-5  # longest integration step
 
     def __post_init__(self) -> None:
-        if not 1 <= self.axes <= MAX_AXES:
-            raise ValueError(f"axes must be 1 to {MAX_AXES}, got {self.axes}")
-        for name, unit, lowest in (
-            ("mass", "kg", 0.0),
-            ("saturation", "N", 0.0),
-            ("substep", "s", 0.0),
-        ):
-            if getattr(self, name) <= lowest:
-                raise ValueError(f"{name} must be > 0 {unit}, got {getattr(self, name)} {unit}")
-        for name, unit in (("damping", "N s/m"), ("friction", "N"), ("resolution", "m")):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} must be >= 0 {unit}, got {getattr(self, name)} {unit}")
+        check_ranges(self)
 
     def open(self, operator: Operator, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""

@@ -4,10 +4,36 @@ They exist for audits (``forcebound.audit``) and for showing what a bounder is f
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from forcebound.environments.wall import on_first_axis, wall_force
+from forcebound.environments.damper import damper_force
+from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Damping, Force, Length, Speed, Stiffness, Time
+from forcebound.quantities import (
+    POSITIVE,
+    Damping,
+    Force,
+    Length,
+    Speed,
+    Stiffness,
+    Time,
+    check_ranges,
+)
+
+
+def active_wall_force(
+    position: float, velocity: float, stiffness: float, damping: float, surface: float
+) -> float:
+    """Return ``k d + b v`` behind the surface, in N, else 0; with negative b it may pull."""
+    depth = max(position - surface, 0.0)
+    return stiffness * depth + damping * velocity if depth > 0.0 else 0.0
+
+
+def pushing_force(velocity: float, magnitude: float, threshold: float) -> float:
+    """Return a force of ``magnitude``, in N, that pushes along a ``velocity`` above a threshold."""
+    if abs(velocity) <= threshold:
+        return 0.0
+    return -magnitude if velocity > 0.0 else magnitude
 
 
 @dataclass(frozen=True)
@@ -20,9 +46,9 @@ class ActiveWall:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
-        force = wall_force(position[0], self.stiffness, self.position)
-        if force > 0.0:
-            force += self.damping * velocity[0]
+        force = active_wall_force(
+            position[0], velocity[0], self.stiffness, self.damping, self.position
+        )
         return on_first_axis(force, len(position))
 
 
@@ -34,7 +60,7 @@ class NegativeDamper:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the medium's force; see :class:`forcebound.environments.Environment`."""
-        return tuple(self.damping * v for v in velocity)
+        return tuple(damper_force(v, self.damping) for v in velocity)
 
 
 @dataclass(frozen=True)
@@ -46,10 +72,7 @@ class VelocityPusher:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the pushing force; see :class:`forcebound.environments.Environment`."""
-        return tuple(
-            0.0 if abs(v) < self.threshold else (-self.magnitude if v > 0 else self.magnitude)
-            for v in velocity
-        )
+        return tuple(pushing_force(v, self.magnitude, self.threshold) for v in velocity)
 
 
 @dataclass(frozen=True)
@@ -60,12 +83,11 @@ class RandomForce:
     """
 
     magnitude: Force = 8.5
-    interval: Time = 0.005
+    interval: Annotated[Time, POSITIVE] = 0.005
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.interval <= 0:
-            raise ValueError(f"interval must be > 0 s, got {self.interval} s")
+        check_ranges(self)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the random force; see :class:`forcebound.environments.Environment`."""

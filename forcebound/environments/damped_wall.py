@@ -1,10 +1,11 @@
 """A wall of spring and damper, as Z-width measurements use it."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Damping, Length, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Damping, Length, Stiffness, check_ranges
 
 
 def damped_wall_force(
@@ -25,13 +26,12 @@ class DampedWall:
     International Conference on Robotics and Automation, 1994.
     """
 
-    stiffness: Stiffness = 10_000.0
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0
     damping: Damping = 0.0
     position: Length = 0.010
 
     def __post_init__(self) -> None:
-        if self.stiffness < 0:
-            raise ValueError(f"stiffness must be >= 0 N/m, got {self.stiffness} N/m")
+        check_ranges(self)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""

@@ -6,6 +6,11 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import Damping
 
 
+def damper_force(velocity: float, damping: float) -> float:
+    """Return ``b v``, in N."""
+    return damping * velocity
+
+
 @dataclass(frozen=True)
 class Damper:
     """A force ``b v`` along every axis, everywhere."""
@@ -14,4 +19,4 @@ class Damper:
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the damper's force; see :class:`forcebound.environments.Environment`."""
-        return tuple(self.damping * v for v in velocity)
+        return tuple(damper_force(v, self.damping) for v in velocity)

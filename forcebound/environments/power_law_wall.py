@@ -6,7 +6,7 @@ from typing import Annotated
 
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
-from forcebound.quantities import NOT_NEGATIVE, Length, Ratio, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Length, Ratio, Stiffness, check_ranges
 
 
 def power_law_force(
@@ -28,15 +28,12 @@ class PowerLawWall:
     """
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0
-    exponent: Ratio = 1.5
-    reference: Length = 0.001
+    exponent: Annotated[Ratio, POSITIVE] = 1.5
+    reference: Annotated[Length, POSITIVE] = 0.001
     position: Length = 0.010
 
     def __post_init__(self) -> None:
-        if self.exponent <= 0:
-            raise ValueError(f"exponent must be > 0, got {self.exponent}")
-        if self.reference <= 0:
-            raise ValueError(f"reference must be > 0 m, got {self.reference} m")
+        check_ranges(self)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""

@@ -1,9 +1,10 @@
 """An elastic wall."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.quantities import Length, Stiffness
+from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness, check_ranges
 
 
 def wall_force(position: float, stiffness: float, surface: float) -> float:
@@ -23,12 +24,11 @@ def on_first_axis(force: float, axes: int) -> Vector:
 class Wall:
     """A flat elastic wall across the first axis; free motion before it."""
 
-    stiffness: Stiffness = 10_000.0  # paper 4.2: k = 10 N/mm
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
     position: Length = 0.010  # of the surface; paper 4.1: x_wall = 10 mm
 
     def __post_init__(self) -> None:
-        if self.stiffness < 0:
-            raise ValueError(f"stiffness must be >= 0 N/m, got {self.stiffness} N/m")
+        check_ranges(self)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""

@@ -192,7 +192,7 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
     """Draw the table: per column the paper's numbers and ours, on one logarithmic scale."""
     from matplotlib.figure import Figure
 
-    from forcebound.analysis.panels import BELIEVED, COMMANDED, HAPPENS, NEUTRAL
+    from forcebound.analysis.panels import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 
     laws = [*PAPER_LAWS, *CERTIFIED]
     drawing = Figure(figsize=(13.5, 4.0), dpi=150, layout="constrained")
@@ -208,16 +208,16 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
                 axes.plot([row.paper, row.ours], [height] * 2, color=NEUTRAL, linewidth=1.0)
                 axes.plot(row.paper, height, "D", color=COMMANDED, markersize=7, label="paper")
             if row.paper is None:
-                label, style, face = "ours, certified law", "s", BELIEVED
+                label, style, face = "ours, certified law", "s", ESTIMATED
             elif row.fitted:
-                label, style, face = "ours, fitted", "o", HAPPENS
+                label, style, face = "ours, fitted", "o", PHYSICAL
             else:
                 label, style, face = "ours, predicted", "o", "white"
             axes.plot(
                 row.ours,
                 height,
                 style,
-                color=BELIEVED if row.paper is None else HAPPENS,
+                color=ESTIMATED if row.paper is None else PHYSICAL,
                 markerfacecolor=face,
                 markersize=6,
                 label=label,

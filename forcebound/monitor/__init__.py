@@ -1,1 +1,1 @@
-"""What one asks of a graph that runs: which there are, orders, parameters, delays, diagnosis."""
+"""Monitoring of running graphs: finding them, requests, parameters, loop delay, diagnosis."""

@@ -1,7 +1,7 @@
-"""Ask a process of a graph that runs; let its launcher stop a node, and start it again."""
+"""Requests to the processes of a running graph; stopping and starting a node."""
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,15 @@ from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint, has_control
 from forcebound.processes import LAUNCHER
 
-ANSWER_TIME = 5.0  # s that a launcher may take for an answer; it needs milliseconds
-PATIENCE = 1.0  # s for an answer; a node answers between two steps, so within milliseconds
-STOP_TIME = 10.0  # s that a node may take until it is gone; after 2 s it is killed
-START_TIME = 60.0  # s until it answers; a cold start on a busy machine
+ANSWER_TIMEOUT = 5.0  # s for an answer to a request; milliseconds are usual
+STATUS_TIMEOUT = 1.0  # s for a status; a node answers between two steps, so within milliseconds
+STOP_TIMEOUT = 10.0  # s until a node has ended; after 2 s it is killed
+START_TIMEOUT = 60.0  # s until a node answers; a cold start on a busy machine
 POLL_NS = 50_000_000  # between two looks
 
 
 def ask(
-    run_dir: Path, name: str, request: Mapping[str, Any], patience: float = ANSWER_TIME
+    run_dir: Path, name: str, request: Mapping[str, Any], timeout: float = ANSWER_TIMEOUT
 ) -> dict[str, Any] | None:
     """Return the answer of a process of a running graph; None if there is none in time.
 
@@ -27,13 +27,13 @@ def ask(
         run_dir: Of the run.
         name: Of the process.
         request: See ``docs/protocol.md``, Control.
-        patience: How long to wait, in s.
+        timeout: How long to wait, in s.
     """
-    return ask_all(run_dir, (name,), request, patience)[name]
+    return ask_all(run_dir, (name,), request, timeout)[name]
 
 
 def ask_all(
-    run_dir: Path, names: Collection[str], request: Mapping[str, Any], patience: float
+    run_dir: Path, names: Collection[str], request: Mapping[str, Any], timeout: float
 ) -> dict[str, dict[str, Any] | None]:
     """Return the answers of several processes of a running graph, asked at once; see :func:`ask`.
 
@@ -41,13 +41,13 @@ def ask_all(
         run_dir: Of the run.
         names: Of the processes.
         request: To each of them.
-        patience: How long to wait for them all, in s.
+        timeout: How long to wait for them all, in s.
     """
     answers: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
     with Network() as network:
         clients = {name: network.control_client(control_endpoint(run_dir, name)) for name in names}
         unsent = set(names)
-        end = time.monotonic() + patience
+        end = time.monotonic() + timeout
         while True:
             unsent -= {name for name in unsent if clients[name].ask(request)}
             for name in [name for name in answers if answers[name] is None]:
@@ -56,6 +56,12 @@ def ask_all(
             if not waiting or time.monotonic() >= end:
                 return answers
             sockets.wait(waiting, POLL_NS)
+
+
+def statuses(run_dir: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | None]:
+    """Return the status of those processes that have a control socket; None: no answer."""
+    known = [name for name in names if has_control(run_dir, name)]
+    return ask_all(run_dir, known, {"request": "status"}, STATUS_TIMEOUT)
 
 
 def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -67,14 +73,14 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     """
     if not has_control(run_dir, LAUNCHER):
         raise ConfigError(
-            f"nobody takes orders in {run_dir}: its launcher starts just now, or this is a node "
-            "that was started by hand, and Ctrl-C stops it there"
+            f"no launcher answers in {run_dir}: it is still starting, or the nodes were started by "
+            "hand; stop such a node with Ctrl-C in its terminal"
         )
     answer = ask(run_dir, LAUNCHER, request)
     if answer is None:
         raise RunError(
-            f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIME:g} s: "
-            "does it end just now, or is it suspended (Ctrl-Z)?"
+            f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIMEOUT:g} s: "
+            "is it ending, or suspended (Ctrl-Z)?"
         )
     if "error" in answer:
         raise ConfigError(str(answer["error"]))
@@ -82,13 +88,13 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def stop_node(run_dir: Path, node: str) -> None:
-    """Stop a node of a graph that runs, until :func:`start_node`; return when it is gone.
+    """Stop a node of a running graph, until :func:`start_node`; return when it has ended.
 
     Raises:
         ConfigError: If the launcher refuses.
-        RunError: If it does not answer, or the node is not gone in time.
+        RunError: If it does not answer, or the node does not end in time.
     """
-    _order(run_dir, "stop_node", node, "stopped", STOP_TIME)
+    _change_state(run_dir, "stop_node", node, "stopped", STOP_TIMEOUT)
 
 
 def start_node(run_dir: Path, node: str) -> None:
@@ -96,14 +102,14 @@ def start_node(run_dir: Path, node: str) -> None:
 
     Raises:
         ConfigError: If the launcher refuses.
-        RunError: If it does not answer, or the node does not come in time.
+        RunError: If it does not answer, or the node does not start in time.
     """
-    _order(run_dir, "start_node", node, "running", START_TIME)
+    _change_state(run_dir, "start_node", node, "running", START_TIMEOUT)
 
 
-def _order(run_dir: Path, request: str, node: str, wanted: str, patience: float) -> None:
+def _change_state(run_dir: Path, request: str, node: str, wanted: str, timeout: float) -> None:
     answer = ask_launcher(run_dir, {"request": request, "node": node})
-    end = time.monotonic() + patience
+    end = time.monotonic() + timeout
     while True:
         state = str(answer["nodes"][node]["state"])
         if state == wanted:
@@ -111,7 +117,7 @@ def _order(run_dir: Path, request: str, node: str, wanted: str, patience: float)
         if answer["phase"] != "running":
             raise RunError(f"the run has ended meanwhile; {node} is {state}")
         if time.monotonic() > end:
-            raise RunError(f"{node} is still {state} after {patience:g} s; its log may say why")
+            raise RunError(f"{node} is still {state} after {timeout:g} s; its log may say why")
         sockets.wait((), POLL_NS)
         if not has_control(run_dir, LAUNCHER):
             raise RunError(f"the run has ended meanwhile; {node} was {state}")

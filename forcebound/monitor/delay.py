@@ -1,9 +1,10 @@
-"""What loop delay has a graph, one that runs or one that was recorded?"""
+"""Loop delay of a graph that runs or was recorded."""
 
 import json
 import os
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -16,7 +17,7 @@ from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
-from forcebound.monitor.runs import find
+from forcebound.monitor.runs import find, while_running
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
@@ -38,7 +39,7 @@ class Measured:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What there is to say of the delays in a few figures, fit for JSON.
+        """The delays in a few figures, fit for JSON.
 
         ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
         None if every answer was lost.
@@ -56,26 +57,24 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
     """Return the loop delay of each tick.
 
     Args:
-        run: A recording; the run directory of a graph that runs; None: the only one that runs.
-        duration: How long to watch a graph that runs, in s; None: :data:`DURATION`.
+        run: A recording; the run directory of a running graph; None: the only one that runs.
+        duration: How long to watch a running graph, in s; None: :data:`DURATION`.
 
     Raises:
-        ConfigError: If there is no such recording or graph, it has no tick to tell of, or a
-            duration is given for a recording.
-        RunError: If the graph sent nothing.
+        ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
+            for a recording.
+        RunError: If the graph sent nothing, or ended meanwhile.
     """
     if run is not None and not run.is_dir():
         if duration is not None:
-            raise ConfigError(f"{run} is a recording, and read whole: leave --duration out")
+            raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
         recording = read(run)
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
     run_dir = find(run, of_graph=True, option="forcebound delay ")
-    try:
+    with while_running(run_dir):
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
-    except OSError:
-        raise RunError(f"the graph in {run_dir} has ended meanwhile") from None
-    columns = watch(run_dir, DURATION if duration is None else duration)
+        columns = watch(run_dir, DURATION if duration is None else duration)
     return Measured(loop_delays(columns), document)
 
 
@@ -87,7 +86,7 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         duration: How long, in s.
 
     Raises:
-        ConfigError: If it is no run directory, or not any more.
+        ConfigError: If it is no run directory, or no longer one.
         RunError: If none came.
     """
     packets: list[Telemetry] = []
@@ -113,8 +112,6 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
 def _decoded(messages: list[bytes]) -> list[Telemetry]:
     packets = []
     for data in messages:
-        try:
+        with suppress(PacketError):  # not counted: the monitor is no part of the graph
             packets.append(cast("Telemetry", decode(data, Telemetry)))
-        except PacketError:
-            continue  # counted by nobody: this is no part of the graph
     return packets

@@ -1,10 +1,11 @@
-"""What is wrong with a running graph, now, and what to do about it?
+"""Diagnosis of a running graph: what is wrong with it, where, and the likely causes.
 
 :func:`examine` judges what :mod:`forcebound.monitor.observation` saw, and touches nothing. Each
-rule gives findings; a cause is told once, and not again by all that follows from it: of the chain
+rule gives findings. A cause is named once, and not again by all that follows from it: of the chain
 device, controller, environment, controller, device only the first hop that is broken is named.
 
-To add a rule: a function from observations to findings, and its name in ``RULES``.
+To add a rule: a function from observations to findings, its name in ``RULES``, and the text of its
+findings in :mod:`forcebound.monitor.wording`.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,9 +17,10 @@ from forcebound import realtime
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.messages.packets import LINKS, TOPICS
-from forcebound.monitor.advice import NOTICES, REASONS, UNKNOWN_REASON
-from forcebound.monitor.findings import Finding, Severity
+from forcebound.monitor.findings import Fact, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
+from forcebound.monitor.wording import REASONS
+from forcebound.network.notices import KINDS
 from forcebound.process import COMPLETE
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
@@ -26,8 +28,8 @@ LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs le
 LOST_TICKS_SHARE = 0.01  # of all ticks, from which on it is a problem
 NOW = 0.2  # s without an answer that make it "now"
 LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
-UNBOUNDED = 1.0 - 1e-9  # of the force asked; below, it was made smaller, not merely rounded
-WAITING_RATE = 5.0  # refused answers in 1/s: those of several that wait, each knocks once a second
+UNBOUNDED = 1.0 - 1e-9  # of the commanded force; below, it was made smaller, not merely rounded
+WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
 SMALL_DISK = 200_000_000  # B
 SHORT_TIME = 600.0  # s until the disk is full
 
@@ -39,154 +41,122 @@ def examine(seen: Observations) -> list[Finding]:
 
 
 def _launcher(seen: Observations) -> Iterator[Finding]:
-    launcher = seen.launcher
-    if launcher is None:
-        text = "no launcher: the nodes were started by hand, and nobody starts them anew"
-        yield Finding("note", "no_launcher", "launcher", text)
-    elif not launcher.answers:
-        yield _silent("launcher", launcher)
+    if seen.launcher is None:
+        yield Finding("note", "no_launcher", "launcher")
+    elif not seen.launcher.answers:
+        yield _silent("launcher", seen.launcher)
     elif seen.phase in ("starting", "engaging"):
-        yield Finding("note", "starting", "launcher", f"the run is {seen.phase}: no force yet")
+        yield Finding("note", "starting", "launcher", {"phase": seen.phase})
     elif seen.phase == "stopping":
-        yield Finding("note", "stopping", "launcher", "the run comes to its end")
+        yield Finding("note", "stopping", "launcher")
 
 
 def _processes(seen: Observations) -> Iterator[Finding]:
     for name, process in seen.processes.items():
+        data = {"node": name, "state": process.state, "restarts": process.restarts or None}
         if process.state == "starting":
-            text = "starts, and does not answer yet" + _restarts(process)
-            yield Finding("note", "process_starting", name, text, "wait a second and ask again")
+            yield Finding("note", "process_starting", name, data)
         elif process.state in ("restarting", "ended"):
-            text = "is dead" + _restarts(process)
-            action = "the launcher starts it anew; the launcher's log says why it died"
-            action = action if process.state == "restarting" else "the launcher's log says why"
-            yield Finding("problem", "process_dead", name, text, action)
+            yield Finding("problem", "process_dead", name, data)
         elif process.state in ("stopped", "stopping"):
-            is_missed = name != "environment" or _delivered(seen, "force_command") == 0
-            text = f"is {process.state} on request"
-            severity: Severity = "problem" if is_missed else "note"
-            action = f"forcebound start {name}"
-            yield Finding(severity, "process_stopped", name, text, action)
+            is_missed = name != "environment" or not _delivered(seen, "force_command")
+            yield Finding("problem" if is_missed else "note", "process_stopped", name, data)
         elif not process.answers:
             yield _silent(name, process)
         elif process.restarts:
-            text = f"was started anew {process.restarts} times in this run"
-            yield Finding("note", "restarts", name, text, "the launcher's log says why it died")
+            yield Finding("note", "restarts", name, data)
 
 
 def _silent(name: str, process: ProcessSeen) -> Finding:
-    if process.kernel_state in SUSPENDED:
-        text = f"does not answer: process {process.pid} is suspended (SIGSTOP, Ctrl-Z, debugger)"
-        action = f"kill -CONT {process.pid}"
-        return Finding("problem", "suspended", name, text, action)
-    if process.pid is None:
-        action = "is it alive? It may be gone, suspended, or in an endless loop"
-        return Finding("problem", "no_answer", name, "does not answer", action)
-    text = f"does not answer: process {process.pid} is in state {process.kernel_state or '?'}"
-    action = f"it computes without an end, or waits for something; see top -p {process.pid}"
-    return Finding("problem", "no_answer", name, text, action)
-
-
-def _restarts(process: ProcessSeen) -> str:
-    return f"; started anew {process.restarts} times in this run" if process.restarts else ""
+    is_suspended = process.kernel_state in SUSPENDED
+    data = {"pid": process.pid, "kernel_state": process.kernel_state or None}
+    return Finding("problem", "suspended" if is_suspended else "no_answer", name, data)
 
 
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
-        return  # what comes at the end has come all the way
+        return  # what arrives at the end has passed every hop
     for topic in LINKS:
-        _, sender, receiver = TOPICS[topic]
-        assert sender is not None
-        assert receiver is not None
-        sending, receiving = seen.processes.get(sender), seen.processes.get(receiver)
-        if sending is not None and not sending.answers:
-            return  # has been said
-        if receiving is None:
+        sender, receiver = str(TOPICS[topic].sender), str(TOPICS[topic].receiver)
+        sending, receiving = seen.process(sender), seen.process(receiver)
+        if sender in seen.processes and not sending.answers:
+            return  # has a finding of its own
+        if receiver not in seen.processes:
             continue  # on another machine
         if not receiving.answers:
             return
-        if sending is None and receiving.status("remote", "connected") is False:
+        if sender not in seen.processes and receiving.status("remote", "connected") is False:
             return  # has a finding of its own
-        if receiving.growth("received", topic) == 0:
-            yield _nothing_comes(seen, topic, sender, receiver)
+        if not receiving.growth("received", topic):
+            yield _nothing_arrives(seen, topic, sender, receiver)
             return
         if not _delivered(seen, topic):
-            lost = receiving.rate("links", topic, "lost")
-            lost += receiving.rate("links", topic, "corrupted")
-            came = receiving.rate("received", topic)
-            text = f"nothing gets through to the {receiver}: {came:.3g} packets/s come,"
-            text += f" {lost:.3g}/s are lost on purpose (links.{topic})"
-            action = f"forcebound param get links.{topic}, then such as"
-            action += f" forcebound param set links.{topic}.loss:=0"
-            yield Finding("problem", "hop_broken", f"link {topic}", text, action)
+            lost = sum(receiving.rate("links", topic, fate) for fate in ("lost", "corrupted"))
+            arriving = receiving.rate("received", topic)
+            data = {"receiver": receiver, "received": arriving, "lost": lost}
+            causes = (Fact("injected_loss", {"topic": topic}),)
+            yield Finding("problem", "hop_broken", f"link {topic}", data, causes)
             return
 
 
 def _delivered(seen: Observations, topic: str) -> int:
-    """How many packets of a topic have reached the node that they are for."""
-    receiver = seen.processes.get(TOPICS[topic].receiver or "")
-    if receiver is None or not receiver.answers:
+    """Return how many packets of a topic have reached the node that they are for."""
+    receiver = seen.process(str(TOPICS[topic].receiver))
+    if not receiver.answers:
         return 0
     if receiver.status("links", topic) is not None:
         return receiver.growth("links", topic, "delivered")
     return receiver.growth("received", topic)
 
 
-def _nothing_comes(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
-    process = seen.processes[receiver]
-    never = not process.status("received", topic)
-    text = f"{receiver} has received nothing" + (" so far" if never else " now")
-    text += f" (0 packets in {process.interval:.1f} s)"
-    action = f"see what the {sender} says in the log"
-    sending = seen.processes.get(sender)
-    if sending is None:
-        action = f"is the {sender} running? It is not on this machine, or not in this run directory"
+def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
+    receiving, sending = seen.process(receiver), seen.process(sender)
+    data = {
+        "receiver": receiver,
+        "silence": receiving.interval,
+        "earlier": receiving.status("received", topic) or 0,
+        "sender": sender,
+    }
+    cause = "sender_silent"
+    if sender not in seen.processes:
+        cause = "sender_elsewhere"
     elif topic == "environment_reply":
-        queries = sending.rate("received", "environment_query")
-        text += f", and the {sender} gets {queries:.3g} queries/s"
-        if sending.status("failures"):
-            text += f"; its code has failed to answer {sending.status('failures')} times"
-            action = "its log says how; then try forcebound check environment FILE"
-        else:
-            action = "does it compute for longer than that (environment.compute_delay)? See its log"
+        data["queries"] = sending.rate("received", "environment_query")
+        data["failures"] = sending.status("failures") or None
+        cause = "environment_fails" if data["failures"] else "environment_slow"
     elif topic == "force_command" and sending.growth("rejected", "second_environment"):
-        action = "the controller refuses all answers: they are of an environment not wanted"
-    return Finding("problem", "hop_broken", f"link {topic}", text, action)
+        cause = "replies_rejected"
+    causes = (Fact(cause, {"sender": sender}),)
+    return Finding("problem", "hop_broken", f"link {topic}", data, causes)
 
 
 def _environments(seen: Observations) -> Iterator[Finding]:
-    controller, environment = seen.processes.get("controller"), seen.processes.get("environment")
-    own = None if environment is None else environment.status("name")
-    if controller is None and environment is not None:
+    controller, environment = seen.process("controller"), seen.process("environment")
+    own = environment.status("name")
+    if "controller" not in seen.processes:
         yield from _serves_elsewhere(environment)
-    if controller is None or not controller.answers:
+    if not controller.answers:
         return
     serving = controller.status("environment")
-    refused = controller.rate("rejected", "second_environment")
-    another = f"another, {own}," if own is not None and own != serving else "another one"
-    if refused > WAITING_RATE:
-        text = f"two environments answer: {serving} serves, {refused:.2g} answers/s of {another}"
-        action = REASONS["second_environment"].action
-        yield Finding("problem", "second_environment", "controller", f"{text} are refused", action)
-    elif refused:
-        text = f"{serving} serves; {another} waits, and takes over when that has been silent"
-        yield Finding("note", "waiting_environment", "controller", text)
-    elif own is not None and serving is not None and own != serving:
-        text = f"{serving} serves, not {own} of this launcher"
-        yield Finding("note", "other_environment", "controller", text)
+    rejected = controller.rate("rejected", "second_environment")
+    data = {"serving": serving, "rate": rejected, "other": own if own != serving else None}
+    if rejected > WAITING_RATE:
+        yield Finding("problem", "second_environment", "controller", data)
+    elif rejected:
+        yield Finding("note", "waiting_environment", "controller", data)
+    elif None not in (own, serving) and own != serving:
+        data = {"serving": serving, "own": own}
+        yield Finding("note", "other_environment", "controller", data)
 
 
 def _serves_elsewhere(environment: ProcessSeen) -> Iterator[Finding]:
-    """What an environment for a graph on another machine knows of it."""
-    remote = environment.status("remote")
-    if remote is None or not remote["connected"]:
-        return  # has been said
+    """Say what an environment knows of its graph, which is on another machine."""
     queries = environment.rate("received", "environment_query")
+    if not environment.status("remote", "connected") or not queries:
+        return  # has a finding of its own
     own, other = environment.status("name"), environment.status("refused_for")
-    text = f"connected with the graph, {queries:.3g} queries/s come; "
-    text += f"{own} serves" if other is None else f"{other} serves, and {own} waits"
-    if queries:
-        yield Finding("note", "remote_connected", "remote link of the environment", text)
+    data = {"queries": queries, "serving": other or own, "waiting": own if other else None}
+    yield Finding("note", "remote_connected", "remote link of the environment", data)
 
 
 def _remote(seen: Observations) -> Iterator[Finding]:
@@ -195,32 +165,26 @@ def _remote(seen: Observations) -> Iterator[Finding]:
         if remote is None:
             continue
         where = f"remote link of the {name}"
-        connected = bool(remote["connected"])
-        if not connected:
-            does = "listens at" if remote["listens"] else "connects to"
-            text = f"nobody is there; it {does} {remote['address']} port {remote['port']}"
-            text += f" and {int(remote['port']) + 1}"
-            served = name == "controller" and _delivered(seen, "force_command") > 0
-            action = "start the other end: forcebound node environment FILE"
-            if name == "environment":
-                action = "start the other end: forcebound launch FILE"
-            severity: Severity = "note" if served else "problem"
-            yield Finding(severity, "remote_not_connected", where, text, action)
-        for kind, advice in NOTICES.items():
-            count, growth = (
-                int(remote["counts"].get(kind, 0)),
-                process.growth("remote", "counts", kind),
-            )
-            if growth or (count and not connected):
-                text = f"{advice.meaning} ({kind}: {count} times, {growth} just now)"
-                yield Finding("problem", f"remote_{kind}", where, text, advice.action)
-            elif count:
-                text = f"{advice.meaning} ({kind}: {count} times, not now)"
-                yield Finding("note", f"remote_{kind}", where, text, advice.action)
+        if not remote["connected"]:
+            is_served = name == "controller" and _delivered(seen, "force_command") > 0
+            data = {
+                "listens_at" if remote["listens"] else "connects_to": remote["address"],
+                "port": remote["port"],
+                "other_end": "launch" if name == "environment" else "node environment",
+            }
+            severity: Severity = "note" if is_served else "problem"
+            yield Finding(severity, "remote_not_connected", where, data)
+        for kind in (name for name, kind in KINDS.items() if kind.is_problem):
+            count = remote["counts"].get(kind, 0)
+            recent = process.growth("remote", "counts", kind)
+            if count:
+                severity = "problem" if recent or not remote["connected"] else "note"
+                data = {"count": count, "recent": recent}
+                yield Finding(severity, f"remote_{kind}", where, data)
 
 
 def _rejected(seen: Observations) -> Iterator[Finding]:
-    injected = any(
+    is_reordered = any(
         link.jitter or link.reorder or link.duplicate or link.trace
         for link in seen.config.links.values()
     )
@@ -229,37 +193,31 @@ def _rejected(seen: Observations) -> Iterator[Finding]:
             rate = process.rate("rejected", reason)
             if not rate or reason == "second_environment":  # which has a finding of its own
                 continue
-            advice = REASONS.get(reason, UNKNOWN_REASON)
-            text = f"refuses {rate:.3g} packets/s as {reason}: {advice.meaning}"
-            severity: Severity = "note" if injected and reason == "not_newer" else "problem"
-            yield Finding(severity, f"rejected_{reason}", name, text, advice.action)
+            is_expected = is_reordered and reason == "not_newer"
+            kind = f"rejected_{reason if reason in REASONS else 'unknown'}"
+            data = {"rate": rate, "reason": reason}
+            yield Finding("note" if is_expected else "problem", kind, name, data)
 
 
 def _force(seen: Observations) -> Iterator[Finding]:
     telemetry = seen.telemetry
-    device = seen.processes.get("device")
     if telemetry.time_ns.size == 0:
-        if device is not None and device.answers and seen.phase not in ("starting", "stopping"):
-            text = "answers, but sends no telemetry"
-            yield Finding("problem", "no_telemetry", "device", text, "does it hang in its driver?")
+        if seen.process("device").answers and seen.phase not in ("starting", "stopping"):
+            yield Finding("problem", "no_telemetry", "device")
         return
     unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
     if not unanswered.any():
         return
-    limit = f"{seen.config.device.servo.age_limit * 1e3:g} ms"
-    without = f"no answer younger than the age limit of {limit}"
+    data = {"age_limit": seen.config.device.servo.age_limit}
     recent = telemetry.time_ns >= telemetry.time_ns[-1] - NOW * 1e9
     if unanswered[recent].all():
         answered = np.flatnonzero(~unanswered)
         start = int(answered[-1]) + 1 if answered.size else 0
-        silence = (telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
-        text = f"no force: for {silence:.1f} s and more {without}"
-        action = "repair the link or process named here; delays need a larger device.age_limit"
-        yield Finding("problem", "no_force", "device", text, action)
+        silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
+        yield Finding("problem", "no_force", "device", {**data, "silence": silence})
         return
-    text = f"no force in {unanswered.mean():.1%} of {unanswered.size} ticks: {without}"
-    action = "less delay or loss, or a larger device.age_limit; force returns over the engage ramp"
-    yield Finding("problem", "force_gaps", "device", text, action)
+    gaps = {"share": float(unanswered.mean()), "ticks": unanswered.size}
+    yield Finding("problem", "force_gaps", "device", {**data, **gaps})
 
 
 def _delay(seen: Observations) -> Iterator[Finding]:
@@ -268,19 +226,16 @@ def _delay(seen: Observations) -> Iterator[Finding]:
         return
     servo = seen.config.device.servo
     p50, p99 = np.percentile(delays, (50, 99)).tolist()
-    text = f"loop delay p50 {p50 * 1e3:.1f} ms, p99 {p99 * 1e3:.1f} ms"
-    if p99 > NEAR_AGE_LIMIT * servo.age_limit:
-        text += f": near the age limit of {servo.age_limit * 1e3:g} ms, beyond which no force is"
-        action = "less delay (forcebound param get links), or a larger device.age_limit"
-        yield Finding("problem", "delay_near_age_limit", "loop", text, action)
-        return
+    data = {"p50": p50, "p99": p99}
     injected = _injected_delay(seen.config)
-    if injected is None or seen.config.remote is not None:
+    if p99 > NEAR_AGE_LIMIT * servo.age_limit:
+        data["age_limit"] = servo.age_limit
+        yield Finding("problem", "delay_near_age_limit", "loop", data)
+    elif injected is None or seen.config.remote is not None:
         return
-    if p50 > injected + LATE_PERIODS / servo.rate:
-        text += f", of which {injected * 1e3:.1f} ms at most are injected; the period is"
-        text += f" {1e3 / servo.rate:g} ms"
-        yield Finding("problem", "late_loop", "loop", text, _punctuality(seen))
+    elif p50 > injected + LATE_PERIODS / servo.rate:
+        data |= {"injected": injected, "period": 1.0 / servo.rate}
+        yield Finding("problem", "late_loop", "loop", data, _lateness(seen))
 
 
 def _injected_delay(config: GraphConfig) -> float | None:
@@ -299,85 +254,72 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
     lost = int(telemetry.deadline_misses[-1] - telemetry.deadline_misses[0])
     if lost <= 0:
         return
-    duration = (telemetry.time_ns[-1] - telemetry.time_ns[0]) * 1e-9
+    duration = float(telemetry.time_ns[-1] - telemetry.time_ns[0]) * 1e-9
     share = lost / (lost + telemetry.time_ns.size)
-    text = f"loses {lost / duration:.3g} ticks/s, {share:.1%} of all: costs force, never safety"
+    data = {"rate": lost / duration, "share": share}
     severity: Severity = "problem" if share >= LOST_TICKS_SHARE else "note"
-    yield Finding(severity, "ticks_lost", "device", text, _punctuality(seen))
+    yield Finding(severity, "ticks_lost", "device", data, _lateness(seen))
 
 
-def _punctuality(seen: Observations) -> str:
-    """Return the likely causes of lateness, with what to do about each."""
-    device = seen.processes.get("device")
-    told = () if device is None else device.status("realtime") or ()
-    facts = [realtime.Fact(fact["code"], fact["data"]) for fact in told]
-    causes = [fact.sentence for fact in facts if fact.is_hindrance]
+def _lateness(seen: Observations) -> tuple[Fact, ...]:
+    """Return the likely causes of lateness."""
+    facts = [realtime.Fact(**fact) for fact in seen.process("device").status("realtime") or ()]
+    causes = [Fact(fact.code, fact.data) for fact in facts if fact.is_hindrance]
     if seen.neighbours:
-        others = ", ".join(seen.neighbours)
-        causes.append(f"core {seen.core} is shared with {others}: set realtime.cores")
+        data = {"core": seen.core, "graphs": ", ".join(seen.neighbours)}
+        causes.append(Fact("core_shared", data))
     if seen.load > seen.cores:
-        causes.append(
-            f"the load is {seen.load:.1f} on {seen.cores} cores: end what is not needed, or keep it"
-            " off the core (taskset, isolcpus)"
-        )
-    unknown = "cause unknown; forcebound bench servo shows what this machine can do"
-    return "; ".join(causes) or unknown
+        causes.append(Fact("load", {"load": seen.load, "cores": seen.cores}))
+    return tuple(causes) or (Fact("unknown"),)
 
 
 def _links(seen: Observations) -> Iterator[Finding]:
     for process in seen.processes.values():
         for topic in process.status("links") or ():
-            came = process.growth("links", topic, "sent")
-            lost = process.growth("links", topic, "lost")
-            corrupted = process.growth("links", topic, "corrupted")
-            if not 0 < lost + corrupted < came:  # if it is all, the chain is broken there
-                continue
-            text = f"loses {lost} and damages {corrupted} of {came} packets, on purpose"
-            action = f"forcebound param get links.{topic}"
-            yield Finding("note", "injected_loss", f"link {topic}", text, action)
+            fates = ("sent", "lost", "corrupted")
+            counts = {fate: process.growth("links", topic, fate) for fate in fates}
+            # If all are lost, the chain is broken there.
+            if 0 < counts["lost"] + counts["corrupted"] < counts["sent"]:
+                data = {"topic": topic, **counts}
+                yield Finding("note", "injected_loss", f"link {topic}", data)
 
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
-    recorder, recording = seen.processes.get("recorder"), seen.recording
-    if recorder is None or not recorder.answers:
+    recorder, recording = seen.process("recorder"), seen.recording
+    if not recorder.answers:
         return
     state = recorder.status("recording") or COMPLETE
     if state != COMPLETE:
-        text = f"recording {state}; the graph goes on without ({recording.path})"
-        action = "make room, then start the run again: this recording ends here"
-        yield Finding("problem", "not_recording", "recorder", text, action)
+        data = {"state": state, "path": recording.path}
+        yield Finding("problem", "not_recording", "recorder", data)
     elif recording.free is not None:
-        left = recording.free / recording.rate if recording.rate else float("inf")
-        if recording.free < SMALL_DISK or left < SHORT_TIME:
-            text = f"{recording.free / 1e6:.0f} MB are left for {recording.path}, which grows by"
-            text += f" {recording.rate / 1e6:.2g} MB/s"
-            text += f": full in {left / 60.0:.0f} min" if recording.rate else ""
-            yield Finding("problem", "disk_nearly_full", "recorder", text, "make room")
+        left = recording.free / recording.rate if recording.rate else None
+        if recording.free < SMALL_DISK or (left is not None and left < SHORT_TIME):
+            data = {"path": recording.path, "free": recording.free, "rate": recording.rate}
+            yield Finding("problem", "disk_nearly_full", "recorder", {**data, "left": left})
     if seen.telemetry.time_ns.size and not recorder.growth("received", "telemetry"):
-        text = f"receives no telemetry ({recorder.interval:.1f} s), though the device sends it"
-        yield Finding("problem", "recorder_deaf", "recorder", text, "start the run again")
+        yield Finding("problem", "recorder_deaf", "recorder", {"interval": recorder.interval})
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
     law = seen.config.device.servo.law
     if law == "none":
-        text = "law none: nothing protects the hand from what environment and network do"
-        yield Finding("note", "no_law", "device", text, "device.law: certified, in the launch file")
+        yield Finding("note", "no_law", "device")
         return
-    asked = np.linalg.norm(seen.telemetry.commanded_force, axis=1)
+    commanded = np.linalg.norm(seen.telemetry.commanded_force, axis=1)
     applied = np.linalg.norm(seen.telemetry.applied_force, axis=1)
-    pushing = asked > 0.0
-    if not pushing.any():
+    is_pushing = commanded > 0.0
+    is_limited = (applied < UNBOUNDED * commanded) & is_pushing
+    if is_limited.sum() <= LIMITED_SHARE * is_pushing.sum():
         return
-    limited = (applied < UNBOUNDED * asked) & pushing
-    share = limited.sum() / pushing.sum()
-    if share > LIMITED_SHARE:
-        text = f"law {law} limits the force in {share:.0%} of the ticks with one: of"
-        text += f" {asked[limited].mean():.2g} N asked it shows {applied[limited].mean():.2g} N"
-        action = "less delay or stiffness lets more force through"
-        if not LAWS[law].is_certified:
-            action += "; this law is not certified"
-        yield Finding("note", "law_limits", "device", text, action)
+    data = {
+        "law": law,
+        "share": float(is_limited.sum() / is_pushing.sum()),
+        "commanded": float(commanded[is_limited].mean()),
+        "applied": float(applied[is_limited].mean()),
+    }
+    causes = () if LAWS[law].is_certified else (Fact("law_not_certified"),)
+    yield Finding("note", "law_limits", "device", data, causes)
 
 
 Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]

@@ -1,26 +1,40 @@
-"""What an examination of a graph or a machine finds."""
+"""Findings and facts: codes with data, which :mod:`forcebound.monitor.wording` words."""
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
 
 Severity: TypeAlias = Literal["problem", "note", "fine"]
 
 
 @dataclass(frozen=True)
-class Finding:
-    """Something that is worth saying about a graph or a machine.
+class Fact:
+    """A likely cause of a finding, or a note on a change.
 
     Attributes:
-        severity: ``"problem"``, something does not work as it should; ``"note"``, it is good to
-            know; ``"fine"``, of a machine: as it should be.
-        kind: What it is, in one word, for programs.
-        where: Node, link or thing.
-        seen: What was seen, with units.
-        advice: What to do; empty if there is nothing to do.
+        code: Which, a key of ``CAUSES`` or ``NOTES`` of :mod:`forcebound.monitor.wording`.
+        data: The values in its text.
+    """
+
+    code: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something noteworthy about a graph or a machine.
+
+    Attributes:
+        severity: ``"problem"``, something does not work as it should; ``"note"``, good to know;
+            ``"fine"``, of a machine: as it should be.
+        kind: What it is, a key of :data:`forcebound.monitor.wording.FINDINGS`.
+        where: Node, link or part of the machine.
+        data: The values in its text, in SI units; None: not known, or does not apply.
+        causes: Likely causes.
     """
 
     severity: Severity
     kind: str
     where: str
-    seen: str
-    advice: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
+    causes: tuple[Fact, ...] = ()

@@ -1,4 +1,4 @@
-"""Is this machine fit for live runs? What it permits, and how to make it more punctual.
+"""Fitness of this machine for live runs: what it permits, and what could be better.
 
 :func:`look` asks the machine, :func:`examine` judges the answers. Nothing that is merely slow or
 late is a problem: a live run is correct on any machine, and punctual on a good one.
@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
@@ -105,118 +106,60 @@ def look() -> Machine:
 def examine(machine: Machine) -> list[Finding]:
     """Return what there is to say about a machine, what prevents live runs first."""
     order = ("problem", "note", "fine")
-    findings = [
-        *_scheduling(machine),
-        *_cores(machine),
-        *_clocks(machine),
-        *_software(machine),
-        *_folders(machine),
-    ]
+    findings = [*_scheduling(machine), *_clocks(machine), *_software(machine)]
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
 
+def _judge(is_fine: bool, where: str, fine: str, note: str, **data: Any) -> Finding:
+    return Finding("fine", fine, where, data) if is_fine else Finding("note", note, where, data)
+
+
 def _scheduling(machine: Machine) -> Iterator[Finding]:
-    if machine.permits_fifo:
-        text = "SCHED_FIFO is permitted: a node runs as soon as it has something to do"
-        yield Finding("fine", "fifo", "scheduling", text)
-    else:
-        text = "SCHED_FIFO is not permitted: on a busy machine ticks come late"
-        yield Finding("note", "no_fifo", "scheduling", text, realtime.PERMIT_FIFO)
-    if machine.lock_limit is None:
-        yield Finding("fine", "memory_lock", "memory", "may be locked: no tick waits for a page")
-    else:
-        text = f"at most {machine.lock_limit // 1024} KiB may be locked: now and then a tick waits"
-        text += " for a page"
-        yield Finding("note", "no_memory_lock", "memory", text, realtime.PERMIT_LOCK)
-    share = machine.rt_runtime
-    if share == 0.0:
-        text = "SCHED_FIFO gets no time at all (sched_rt_runtime_us is 0)"
-        action = "sudo sysctl kernel.sched_rt_runtime_us=950000"
-        yield Finding("note", "rt_throttling", "RT throttling", text, action)
-    elif share is not None:
-        text = f"SCHED_FIFO gets at most {share:.0%} of a core; the chain needs less than half"
-        yield Finding("fine", "rt_throttling", "RT throttling", text)
-    if machine.has_preempt_rt:
-        text = f"{machine.kernel}, PREEMPT_RT: wakes up within some 10 us"
-        yield Finding("fine", "kernel", "kernel", text)
-    else:
-        text = f"{machine.kernel}, without PREEMPT_RT: mostly punctual, rarely late by milliseconds"
-        action = "a kernel with PREEMPT_RT (Debian: apt install linux-image-rt-amd64), if that is"
-        yield Finding("note", "no_preempt_rt", "kernel", text, f"{action} too late for you")
-
-
-def _cores(machine: Machine) -> Iterator[Finding]:
-    text = f"{machine.cores} may be used"
-    if machine.cores < FEW_CORES:
-        text += ": launcher, recorder and all others share it with the chain of nodes"
-        yield Finding("note", "few_cores", "cores", text, "use a machine with 2 cores or more")
-    else:
-        yield Finding("fine", "cores", "cores", text)
-    text = f"{machine.load:.1f} processes wanted to run in the last minute"
-    if machine.load > machine.cores / 2:
-        action = "end what is not needed (top), or keep it off the highest core (taskset, isolcpus)"
-        yield Finding("note", "load", "load", f"{text}: ticks may be late", action)
-    else:
-        yield Finding("fine", "load", "load", text)
-    if machine.governor == "powersave":
-        text = "powersave: the cores may be slow when a tick comes"
-        action = "sudo cpupower frequency-set -g performance"
-        yield Finding("note", "governor", "frequency", text, action)
-    elif machine.governor:
-        yield Finding("fine", "governor", "frequency", machine.governor)
+    yield _judge(machine.permits_fifo, "scheduling", "fifo", "no_fifo")
+    limit, share = machine.lock_limit, machine.rt_runtime
+    yield _judge(limit is None, "memory", "memory_lock", "no_memory_lock", limit=limit)
+    if share is not None:
+        yield _judge(share > 0.0, "RT throttling", "rt_throttling", "no_rt_time", share=share)
+    release, cores = machine.kernel, machine.cores
+    yield _judge(machine.has_preempt_rt, "kernel", "kernel", "no_preempt_rt", release=release)
+    yield _judge(cores >= FEW_CORES, "cores", "cores", "few_cores", cores=cores)
+    yield _judge(machine.load <= cores / 2, "load", "load", "high_load", load=machine.load)
+    if machine.governor:
+        is_fast = machine.governor != "powersave"
+        governor = machine.governor
+        yield _judge(is_fast, "frequency", "governor", "slow_governor", governor=governor)
 
 
 def _clocks(machine: Machine) -> Iterator[Finding]:
-    if machine.clock_resolution > COARSE_CLOCK:
-        text = f"timers step by {machine.clock_resolution * 1e3:g} ms: no servo of 1 kHz"
-        action = "a kernel with CONFIG_HIGH_RES_TIMERS, not started with highres=off"
-        yield Finding("note", "coarse_timers", "timers", text, action)
-    else:
-        yield Finding("fine", "timers", "timers", "of high resolution")
+    resolution, source = machine.clock_resolution, machine.clock_source
+    is_fine = resolution <= COARSE_CLOCK
+    yield _judge(is_fine, "timers", "timers", "coarse_timers", resolution=resolution)
     if machine.timer_slack_ns is not None:
-        text = f"{machine.timer_slack_ns / 1e3:g} us here; the nodes set theirs to 1 ns"
-        yield Finding("fine", "timer_slack", "timer slack", text)
-    source = machine.clock_source
-    if source in SLOW_CLOCKS:
-        text = f"{source}: each look at the clock costs a microsecond or more"
-        action = "echo tsc | sudo tee /sys/devices/system/clocksource/clocksource0/"
-        action += "current_clocksource, if available_clocksource there has it"
-        yield Finding("note", "slow_clock", "clock source", text, action)
-    elif source:
-        yield Finding("fine", "clock_source", "clock source", source)
+        data = {"slack": machine.timer_slack_ns * 1e-9}
+        yield Finding("fine", "timer_slack", "timer slack", data)
+    if source:
+        is_fast = source not in SLOW_CLOCKS
+        yield _judge(is_fast, "clock source", "clock_source", "slow_clock", source=source)
 
 
 def _software(machine: Machine) -> Iterator[Finding]:
-    version = ".".join(map(str, machine.python))
-    yield Finding("fine", "python", "Python", version)
-    if machine.has_curve:
-        yield Finding("fine", "libzmq", "libzmq", f"{machine.zmq}, with CURVE encryption")
-    else:
-        text = f"{machine.zmq}, without CURVE: no environment on another machine"
-        action = "pip install --force-reinstall --only-binary pyzmq pyzmq"
-        yield Finding("note", "no_curve", "libzmq", text, action)
-
-
-def _folders(machine: Machine) -> Iterator[Finding]:
-    where, free = "temporary folder", machine.free
-    action = "make room, or name another folder: TMPDIR=FOLDER forcebound launch ..."
-    if free is None:
-        text = f"{machine.temporary} cannot be written: no run can begin"
-        yield Finding("problem", "no_temporary_folder", where, text, action)
-    elif free < NO_SPACE:
-        text = f"{free / 1e6:.1f} MB are free in {machine.temporary}: no run can begin"
-        yield Finding("problem", "no_space", where, text, action)
-    elif free < SMALL_SPACE:
-        text = f"{free / 1e6:.0f} MB are free in {machine.temporary}: for minutes of recording"
-        yield Finding("note", "little_space", where, text, action)
-    else:
-        text = f"{free / 1e9:.1f} GB are free in {machine.temporary}"
-        yield Finding("fine", "space", where, text)
-    for text, action in machine.key_problems:
-        yield Finding("note", "unsafe_keys", "keys", text, action)
+    yield Finding("fine", "python", "Python", {"version": ".".join(map(str, machine.python))})
+    yield _judge(machine.has_curve, "libzmq", "libzmq", "no_curve", version=machine.zmq)
+    yield _temporary_folder(machine)
+    for problem, action in machine.key_problems:
+        yield Finding("note", "unsafe_keys", "keys", {"problem": problem, "action": action})
     if not machine.key_problems:
-        text = f"nothing wrong in {machine.key_folder}"
-        yield Finding("fine", "keys", "keys", text)
+        yield Finding("fine", "keys", "keys", {"folder": str(machine.key_folder)})
+
+
+def _temporary_folder(machine: Machine) -> Finding:
+    where, free = "temporary folder", machine.free
+    data = {"folder": str(machine.temporary), "free": free}
+    if free is None:
+        return Finding("problem", "no_temporary_folder", where, data)
+    if free < NO_SPACE:
+        return Finding("problem", "no_space", where, data)
+    return _judge(free >= SMALL_SPACE, where, "space", "little_space", **data)
 
 
 def _rt_runtime() -> float | None:

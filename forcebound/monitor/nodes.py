@@ -1,4 +1,4 @@
-"""Which nodes of a graph are on this machine, how are they, and whose environment serves?"""
+"""The nodes of a graph on this machine, their states, and the environment that serves."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,15 +8,14 @@ from typing import Any
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
 from forcebound.launch.live import RunDocument
-from forcebound.monitor.control import PATIENCE, ask_all
+from forcebound.monitor.control import statuses
 from forcebound.network import sockets
-from forcebound.process import has_control
 from forcebound.processes import LAUNCHER, NODES
 
 ENVIRONMENT, CONTROLLER = "environment", "controller"
 
-LOOK_NS = 100_000_000  # in which an environment that serves answers, but for a very slow one
-KNOCKS = 1  # answers in this time of one that waits
+SERVING_NS = 100_000_000  # in which an environment that serves replies, unless it is very slow
+WAITING_REPLIES = 1  # of an environment that waits, in this time
 UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
 
 
@@ -25,7 +24,7 @@ class Present:
     """The nodes of one run directory.
 
     Attributes:
-        nodes: Those whose place is here, whether they run or not; the others are elsewhere.
+        nodes: Those that belong to this machine, whether they run or not.
         asked: Those of them that can be asked: they have a control socket, or a launcher.
         states: What the launcher says of them, see ``docs/protocol.md``; of nodes that were started
             by hand, :data:`UNKNOWN` if they can be asked.
@@ -48,18 +47,18 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
 
     Args:
         run_dir: Of a graph, or of an environment for one elsewhere.
-        config: What it runs with; None: no matter whose place is here while nobody knows them.
+        config: What it runs with; it says whether the environment belongs elsewhere. None: that
+            does not matter.
     """
     is_graph = _is_graph(run_dir)
-    controls = {name for name in (*NODES, LAUNCHER) if has_control(run_dir, name)}
-    told = ask_all(run_dir, sorted(controls), {"request": "status"}, PATIENCE)
-    answers = {name: answer for name, answer in told.items() if answer is not None}
+    asked_now = statuses(run_dir, (*NODES, LAUNCHER))
+    answers = {name: answer for name, answer in asked_now.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
     if launched is not None:
         states = {name: str(node["state"]) for name, node in launched.items()}
         nodes = asked = frozenset(NODES) & states.keys()
     else:
-        asked = frozenset(controls - {LAUNCHER})
+        asked = frozenset(asked_now.keys() - {LAUNCHER})
         states = dict.fromkeys(asked, UNKNOWN)
         nodes = frozenset(NODES if is_graph else {ENVIRONMENT})
         if is_graph and config is not None and config.remote is not None:
@@ -83,10 +82,10 @@ def _serving(
         return None
     if own is not None and own.get("name") == serving:
         return None
-    sockets.wait((), LOOK_NS)
-    later = ask_all(run_dir, [CONTROLLER], {"request": "status"}, PATIENCE)[CONTROLLER] or {}
-    came = _replies(later) - _replies(controller)
-    return str(serving) if came > KNOCKS else None  # or it has gone, and its lease is not over
+    sockets.wait((), SERVING_NS)
+    later = statuses(run_dir, [CONTROLLER]).get(CONTROLLER) or {}
+    replies = _replies(later) - _replies(controller)
+    return str(serving) if replies > WAITING_REPLIES else None  # else it has gone, with its lease
 
 
 def _replies(controller: Mapping[str, Any]) -> int:

@@ -1,4 +1,4 @@
-"""What can be seen of a running graph from outside: the material of ``forcebound doctor``.
+"""Observation of a running graph from outside, for ``forcebound doctor``.
 
 Each process is asked twice, with about two seconds of telemetry between, so that rates are known
 besides counts. Nothing here judges; that is :mod:`forcebound.monitor.doctor`.
@@ -7,7 +7,7 @@ besides counts. Nothing here judges; that is :mod:`forcebound.monitor.doctor`.
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,11 @@ from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import RunDocument
-from forcebound.monitor.control import PATIENCE, ask_all
+from forcebound.monitor.control import statuses
 from forcebound.monitor.delay import watch
 from forcebound.monitor.nodes import UNKNOWN
-from forcebound.monitor.runs import running
+from forcebound.monitor.runs import running, while_running
 from forcebound.monitor.tuning import configuration
-from forcebound.process import has_control
 from forcebound.processes import LAUNCHER, PROCESSES
 from forcebound.telemetry import TelemetryColumns
 
@@ -28,19 +27,17 @@ DURATION = 2.0  # s between the two answers of a process
 
 SUSPENDED = ("T", "t")  # states in /proc/PID/stat: stopped by a signal, or by a debugger
 
-_STATUS = {"request": "status"}
-
 
 @dataclass(frozen=True)
 class ProcessSeen:
     """One process of a graph.
 
     Attributes:
-        state: What the launcher says of it, see ``docs/protocol.md``; or :data:`UNKNOWN`.
+        state: As its launcher says, see ``docs/protocol.md``; or :data:`UNKNOWN`.
         pid: Its process id, if it is known.
-        restarts: How often it was started anew.
+        restarts: How often it was restarted.
         kernel_state: Its letter in ``/proc/PID/stat``; empty if it is not known.
-        first: Its status, at first; None: no answer.
+        first: Its status at the beginning; None: no answer.
         last: Its status at the end; None: no answer.
         interval: Time between the two, in s.
     """
@@ -55,7 +52,7 @@ class ProcessSeen:
 
     @property
     def answers(self) -> bool:
-        """Whether it answered when it was asked last."""
+        """Whether it answered at the end."""
         return self.last is not None
 
     def status(self, *path: str) -> Any:
@@ -65,8 +62,8 @@ class ProcessSeen:
     def growth(self, *path: str) -> int:
         """Return by how much a count of the status has grown between the answers.
 
-        A count that is missing is 0. One that fell is that of a process that was started anew, and
-        has grown from 0.
+        A missing count is 0. A count that fell is that of a process that was restarted: it has
+        grown from 0.
         """
         first, last = (int(_entry(status, path) or 0) for status in (self.first, self.last))
         return last - first if last >= first else last
@@ -83,7 +80,7 @@ class RecordingSeen:
     Attributes:
         path: Where it is.
         rate: How fast it grows, in B/s.
-        free: Room that is left on its disk, in B; None if that cannot be said.
+        free: Room left on its disk, in B; None: not known.
     """
 
     path: str = ""
@@ -93,7 +90,7 @@ class RecordingSeen:
 
 @dataclass(frozen=True)
 class Observations:
-    """A graph that runs, as seen from outside.
+    """A running graph, as seen from outside.
 
     Attributes:
         config: What it runs with now.
@@ -119,6 +116,10 @@ class Observations:
     load: float = 0.0
     neighbours: tuple[str, ...] = ()
 
+    def process(self, name: str) -> ProcessSeen:
+        """Return a process of this machine; one that is not here answers nothing."""
+        return self.processes.get(name, ProcessSeen())
+
 
 def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """Look at a running graph for some time.
@@ -131,77 +132,55 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
         ConfigError: If the run directory does not say what runs.
         RunError: If the graph ended meanwhile.
     """
-    run = _read(run_dir)
-    cores = realtime.stand_aside(run.core)  # who looks must not be the cause of what is seen
-    try:
-        names = [name for name in PROCESSES if has_control(run_dir, name)]
-        size, first_time = _size(run.record), time.monotonic()
-        first = ask_all(run_dir, [*names, LAUNCHER], _STATUS, PATIENCE)
+    with while_running(run_dir):
+        run = RunDocument.read(run_dir)
+        cores = realtime.stand_aside(run.core)  # looking must not disturb
         try:
-            telemetry = watch(run_dir, duration)
-        except RunError:
-            telemetry = TelemetryColumns.from_packets([])
-        except (OSError, ValueError):
-            raise _ended(run_dir) from None
-        interval = time.monotonic() - first_time
-        names = [name for name in PROCESSES if has_control(run_dir, name)]
-        last = ask_all(run_dir, [*names, LAUNCHER], _STATUS, PATIENCE)
-        growth = _size(run.record) - size
-    finally:
-        os.sched_setaffinity(0, cores)
-    _read(run_dir)  # it runs still
-    told = last[LAUNCHER] or {}
-    nodes: Mapping[str, Any] = told.get("nodes", {})
+            seen = _look(run_dir, run, duration)
+        finally:
+            os.sched_setaffinity(0, cores)
+        RunDocument.read(run_dir)  # it still runs
+        return replace(seen, cores=len(cores))
+
+
+def _look(run_dir: Path, run: RunDocument, duration: float) -> Observations:
+    size, start = _size(run.record), time.monotonic()
+    first = statuses(run_dir, (*PROCESSES, LAUNCHER))
+    try:
+        telemetry = watch(run_dir, duration)
+    except RunError:  # none came
+        telemetry = TelemetryColumns.from_packets([])
+    interval = time.monotonic() - start
+    last = statuses(run_dir, (*PROCESSES, LAUNCHER))
+    growth = _size(run.record) - size
+    launched = last.get(LAUNCHER) or {}
+    nodes: Mapping[str, Mapping[str, Any]] = launched.get("nodes", {})
+    known = {name: nodes.get(name, {}) for name in PROCESSES if name in nodes or name in last}
+    if LAUNCHER in last:
+        known[LAUNCHER] = {"pid": run.launcher, "state": "running"}
     processes = {
-        name: _process(nodes.get(name, {}), first.get(name), last.get(name), interval)
-        for name in PROCESSES
-        if name in nodes or name in names
+        name: ProcessSeen(
+            state=process.get("state", UNKNOWN),
+            pid=process.get("pid"),
+            restarts=process.get("restarts", 0),
+            kernel_state=_kernel_state(process.get("pid")),
+            first=first.get(name),
+            last=last.get(name),
+            interval=interval,
+        )
+        for name, process in known.items()
     }
-    launcher = None
-    if has_control(run_dir, LAUNCHER):
-        seen = {"pid": run.launcher, "state": "running"}
-        launcher = _process(seen, first[LAUNCHER], last[LAUNCHER], interval)
     return Observations(
         config=configuration(run_dir, serves=False),
+        launcher=processes.pop(LAUNCHER, None),
         processes=processes,
         telemetry=telemetry,
-        phase=told.get("phase"),
-        launcher=launcher,
+        phase=launched.get("phase"),
         recording=RecordingSeen(run.record, max(0, growth) / interval, _free(run.record)),
         core=run.core,
-        cores=len(cores),
         load=os.getloadavg()[0],
         neighbours=_neighbours(run_dir, run.core),
     )
-
-
-def _process(
-    told: Mapping[str, Any],
-    first: Mapping[str, Any] | None,
-    last: Mapping[str, Any] | None,
-    interval: float,
-) -> ProcessSeen:
-    pid = told.get("pid")
-    return ProcessSeen(
-        state=told.get("state", UNKNOWN),
-        pid=pid,
-        restarts=told.get("restarts", 0),
-        kernel_state=_kernel_state(pid),
-        first=first,
-        last=last,
-        interval=interval,
-    )
-
-
-def _read(run_dir: Path) -> RunDocument:
-    try:
-        return RunDocument.read(run_dir)
-    except ConfigError:
-        raise _ended(run_dir) from None
-
-
-def _ended(run_dir: Path) -> RunError:
-    return RunError(f"the graph in {run_dir} has ended meanwhile")
 
 
 def _kernel_state(pid: int | None) -> str:

@@ -1,4 +1,4 @@
-"""Which graphs run on this machine? They are found by their run directories, and by nothing else.
+"""The graphs that run on this machine, found by their run directories and by nothing else.
 
 A run directory is named ``forcebound-...``, lies in the folder for temporary files, belongs to the
 user, has a run's document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher
@@ -6,10 +6,11 @@ or by nodes that were started by hand (:mod:`forcebound.launch.holding`).
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, RunError
 from forcebound.launch.holding import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
 from forcebound.process import has_control
@@ -22,9 +23,7 @@ def running(folders: Iterable[Path] | None = None) -> list[Path]:
     Args:
         folders: Where to look; by default where the launcher makes run directories.
     """
-    folders = run_folders() if folders is None else folders
-    found = {run_dir.resolve() for folder in folders for run_dir in folder.glob(f"{PREFIX}*")}
-    return sorted(run_dir for run_dir in found if _runs(run_dir))
+    return list(_running(folders))
 
 
 def find(
@@ -34,7 +33,7 @@ def find(
     of_graph: bool = False,
     option: str = "--run ",
 ) -> Path:
-    """Return the run directory of the graph that is meant.
+    """Return the run directory of one running graph.
 
     Args:
         run: Its run directory, as :func:`running` gives it; None: the only graph that runs. A node
@@ -47,57 +46,73 @@ def find(
         ConfigError: If no graph runs, several run and ``run`` does not say which, or ``run`` is no
             directory of one that runs.
     """
-    known = running(folders)
+    known = _running(folders)
     if run is None:
-        graphs = [run_dir for run_dir in known if _document(run_dir, "is_graph")]
-        if of_graph and known and not graphs:
-            told = "only environments for graphs on other machines"
-            raise ConfigError(f"no graph of yours runs on this machine, {told}:{_list(known)}")
-        known = list(filter(_is_launched, known)) or graphs or known
-        if len(known) == 1:
-            return known[0]
-        if known:
-            raise ConfigError(f"several graphs run; say which one: {option}DIR, of{_list(known)}")
-        raise ConfigError("no graph of yours runs on this machine; start one: forcebound launch")
+        return _only(known, of_graph, option)
     run_dir = run.resolve()
-    if _runs(run_dir):  # also one that lies elsewhere
-        if of_graph and not _document(run_dir, "is_graph"):
-            raise ConfigError(f"in {run} runs an environment alone, and no graph")
-        return run_dir
-    others = f"those that run:{_list(known)}" if known else "none runs"
-    raise ConfigError(f"{run} is not the run directory of a graph that runs; {others}")
+    document = _document(run_dir)  # the directory may lie elsewhere
+    if document is None:
+        others = f"these are:{_list(known)}" if known else "none runs"
+        raise ConfigError(f"{run} is not the run directory of a running graph; {others}")
+    if of_graph and not document.is_graph:
+        raise ConfigError(f"in {run} runs an environment alone, and no graph")
+    return run_dir
 
 
-def _list(run_dirs: Iterable[Path]) -> str:
-    """Return a line for each run directory, with what one may know the graph by."""
-    return "".join(f"\n  {run_dir}  {_told(run_dir)}" for run_dir in run_dirs)
+def _only(known: Mapping[Path, RunDocument], of_graph: bool, option: str) -> Path:
+    graphs = [run_dir for run_dir, document in known.items() if document.is_graph]
+    if of_graph and known and not graphs:
+        which = "only environments for graphs on other machines"
+        raise ConfigError(f"no graph of yours runs on this machine, {which}:{_list(known)}")
+    launched = [run_dir for run_dir in known if has_control(run_dir, LAUNCHER)]
+    candidates = launched or graphs or list(known)
+    if not candidates:
+        raise ConfigError("no graph of yours runs on this machine; start one: forcebound launch")
+    if len(candidates) > 1:
+        listed = _list({run_dir: known[run_dir] for run_dir in candidates})
+        raise ConfigError(f"several graphs run; name one: {option}DIR, of{listed}")
+    return candidates[0]
 
 
-def _told(run_dir: Path) -> str:
-    file, pid = _document(run_dir, "file") or "?", _document(run_dir, "launcher")
-    alone = "" if _document(run_dir, "is_graph") else ", an environment alone"
-    return f"({file}, process {pid}{alone})"
+@contextmanager
+def while_running(run_dir: Path) -> Iterator[None]:
+    """Turn errors into one clear error if the graph has ended meanwhile.
 
-
-def _document(run_dir: Path, name: str) -> object:
+    Raises:
+        RunError: If the graph has ended.
+    """
     try:
-        return getattr(RunDocument.read(run_dir), name)
-    except ConfigError:
-        return None  # it ended just now
+        yield
+    except (ConfigError, OSError) as error:
+        if _document(run_dir) is not None:
+            raise
+        raise RunError(f"the graph in {run_dir} has ended meanwhile") from error
 
 
-def _is_own(run_dir: Path) -> bool:
-    # Others can make such a directory, too, and would then be asked in place of the graph.
+def _running(folders: Iterable[Path] | None) -> dict[Path, RunDocument]:
+    """Return the run directories of running graphs, by name, with their documents."""
+    folders = run_folders() if folders is None else folders
+    found = {run_dir.resolve() for folder in folders for run_dir in folder.glob(f"{PREFIX}*")}
+    documents = {run_dir: _document(run_dir) for run_dir in sorted(found)}
+    return {run_dir: document for run_dir, document in documents.items() if document is not None}
+
+
+def _document(run_dir: Path) -> RunDocument | None:
+    """Return the document of a run of this user that goes on; None: there is no such run."""
     try:
-        return run_dir.is_dir() and run_dir.stat().st_uid == os.getuid()
-    except OSError:
-        return False
+        # Others can make such a directory, too, and would then be asked in place of the graph.
+        if not run_dir.is_dir() or run_dir.stat().st_uid != os.getuid():
+            return None
+        document = RunDocument.read(run_dir)
+    except (ConfigError, OSError):
+        return None  # a run that just begins or ends
+    return document if is_held(run_dir) else None  # without an owner: a crash has left it
 
 
-def _is_launched(run_dir: Path) -> bool:
-    return has_control(run_dir, LAUNCHER)
-
-
-def _runs(run_dir: Path) -> bool:
-    # Without a document: a run that just begins or ends. Without an owner: what a crash has left.
-    return _is_own(run_dir) and _document(run_dir, "launcher") is not None and is_held(run_dir)
+def _list(known: Mapping[Path, RunDocument]) -> str:
+    """Return a line for each run directory, with file and process of the graph."""
+    lines = []
+    for run_dir, document in known.items():
+        alone = "" if document.is_graph else ", an environment alone"
+        lines.append(f"\n  {run_dir}  ({document.file or '?'}, process {document.launcher}{alone})")
+    return "".join(lines)

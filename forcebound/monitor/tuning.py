@@ -1,21 +1,20 @@
-"""Look at the parameters of a graph that runs, and change them.
+"""Parameters of a running graph: reading and changing them.
 
-The launch document in the run directory says what holds. Who changes a parameter writes it anew and
-tells the nodes, which read it: so a node that starts later has the change, too.
+The launch document in the run directory holds the present values. A change writes it anew and lets
+the nodes read it, so that a node that starts later has the change, too.
 
-Not every parameter that the document has is one of this machine: with an environment elsewhere,
-each machine has a document of its own, and the nodes that run there read it.
+Not every parameter in the document belongs to this machine: with an environment elsewhere, each
+machine has a document of its own, which the nodes there read.
 """
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document
 from forcebound.config.parameters import (
     differences,
     holders,
@@ -23,21 +22,23 @@ from forcebound.config.parameters import (
     unknown_parameter,
 )
 from forcebound.config.problems import Problems
+from forcebound.config.resolved import restore
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
-from forcebound.monitor.control import ANSWER_TIME, ask_all
+from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
+from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
 
 PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
 
-DOWN = ("stopped", "ended")  # states of a node that nobody starts anew by himself
+DOWN = ("stopped", "ended")  # states of a node that is not restarted by its launcher
 
 
 @dataclass(frozen=True)
 class Change:
-    """What has become of a change.
+    """The outcome of a change.
 
     Attributes:
         values: The parameters that are new, by name, in SI units.
@@ -45,11 +46,11 @@ class Change:
     """
 
     values: Mapping[str, Any]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Fact, ...] = ()
 
 
 def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return what a graph runs with now.
+    """Return the present configuration of a graph.
 
     Args:
         run_dir: Of the run.
@@ -62,7 +63,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return from_document(document, serves)
+    return restore(document, serves)
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
@@ -133,11 +134,11 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
             command does not end its change.
     """
     here = present(run_dir, configuration(run_dir))
-    with updating(run_dir, ANSWER_TIME) as is_alone:
+    with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
-                f"another command has been changing parameters in {run_dir} for {ANSWER_TIME:g} s; "
-                "is it suspended (Ctrl-Z)?"
+                f"another command is changing parameters in {run_dir}, and has not ended for "
+                f"{ANSWER_TIMEOUT:g} s; is it suspended (Ctrl-Z)?"
             )
         old = configuration(run_dir)
         new = change(old, settings)
@@ -146,48 +147,44 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
     # Also those whose document has the values already: they may not have read it.
     concerned = sorted(holders(settings))
     down = {node for node in concerned if here.states.get(node) in DOWN or node not in here.asked}
-    _tell(run_dir, [node for node in concerned if node not in down], here)
-    notes = [note for node in concerned if node in down for note in _away(node, here)]
-    if ENVIRONMENT in concerned:
-        notes += _waiting(here)
+    _configure(run_dir, [node for node in concerned if node not in down], here)
+    notes = [_why_down(node, here) for node in concerned if node in down]
+    if ENVIRONMENT in concerned and here.serving is not None:
+        code = "another_serves" if here.is_graph else "environment_waits"
+        notes.append(Fact(code, {"serving": here.serving}))
     return Change(differences(old, new), tuple(notes))
 
 
-def _tell(run_dir: Path, nodes: Collection[str], here: Present) -> None:
-    answers = ask_all(run_dir, nodes, {"request": "configure"}, ANSWER_TIME)
-    silent = [node for node, answer in answers.items() if answer is None]
+def _configure(run_dir: Path, nodes: Collection[str], here: Present) -> None:
+    """Let nodes read what the launch document says now."""
+    answers = ask_all(run_dir, nodes, {"request": "configure"}, ANSWER_TIMEOUT)
     for node, answer in answers.items():
         if answer is not None and "error" in answer:
             raise RunError(f"{node} did not take the change: {answer['error']}")
+    silent = [node for node, answer in answers.items() if answer is None]
     if not silent:
         return
     who = " and ".join(silent)
     if LAUNCHER not in here.answers:
-        raise RunError(f"{who} did not answer, and has not got the change; is it suspended?")
+        raise RunError(f"{who} did not answer and does not have the change; is it suspended?")
     for node in silent:
-        ask_all(run_dir, [LAUNCHER], {"request": "configure", "node": node}, ANSWER_TIME)
+        ask_all(run_dir, [LAUNCHER], {"request": "configure", "node": node}, ANSWER_TIMEOUT)
     raise RunError(
-        f"{who} did not answer; the change is kept for when it goes on (if it is suspended) or"
-        " starts anew"
+        f"{who} did not answer; the change is kept until it continues (if it is suspended) or"
+        " restarts"
     )
 
 
 def _check_reach(names: Iterable[str], here: Present) -> None:
-    """Refuse what has no effect, since who would have to do it is on another machine."""
-    away = _elsewhere(names, here)
-    if not away:
+    """Refuse a change without effect here, because its node is on another machine."""
+    elsewhere = _elsewhere(names, here)
+    if not elsewhere:
         return
-    told = ", ".join(sorted(away))
-    if ENVIRONMENT in away.values():
-        raise ConfigError(
-            f"{told}: this belongs to the environment, which is on another machine; "
-            "use forcebound param set there"
-        )
-    whose = " and ".join(sorted(set(away.values())))
-    raise ConfigError(
-        f"{told}: this link ends at the {whose}, on the machine of the graph, and this one has"
-        " only its environment; use forcebound param set there"
-    )
+    listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
+    why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
+    if ENVIRONMENT in elsewhere.values():
+        why = "this belongs to the environment, which is on another machine"
+    raise ConfigError(f"{listed}: {why}; use forcebound param set there")
 
 
 def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
@@ -195,29 +192,8 @@ def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
     return {name: node for name in names for node in holders([name]) if node not in here.nodes}
 
 
-def _away(node: str, here: Present) -> Iterator[str]:
-    """Say when a node that is not running has the change."""
+def _why_down(node: str, here: Present) -> Fact:
+    """Return why a node that has a change does not run."""
     state = here.states.get(node)
-    if state is None:
-        yield f"no {node} is running here; one that is started by hand reads its own launch file"
-    elif state == "stopped":
-        yield f"{node} is stopped on request, and has the change when it starts again:" + (
-            f" forcebound start {node}"
-        )
-    else:
-        yield f"{node} has ended"
-
-
-def _waiting(here: Present) -> Iterator[str]:
-    """Say that the environment that has the change is not the one that serves."""
-    serving = here.serving
-    if serving is None:
-        return
-    if not here.is_graph:
-        yield f"{serving} serves the graph, and not this environment, which waits: it has the" + (
-            " change, which is felt when it serves"
-        )
-        return
-    yield f"{serving} serves the graph, and not the environment of this machine, to which the" + (
-        " change was made; of the one that serves, use forcebound param set on its machine"
-    )
+    codes = {None: "no_node", "stopped": "node_stopped"}
+    return Fact(codes.get(state, "node_ended"), {"node": node})

@@ -13,7 +13,7 @@ from forcebound.errors import ConfigError
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
-from forcebound.quantities import Word
+from forcebound.quantities import CheckedText
 
 DEFAULT_PORT = 7410
 Role = Literal["graph", "environment"]
@@ -86,11 +86,11 @@ class RemoteSection:
             name of what is wrong.
     """
 
-    address: Annotated[str, Word(numeric_address)]
+    address: Annotated[str, CheckedText(numeric_address)]
     port: int = DEFAULT_PORT
     listens: Role = "graph"
-    graph_key: Annotated[str, Word(keys.check_key)] | None = None
-    environment_keys: tuple[Annotated[str, Word(keys.check_key)], ...] = ()
+    graph_key: Annotated[str, CheckedText(keys.check_key)] | None = None
+    environment_keys: tuple[Annotated[str, CheckedText(keys.check_key)], ...] = ()
     insecure: bool = False
 
     def __post_init__(self) -> None:
@@ -101,21 +101,30 @@ class RemoteSection:
             "keys new NAME"
         )
         if known and self.graph_key is None:
-            raise ConfigError(f"graph_key is missing beside environment_keys: {both}")
+            raise ConfigError(
+                f"graph_key is missing beside environment_keys: {both}", "environment_keys"
+            )
         if self.graph_key is not None and not known:
-            raise ConfigError(f"environment_keys is missing or empty beside graph_key: {both}")
+            raise ConfigError(
+                f"environment_keys is missing or empty beside graph_key: {both}", "graph_key"
+            )
         if self.insecure and self.graph_key is not None:
-            raise ConfigError(_NOT_BOTH)
+            raise ConfigError(_NOT_BOTH, field="insecure")
         if len(set(known)) < len(known):
-            raise ConfigError(f"environment_keys names a key twice: {', '.join(known)}")
+            raise ConfigError(
+                f"environment_keys names a key twice: {', '.join(known)}", "environment_keys"
+            )
         if self.listens == "environment" and len(known) > 1:
             raise ConfigError(
                 f"environment_keys has {len(known)} keys, and a graph that connects can "
-                "expect only one; let the graph listen if several may serve it"
+                "expect only one; let the graph listen if several may serve it",
+                field="environment_keys",
             )
         number = numeric_address(self.address)
         if self._is_open and number is not None and not number.is_loopback:
-            raise ConfigError(f"address {self.address} is on a network, and {_WITHOUT_KEYS}")
+            raise ConfigError(
+                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", "address"
+            )
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
         """Return this machine's end, with its keys read.
@@ -166,7 +175,7 @@ class RemoteSection:
 
 def _check_port(port: int) -> None:
     if not 1 <= port <= 65535:
-        raise ConfigError(f"port must be 1 to 65535, got {port}")
+        raise ConfigError(f"port must be 1 to 65535, got {port}", "port")
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:

@@ -9,11 +9,19 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.network.distribution import QUANTILES, read_distribution
-from forcebound.quantities import DataRate, Ratio, Time
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    PROBABILITY,
+    DataRate,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
 
 _STRICT = {"extra": "forbid", "strict": True}  # pydantic: no unknown keys in a launch file
 
@@ -29,16 +37,15 @@ class GilbertElliott:
         k: Probability that the good state does not lose a packet; tc takes ``1-k``.
     """
 
-    p: Ratio
-    r: Ratio
-    h: Ratio = 0.0
-    k: Ratio = 1.0
+    p: Annotated[Ratio, PROBABILITY]
+    r: Annotated[Ratio, PROBABILITY]
+    h: Annotated[Ratio, PROBABILITY] = 0.0
+    k: Annotated[Ratio, PROBABILITY] = 1.0
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        for name in ("p", "r", "h", "k"):
-            _check_probability(name, getattr(self, name))
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -54,32 +61,30 @@ class Slot:
         packets: How many go in one slot, the rest in the next one; 0: all.
     """
 
-    min_delay: Time
+    min_delay: Annotated[Time, NOT_NEGATIVE]
     max_delay: Time | None = None
-    packets: int = 0
+    packets: Annotated[int, NOT_NEGATIVE] = 0
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        _check_not_negative("min_delay", self.min_delay, "s")
+        check_ranges(self)
         if self.max_delay is not None and not self.min_delay <= self.max_delay < math.inf:
-            raise ConfigError(f"max_delay must be at least min_delay, got {self.max_delay} s")
-        if self.packets < 0:
-            raise ConfigError(f"packets must be >= 0, got {self.packets}")
+            message = f"max_delay must be at least min_delay, got {self.max_delay} s"
+            raise ConfigError(message, field="max_delay")
 
 
 @dataclass(frozen=True)
 class Outage:
     """A time in which every packet that arrives is lost, counted from the link's first packet."""
 
-    start: Time
-    duration: Time
+    start: Annotated[Time, NOT_NEGATIVE]
+    duration: Annotated[Time, NOT_NEGATIVE]
 
     __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
-        _check_not_negative("start", self.start, "s")
-        _check_not_negative("duration", self.duration, "s")
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -117,22 +122,22 @@ class Impairment:
     Source: tc-netem(8), Linux net/sched/sch_netem.c.
     """
 
-    delay: Time = 0.0
-    jitter: Time = 0.0
-    loss: Ratio = 0.0
+    delay: Annotated[Time, NOT_NEGATIVE] = 0.0
+    jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
+    loss: Annotated[Ratio, PROBABILITY] = 0.0
     distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
-    correlation: Ratio = 0.0
-    loss_correlation: Ratio = 0.0
+    correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    loss_correlation: Annotated[Ratio, PROBABILITY] = 0.0
     gemodel: GilbertElliott | None = None
-    duplicate: Ratio = 0.0
-    duplicate_correlation: Ratio = 0.0
-    corrupt: Ratio = 0.0
-    corrupt_correlation: Ratio = 0.0
-    reorder: Ratio = 0.0
-    reorder_correlation: Ratio = 0.0
-    gap: int = 1
-    rate: DataRate = 0.0
-    limit: int = 0
+    duplicate: Annotated[Ratio, PROBABILITY] = 0.0
+    duplicate_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    corrupt: Annotated[Ratio, PROBABILITY] = 0.0
+    corrupt_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    reorder: Annotated[Ratio, PROBABILITY] = 0.0
+    reorder_correlation: Annotated[Ratio, PROBABILITY] = 0.0
+    gap: Annotated[int, Range(at_least=1)] = 1
+    rate: Annotated[DataRate, NOT_NEGATIVE] = 0.0
+    limit: Annotated[int, NOT_NEGATIVE] = 0
     slot: Slot | None = None
     outages: tuple[Outage, ...] = ()
     distribution_file: Path | None = None
@@ -140,19 +145,13 @@ class Impairment:
     _table: tuple[float, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_table", check_delay(self))
-        for name in ("loss", "duplicate", "corrupt", "reorder"):
-            _check_probability(name, getattr(self, name))
-            _check_probability(f"{name}_correlation", getattr(self, f"{name}_correlation"))
-        _check_not_negative("rate", self.rate, "B/s")
-        if self.gap < 1:
-            raise ConfigError(f"gap must be at least 1 packet, got {self.gap}")
-        if self.limit < 0:
-            raise ConfigError(f"limit must be >= 0 packets, got {self.limit}")
+        check_ranges(self)
         if self.gemodel is not None and self.loss > 0.0:
-            raise ConfigError("gemodel excludes loss: give one of them")
+            raise ConfigError("gemodel excludes loss: give one of them", field="gemodel")
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
-            raise ConfigError("reorder needs a delay: what goes at once overtakes what is delayed")
+            message = "reorder needs a delay: what goes at once overtakes what is delayed"
+            raise ConfigError(message, field="reorder")
+        object.__setattr__(self, "_table", check_delay(self))
 
     @property
     def is_plain(self) -> bool:
@@ -175,18 +174,6 @@ class Impairment:
         return max(0.0, self.delay + self.jitter * self.quantile(0.0))
 
 
-def _check_not_negative(name: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ConfigError(f"{name} must be finite and >= 0 {unit}, got {value} {unit}")
-
-
-def _check_probability(name: str, value: float) -> None:
-    if not 0.0 <= value <= 1.0:
-        raise ConfigError(
-            f"{name} must be a probability, 0 to 1, or a percentage: 33 %; got {value}"
-        )
-
-
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
     """Check the settings that say how long something takes; return the table of their file.
 
@@ -205,26 +192,27 @@ def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
     def value(name: str) -> Any:
         return getattr(settings, prefix + name)
 
-    for name in ("delay", "jitter"):
-        _check_not_negative(prefix + name, value(name), "s")
-    _check_probability(f"{prefix}correlation", value("correlation"))
     distribution, file = value("distribution"), value("distribution_file")
     if distribution not in QUANTILES:
         raise ConfigError(
-            f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}"
+            f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}",
+            field=f"{prefix}distribution",
         )
     if file is not None and distribution != "uniform":
         raise ConfigError(
-            f"{prefix}distribution_file excludes {prefix}distribution: give one of them"
+            f"{prefix}distribution_file excludes {prefix}distribution: give one of them",
+            field=f"{prefix}distribution_file",
         )
     if value("trace") is not None and (value("delay") or value("jitter") or file is not None):
         raise ConfigError(
             f"{prefix}trace says what each delay is:"
-            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file"
+            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file",
+            field=f"{prefix}trace",
         )
     if file is None:
         return ()
     try:
         return read_distribution(Path(file))
     except ConfigError as error:
-        raise ConfigError(f"{prefix}distribution_file: {error}") from None
+        name = f"{prefix}distribution_file"
+        raise ConfigError(f"{name}: {error}", field=name) from None

@@ -26,10 +26,17 @@ class Kind(NamedTuple):
     Attributes:
         meaning: What has happened.
         action: What to do; empty if it is no problem.
+        command: A shell command for it; capital letters stand for what the user knows.
     """
 
     meaning: str
     action: str = ""
+    command: str = ""
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether somebody should do something about it."""
+        return bool(self.action)
 
 
 _OTHER_SOFTWARE = "find who sends it: a node of your own, or of another version of forcebound"
@@ -45,11 +52,13 @@ KINDS: Mapping[str, Kind] = {
     ),
     "refused_there": Kind(
         "we were refused: our key is not in the list there, or its port is full",
-        "add our public key there: forcebound keys show NAME",
+        "add our public key there",
+        "forcebound keys show NAME",
     ),
     "wrong_key_of_ours": Kind(
         "a peer expects another public key of ours",
-        "give it the present one: forcebound keys show NAME",
+        "give the peer our present key",
+        "forcebound keys show NAME",
     ),
     "wrong_key_there": Kind(
         "the listener ended our handshake, most likely because it has another key",
@@ -60,7 +69,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "handshake_timeout": Kind(
         "a peer was silent or too slow in its handshake",
-        "is something else, such as a browser or a port scan, connecting to this port?",
+        "does a browser, a port scan or the like connect to this port?",
     ),
     "handshake_failed": Kind(
         "what came is no handshake of this link",
@@ -222,7 +231,7 @@ class Notice:
     @property
     def is_problem(self) -> bool:
         """Whether somebody should do something about it."""
-        return bool(KINDS[self.kind].action)
+        return KINDS[self.kind].is_problem
 
     @property
     def _peer(self) -> str:

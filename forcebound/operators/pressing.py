@@ -4,7 +4,16 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.quantities import NOT_NEGATIVE, Damping, Length, Mass, Speed, Stiffness
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Length,
+    Mass,
+    Speed,
+    Stiffness,
+    check_ranges,
+)
 
 
 def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
@@ -27,11 +36,11 @@ class PressingHand:
     damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Length = -0.010
     end: Length = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
-    approach_speed: Speed = 0.2  # paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s
+    # Paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s.
+    approach_speed: Annotated[Speed, POSITIVE] = 0.2
 
     def __post_init__(self) -> None:
-        if self.approach_speed <= 0:
-            raise ValueError(f"approach_speed must be > 0 m/s, got {self.approach_speed} m/s")
+        check_ranges(self)
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""

@@ -32,7 +32,10 @@ class TrajectoryHand:
     _positions: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        times, positions = _read_path(Path(self.file))
+        try:
+            times, positions = _read_path(Path(self.file))
+        except ConfigError as error:
+            raise ConfigError(str(error), field="file") from None
         object.__setattr__(self, "_times", times)
         object.__setattr__(self, "_positions", positions)
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
-from forcebound.config.graph import GraphConfig, kind_of, to_document
+from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import kind_of, to_document
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
 from forcebound.launch.results import RunResult
@@ -159,7 +160,7 @@ def block_arguments(
 def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
-    law = LAWS[servo.law].parameters(dissipation_of(model, servo))
+    law = LAWS[servo.law].device(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
     path: list[float] = []

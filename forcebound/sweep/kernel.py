@@ -17,19 +17,35 @@ not repeated here.
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.bounding import ANCHOR_SAMPLES, LAWS, clear_square, least_viscous_path, play
+from forcebound.bounding import LAWS
+from forcebound.bounding.one_axis import one_axis
+from forcebound.bounding.sample import (
+    AXIS_ROWS,
+    DEVICE_ROWS,
+    MEMORY_ROWS,
+    NO_MEMORY,
+    NO_WRITE,
+    load_axis,
+    load_device,
+    load_memory,
+    start_axis,
+    store_axis,
+    store_memory,
+    write_axis,
+)
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import count_steps, impede, quantise, step
 from forcebound.environments.damped_wall import damped_wall_force
+from forcebound.environments.damper import damper_force
 from forcebound.environments.power_law_wall import power_law_force
 from forcebound.environments.time_varying_wall import time_varying_force
 from forcebound.environments.wall import wall_force
-from forcebound.nodes.device import follow, low_pass_share
+from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.operators.pressing import pressing_target
 from forcebound.operators.sinusoidal import sinusoidal_target
 
@@ -51,17 +67,19 @@ Integers: TypeAlias = NDArray[np.int64]
 # Rows of the table of constants, given by the caller ...
 MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION = range(6)
 HAND_STIFFNESS, HAND_DAMPING = 6, 7
-LAW = 8  # six rows: forcebound.bounding.law.Parameters
-ENVIRONMENT = 14  # four rows: parameters of the environment
-OPERATOR = 18  # three rows: parameters of the hand's path
-CONSTANTS = 21
+LAW = 8  # rows: forcebound.bounding.DeviceConstants
+ENVIRONMENT = LAW + DEVICE_ROWS  # four rows: parameters of the environment
+OPERATOR = ENVIRONMENT + 4  # three rows: parameters of the hand's path
+CONSTANTS = OPERATOR + 3
 # ... and those that the kernel keeps in the same array.
-INERTIA, IMPEDANCE = 21, 22  # of the steps on the way
-X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY, PLAY, PATH, FORCE, STATE = range(
-    23, 35
+INERTIA, IMPEDANCE = CONSTANTS, CONSTANTS + 1  # of the steps on the way
+X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY, STATE, ENERGY = range(
+    CONSTANTS + 2, CONSTANTS + 11
 )
-OLDER, YOUNGER, VISCOUS, BETWEEN = range(35, 39)  # anchors: ForceBounder, least_viscous_path
-ROWS = 39
+AXIS = CONSTANTS + 11  # rows: forcebound.bounding.sample.AxisMemory
+READING, FORCE = AXIS, AXIS + 1
+MEMORY = AXIS + AXIS_ROWS  # rows: forcebound.bounding.sample.Memory
+ROWS = MEMORY + MEMORY_ROWS
 
 # Kinds of paths of hands; any other operator is given as a table.
 PRESSING, SINUSOIDAL, TABLE = range(3)
@@ -106,7 +124,7 @@ def _power_law(x: float, v: float, time: float, a: float, b: float, c: float, d:
 
 
 def _damper(x: float, v: float, time: float, a: float, b: float, c: float, d: float) -> float:
-    return a * v
+    return damper_force(v, a)
 
 
 #: Environments that the kernel knows: its function, and the fields that are its arguments a to d.
@@ -206,12 +224,103 @@ def begin(s: Floats, path: int, targets: Floats) -> None:
         s[SAMPLE * WIDTH + i] = quantise(target, s[RESOLUTION * WIDTH + i])
 
 
+def command(
+    s: Floats, k: int, answered: Integers, engagement: Floats, answers: Floats, commanded: Floats
+) -> None:
+    """Take the answer that has come in tick ``k``, saturate it and scale it by the engage ramp."""
+    last = answers.size // WIDTH - 1
+    for i in range(WIDTH):
+        answer = answers[(answered[k * WIDTH + i] & last) * WIDTH + i]
+        saturation = s[SATURATION * WIDTH + i]
+        scale = engagement[k * WIDTH + i]
+        magnitude = abs(answer)
+        if magnitude > saturation:
+            scale *= saturation / magnitude
+        commanded[i] = answer * scale
+
+
+def record(s: Floats, trace: Floats) -> None:
+    """Put a tick into its rows of the traces, but for the commanded force."""
+    for i in range(WIDTH):
+        v = s[V * WIDTH + i]
+        trace[i] = s[READING * WIDTH + i]
+        trace[2 * WIDTH + i] = s[FORCE * WIDTH + i]
+        trace[3 * WIDTH + i] = s[ENERGY * WIDTH + i]
+        trace[4 * WIDTH + i] = s[WORK * WIDTH + i] - 0.5 * s[HAND_MASS * WIDTH + i] * v * v
+        trace[5 * WIDTH + i] = s[X * WIDTH + i]
+
+
+def _asker(environment: str) -> Callable[..., None]:
+    """Return what reads, estimates the velocity and asks ``environment``, for every lane."""
+    answer = ENVIRONMENTS[environment][0]
+
+    def ask(s: Floats, time: float, since_sample: float, gain: float, answers: Floats) -> None:
+        for i in range(WIDTH):
+            before = s[SAMPLE * WIDTH + i]
+            sample = quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i])
+            velocity = low_pass(s[VELOCITY * WIDTH + i], (sample - before) / since_sample, gain)
+            s[SAMPLE * WIDTH + i] = sample
+            s[VELOCITY * WIDTH + i] = velocity
+            answers[i] = answer(
+                sample,
+                velocity,
+                time,
+                s[ENVIRONMENT * WIDTH + i],
+                s[(ENVIRONMENT + 1) * WIDTH + i],
+                s[(ENVIRONMENT + 2) * WIDTH + i],
+                s[(ENVIRONMENT + 3) * WIDTH + i],
+            )
+
+    return ask
+
+
+def _starter(law: str) -> Callable[..., None]:
+    """Return what starts ``law`` at the first reading, with no force, for every lane."""
+    start, settle, energy = LAWS[law].start, LAWS[law].settle, LAWS[law].energy
+
+    def start_law(s: Floats) -> None:
+        for i in range(WIDTH):
+            device = load_device(s, LAW * WIDTH + i, WIDTH)
+            axis = start_axis(quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i]))
+            axis, write = write_axis(axis, 0.0, NO_WRITE)
+            state = settle(start(device), write, device)
+            store_axis(s, AXIS * WIDTH + i, WIDTH, axis)
+            store_memory(s, MEMORY * WIDTH + i, WIDTH, NO_MEMORY)
+            s[STATE * WIDTH + i] = state
+            s[ENERGY * WIDTH + i] = energy(state, write, device)
+
+    return start_law
+
+
+def _bounder(law: str) -> Callable[..., None]:
+    """Return what reads, bounds the commanded force and writes it, for every lane."""
+    bound, energy = one_axis(LAWS[law]), LAWS[law].energy
+
+    def bound_lanes(s: Floats, dt: float, commanded: Floats) -> None:
+        for i in range(WIDTH):
+            device = load_device(s, LAW * WIDTH + i, WIDTH)
+            axis, memory, state, write = bound(
+                load_axis(s, AXIS * WIDTH + i, WIDTH),
+                load_memory(s, MEMORY * WIDTH + i, WIDTH),
+                s[STATE * WIDTH + i],
+                quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i]),
+                commanded[i],
+                s[SATURATION * WIDTH + i],
+                dt,
+                device,
+            )
+            store_axis(s, AXIS * WIDTH + i, WIDTH, axis)
+            store_memory(s, MEMORY * WIDTH + i, WIDTH, memory)
+            s[STATE * WIDTH + i] = state
+            s[ENERGY * WIDTH + i] = energy(state, write, device)
+
+    return bound_lanes
+
+
 @cache
 def kernel(law: str, environment: str) -> Kernel:
     """Return the compiled kernel of a law and an environment, keys of the two tables."""
-    chosen = LAWS[law]
-    start, limit, settle, energy = chosen.start, chosen.limit, chosen.settle, chosen.energy
-    answer = ENVIRONMENTS[environment][0]
+    ask, start_law, bound = _asker(environment), _starter(law), _bounder(law)
 
     def run(
         ticks: int,
@@ -231,161 +340,28 @@ def kernel(law: str, environment: str) -> Kernel:
         to_write = wait_ns * 1e-9
         steps_to_sample = count_steps(to_sample, substep)
         steps_to_write = count_steps(to_write, substep)
-        begin(s, path, targets)
         since_sample = period_ns * 1e-9
-        share = low_pass_share(cutoff, since_sample)
-        elapsed = period_ns / 1e9
+        gain = low_pass_gain(cutoff, since_sample)
         last = answers.size // WIDTH - 1
         columns = traces.size // (ticks * WIDTH)
-        older_age = younger_age = 0.0  # of the anchors; the clock of all lanes is the same
-        since_anchor = 0
+        begin(s, path, targets)
         for k in range(ticks):
-            # The sample: read, estimate the velocity, ask the environment.
-            time = k * period_ns * 1e-9
             if k > 0:
+                time = k * period_ns * 1e-9
                 move(s, 2 * k, to_sample, steps_to_sample, time, path, targets)
             slot = (k & last) * WIDTH
-            for i in range(WIDTH):
-                before = s[SAMPLE * WIDTH + i]
-                sample = quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i])
-                velocity = follow(s[VELOCITY * WIDTH + i], (sample - before) / since_sample, share)
-                s[SAMPLE * WIDTH + i] = sample
-                s[VELOCITY * WIDTH + i] = velocity
-                answers[slot + i] = answer(
-                    sample,
-                    velocity,
-                    time,
-                    s[ENVIRONMENT * WIDTH + i],
-                    s[(ENVIRONMENT + 1) * WIDTH + i],
-                    s[(ENVIRONMENT + 2) * WIDTH + i],
-                    s[(ENVIRONMENT + 3) * WIDTH + i],
-                )
-            # The write: read again, take the answer that has come, bound it.
+            ask(s, k * period_ns * 1e-9, since_sample, gain, answers[slot : slot + WIDTH])
             if wait_ns > 0:
                 time = (k * period_ns + wait_ns) * 1e-9
                 move(s, 2 * k + 1, to_write, steps_to_write, time, path, targets)
-            out = k * columns * WIDTH
-            for i in range(WIDTH):
-                asked = answers[(answered[k * WIDTH + i] & last) * WIDTH + i]
-                saturation = s[SATURATION * WIDTH + i]
-                scale = engagement[k * WIDTH + i]
-                magnitude = abs(asked)
-                if magnitude > saturation:
-                    scale *= saturation / magnitude
-                traces[out + WIDTH + i] = asked * scale
-            if k > 0:
-                older_age += elapsed
-                younger_age += elapsed
-                since_anchor += 1
-            moves_anchors = since_anchor == ANCHOR_SAMPLES
-            for i in range(WIDTH):
-                asked = traces[out + WIDTH + i]
-                saturation = s[SATURATION * WIDTH + i]
-                damping = s[LAW * WIDTH + i]
-                friction = s[(LAW + 1) * WIDTH + i]
-                half_resolution = s[(LAW + 2) * WIDTH + i]
-                period = s[(LAW + 3) * WIDTH + i]
-                hold_limit = s[(LAW + 4) * WIDTH + i]
-                axes = s[(LAW + 5) * WIDTH + i]
-                reading = quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i])
-                held = s[FORCE * WIDTH + i]
-                magnitude = abs(held)
-                if k == 0:
-                    state = start(damping, friction, half_resolution, period, hold_limit, axes)
-                    playing, gone, force = reading, 0.0, 0.0
-                    s[OLDER * WIDTH + i] = reading
-                    s[YOUNGER * WIDTH + i] = reading
-                else:
-                    # As ForceBounder.bound does for one axis.
-                    moved = reading - s[READING * WIDTH + i]
-                    distance = abs(moved)
-                    between = s[BETWEEN * WIDTH + i]
-                    viscous = least_viscous_path(
-                        s[VISCOUS * WIDTH + i],
-                        clear_square(reading, s[READING * WIDTH + i], half_resolution),
-                        elapsed,
-                        clear_square(reading, s[OLDER * WIDTH + i], half_resolution),
-                        older_age,
-                        clear_square(reading, s[YOUNGER * WIDTH + i], half_resolution),
-                        younger_age,
-                        between,
-                    )
-                    playing = play(reading, s[PLAY * WIDTH + i], half_resolution)
-                    gone = s[PATH * WIDTH + i] + abs(playing - s[PLAY * WIDTH + i])
-                    state, largest, added = limit(
-                        s[STATE * WIDTH + i],
-                        min(abs(asked), saturation),
-                        elapsed,
-                        distance,
-                        viscous - s[VISCOUS * WIDTH + i],
-                        gone - s[PATH * WIDTH + i],
-                        held * moved,
-                        magnitude,
-                        magnitude,
-                        damping,
-                        friction,
-                        half_resolution,
-                        period,
-                        hold_limit,
-                        axes,
-                    )
-                    largest = min(largest, saturation)
-                    wanted = asked + added / elapsed * moved if added > 0.0 else asked
-                    force = min(max(wanted, -largest), largest)
-                    if moves_anchors:
-                        s[OLDER * WIDTH + i] = s[YOUNGER * WIDTH + i]
-                        s[YOUNGER * WIDTH + i] = reading
-                        viscous -= between
-                        s[BETWEEN * WIDTH + i] = viscous
-                    s[VISCOUS * WIDTH + i] = viscous
-                state = settle(
-                    state,
-                    abs(force),
-                    abs(force - held),
-                    magnitude,
-                    damping,
-                    friction,
-                    half_resolution,
-                    period,
-                    hold_limit,
-                    axes,
-                )
-                s[READING * WIDTH + i] = reading
-                s[PLAY * WIDTH + i] = playing
-                s[PATH * WIDTH + i] = gone
-                s[STATE * WIDTH + i] = state
-                s[FORCE * WIDTH + i] = force
-            if moves_anchors:
-                older_age, younger_age = younger_age, 0.0
-                since_anchor = 0
-            for i in range(WIDTH):
-                force = s[FORCE * WIDTH + i]
-                v = s[V * WIDTH + i]
-                traces[out + i] = s[READING * WIDTH + i]
-                traces[out + 2 * WIDTH + i] = force
-                traces[out + 3 * WIDTH + i] = energy(
-                    s[STATE * WIDTH + i],
-                    abs(force),
-                    abs(force),
-                    s[LAW * WIDTH + i],
-                    s[(LAW + 1) * WIDTH + i],
-                    s[(LAW + 2) * WIDTH + i],
-                    s[(LAW + 3) * WIDTH + i],
-                    s[(LAW + 4) * WIDTH + i],
-                    s[(LAW + 5) * WIDTH + i],
-                )
-                traces[out + 4 * WIDTH + i] = (
-                    s[WORK * WIDTH + i] - 0.5 * s[HAND_MASS * WIDTH + i] * v * v
-                )
-                traces[out + 5 * WIDTH + i] = s[X * WIDTH + i]
+            trace = traces[k * columns * WIDTH : (k + 1) * columns * WIDTH]
+            commanded = trace[WIDTH : 2 * WIDTH]
+            command(s, k, answered, engagement, answers, commanded)
+            if k == 0:
+                start_law(s)
+            else:
+                bound(s, period_ns / 1e9, commanded)
+            record(s, trace)
 
-    allow_in_kernels([start, limit, settle, energy, answer])
-    _allow_common()
+    allow_in_kernels([ask, start_law, bound])
     return jit(run)
-
-
-@cache
-def _allow_common() -> None:
-    shared: list[Any] = [move, begin, play, quantise, follow, low_pass_share, count_steps]
-    shared += [clear_square, least_viscous_path]
-    allow_in_kernels(shared)

@@ -16,11 +16,11 @@ from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, 
 from matplotlib.figure import Figure
 
 from forcebound.analysis.plots import save
+from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.table import Table, read_table
 
-LEAK = 1e-9  # J; less is rounding of the ground truth
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffe0b3", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
 _RESTLESS = "#9fb4c8"
@@ -104,12 +104,12 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
         grid = _worst(xs, ys, x[chosen], y[chosen], value[chosen])
         axis.set_facecolor("#eeeeee")
         if is_energy:
-            is_passive = grid >= -LEAK * 1e3
+            is_passive = grid >= -ENERGY_TOLERANCE * 1e3
             rest = _worst(xs, ys, x[chosen], y[chosen], rests[chosen])
             for colour, cells in ((_PASSIVE, is_passive), (_RESTLESS, is_passive & (rest == 0.0))):
                 cells = np.where(cells, 1.0, np.nan)
                 axis.pcolormesh(*_edges(xs, ys), cells, cmap=ListedColormap([colour]))
-            grid = np.where(grid < -LEAK * 1e3, -grid, np.nan)
+            grid = np.where(grid < -ENERGY_TOLERANCE * 1e3, -grid, np.nan)
         mesh = axis.pcolormesh(*_edges(xs, ys), grid, norm=norm, cmap=_LEAKS if is_energy else None)
         axis.set_title("" if panel is None else str(panel).replace("_", " "), fontsize=10)
         _draw_limits(axis, table, drawing, chosen, xs)
@@ -159,7 +159,7 @@ def _worst(
 def _scale(value: np.ndarray[Any, Any], is_energy: bool) -> Normalize:
     known = value[np.isfinite(value)]
     if is_energy:
-        leaks = -known[known < -LEAK * 1e3]
+        leaks = -known[known < -ENERGY_TOLERANCE * 1e3]
         return LogNorm(max(leaks.min(initial=1.0), 1e-4), max(leaks.max(initial=1.0), 1e-3))
     return Normalize(known.min(initial=0.0), known.max(initial=1.0))
 

@@ -1,0 +1,192 @@
+"""The resolved launch document: a configuration as plain JSON in SI units, and back.
+
+It is itself a launch file, without arguments and with every value written out. Node processes read
+it with :func:`restore`, which checks nothing again; every recording holds it.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from forcebound.config import own
+from forcebound.config.fields import adapter, fields_of
+from forcebound.config.graph import (
+    COMPUTATION,
+    FORMAT,
+    KINDS,
+    ControllerConfig,
+    DeviceConfig,
+    EnvironmentConfig,
+    GraphConfig,
+    Phase,
+    RealtimeConfig,
+    RemoteConfig,
+)
+from forcebound.errors import ConfigError
+from forcebound.network.impairment import Impairment
+from forcebound.nodes.device import ServoSettings
+
+
+def to_document(config: GraphConfig) -> dict[str, Any]:
+    """Return the configuration as a launch file of plain JSON types in SI units.
+
+    :func:`restore` reads it back to an equal configuration.
+    """
+    device, environment = config.device, config.environment
+    document: dict[str, Any] = {
+        "forcebound": FORMAT,
+        "description": config.description,
+        "seed": config.seed,
+        "duration": config.duration,
+        "device": {**member_document("device", device.model), **plain(device.servo)},
+        "operator": member_document("operator", config.operator),
+        "controller": member_document("controller", config.controller.model),
+        "environment": {
+            **member_document("environment", environment.model),
+            **{name: _json(getattr(environment, name)) for name in COMPUTATION},
+        },
+        "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
+        "realtime": plain(config.realtime),
+    }
+    if config.remote is not None:
+        document["remote"] = plain(config.remote)
+    if config.phases:
+        document["phases"] = [
+            {"name": phase.name, "duration": phase.duration, "set": dict(phase.settings)}
+            for phase in config.phases
+        ]
+    return document
+
+
+def kind_of(section: str, member: object) -> str:
+    """Return the ``kind`` that a launch file gives to ``member`` of a section.
+
+    Raises:
+        ConfigError: If it has none: it was made by a class that no launch file can name.
+    """
+    for name, kind in KINDS[section].items():
+        if kind is type(member):
+            return name
+    own_kind = own.kind_of(type(member))
+    if own_kind is None:
+        raise ConfigError(
+            f"no kind of {section} is a {type(member).__name__}: keep the class in a file and name"
+            " it in a launch file, kind: my_file.py"
+        )
+    return own_kind
+
+
+def member_document(section: str, member: object) -> dict[str, Any]:
+    """Return kind and parameters of a member of a section, in plain JSON types."""
+    return {"kind": kind_of(section, member), **plain(member)}
+
+
+def plain(member: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
+    return {
+        field.name: _json(getattr(member, field.name))
+        for field in dataclasses.fields(member)
+        if field.init
+    }
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_json(entry) for entry in value]
+    if dataclasses.is_dataclass(value):
+        return plain(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def restore(document: Mapping[str, Any], serves: bool = True) -> GraphConfig:
+    """Return the configuration of a document that :func:`to_document` made.
+
+    Args:
+        document: What was made. One that somebody may have changed is checked by
+            :func:`forcebound.config.loader.from_document` instead.
+        serves: Whether the environment will be asked. If not, one of the user's own is left out, a
+            wall in its place: its code must not run beside the bounder.
+
+    Raises:
+        ConfigError: If it is no such document, or a file that it names is gone.
+    """
+    try:
+        return _graph(document if serves else without_own(document))
+    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"this is no resolved launch document: {error!r}") from error
+
+
+def _graph(document: Mapping[str, Any]) -> GraphConfig:
+    device, environment = document["device"], document["environment"]
+    remote = document.get("remote")
+    return GraphConfig(
+        description=document["description"],
+        seed=document["seed"],
+        duration=float(document["duration"]),
+        device=DeviceConfig(_part("device", device), _restored(ServoSettings, device)),
+        operator=_part("operator", document["operator"]),
+        controller=ControllerConfig(_part("controller", document["controller"])),
+        environment=EnvironmentConfig(
+            _part("environment", environment),
+            **_values(EnvironmentConfig, environment, COMPUTATION),
+        ),
+        links={topic: _restored(Impairment, link) for topic, link in document["links"].items()},
+        realtime=_restored(RealtimeConfig, document["realtime"]),
+        remote=None if remote is None else _restored(RemoteConfig, remote),
+        phases=tuple(
+            Phase(phase["name"], float(phase["duration"]), phase["set"])
+            for phase in document.get("phases", ())
+        ),
+    )
+
+
+def _part(section: str, document: Mapping[str, Any]) -> Any:
+    """The model that a section names."""
+    kind = document["kind"]
+    is_own = own.names_file(kind)
+    return _restored(own.load_class(kind, Path(), {}) if is_own else KINDS[section][kind], document)
+
+
+def _restored(kind: type, document: Mapping[str, Any]) -> Any:
+    """A dataclass with its values in a document."""
+    if own.kind_of(kind) is None:
+        return kind(**_values(kind, document))
+    fields = fields_of(kind)  # of any type that pydantic knows
+    given = json.dumps({name: document[name] for name in fields})
+    return kind(**adapter(*fields.values()).validate_json(given))
+
+
+def _values(
+    kind: type, document: Mapping[str, Any], names: tuple[str, ...] | None = None
+) -> dict[str, Any]:
+    return {
+        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_from_text)
+        for field in fields_of(kind, names).values()
+    }
+
+
+def _from_text(kind: type, value: Any) -> Any:
+    return kind(value)  # a path, the only type here that JSON does not have
+
+
+def without_own(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the document with a wall in place of a user's own environment, in its phases too."""
+    environment = document["environment"]
+    if not own.names_file(environment["kind"]):
+        return document
+    kept = {name: environment[name] for name in COMPUTATION}
+    phases = [
+        {**phase, "set": {n: v for n, v in phase["set"].items() if not _is_of_model(n)}}
+        for phase in document.get("phases", ())
+    ]
+    wall = member_document("environment", KINDS["environment"]["wall"]())
+    return {**document, "environment": {**wall, **kept}, "phases": phases}
+
+
+def _is_of_model(name: str) -> bool:
+    section, _, entry = name.partition(".")
+    return section == "environment" and entry not in COMPUTATION
