@@ -243,8 +243,8 @@ def test_wrong_arguments_are_said_on_one_line(
         (link[:1], "usage: ADDRESS PORT"),
         ((*link, "1"), "usage: ADDRESS PORT"),
         *(
-            ((link[0], port), f"expected PORT, a whole number from 1 to 65534, got '{port}'")
-            for port in ("x", "7410.5", "-1", "65535", "9" * 30, "")
+            ((link[0], port), f"expected PORT, a whole number from 1 to 65535, got '{port}'")
+            for port in ("x", "7410.5", "-1", "65536", "9" * 30, "")
         ),
         *(
             ((*link, word, "0"), f"{stiffness}'{word}'")

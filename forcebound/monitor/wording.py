@@ -5,7 +5,7 @@ format: ``{delay:.1f ms}`` writes 0.0123 s as ``12.3 ms``. A text may have furth
 a ``|``: such a part is left out if one of its values is None or missing.
 
 To add a finding: one line in :data:`FINDINGS`. To add a reason for a rejected packet: one line in
-:data:`REASONS`. Kinds of notices of the remote link are in :data:`forcebound.network.notices.KINDS`.
+:data:`REASONS`. The remote link's are in :data:`forcebound.network.notices.KINDS`.
 """
 
 from collections.abc import Iterator, Mapping
