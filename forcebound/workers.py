@@ -1,8 +1,8 @@
 """Executors for work that can be divided: this machine's cores, or a dask cluster.
 
-Whoever uses one leaves the futures alone and takes the results from :func:`completed`. A future
-that is cancelled while its process ends makes the pool's own thread fail in Python 3.11; so an
-interruption ends the processes, and nothing is cancelled.
+Take the results from :func:`completed` and do not cancel futures: a future that is cancelled while
+its process ends makes the pool's own thread fail in Python 3.11. An interruption ends the
+processes instead.
 """
 
 import logging
@@ -30,10 +30,10 @@ Result = TypeVar("Result")
 
 @contextmanager
 def local_executor(workers: int | None = None) -> Iterator[Executor]:
-    """Give ``workers`` processes, by default one a core; they end with this one in any case.
+    """Give ``workers`` processes, by default one per core; they end with this one in any case.
 
-    Leaving with an exception, Ctrl-C among them, ends them in the middle of what they do. SIGTERM
-    does as Ctrl-C: the default action would leave the pool's semaphores behind.
+    An exception, Ctrl-C included, ends them at once. SIGTERM acts as Ctrl-C: the default action
+    would leave the pool's semaphores behind.
     """
     count = workers or len(os.sched_getaffinity(0))
     # Spawned, not forked: the parent may have threads (progress bar, numba).

@@ -1,4 +1,4 @@
-"""What travels between the nodes: packets, topics and their encoding."""
+"""Messages between the nodes: packets, topics and their encoding."""
 
 if __name__ != "forcebound.messages":
     raise ImportError(f"import forcebound.messages, not {__name__}")

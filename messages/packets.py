@@ -1,4 +1,4 @@
-"""What travels: one frozen class per packet, and the table of topics.
+"""Packets: one frozen class each, and the table of topics.
 
 The classes are msgspec structs: made, written and checked on arrival by compiled code, because each
 tick makes four of them in every run. Making one checks nothing; decoding does.
@@ -22,11 +22,11 @@ MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
 MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
-MAX_TEXT = 500  # characters of what is told to people
+MAX_TEXT = 500  # characters of a text for people
 
 Vector: TypeAlias = tuple[float, ...]
 
-# The same types with what the decoder demands of them.
+# The same types with the limits that the decoder checks.
 _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 _Vector: TypeAlias = Annotated[Vector, Meta(min_length=1, max_length=MAX_AXES)]
 _Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
@@ -38,13 +38,13 @@ _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)
 class _Wire(
     Struct, frozen=True, kw_only=True, tag_field="packet", forbid_unknown_fields=True, gc=False
 ):
-    """What all packets share on the wire: the key ``packet``, and the version as the last key."""
+    """Common keys of all packets on the wire: ``packet``, and the version as the last key."""
 
     version: Literal[2] = VERSION
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
-    """What the device read at the start of a tick."""
+    """Readings of the device at the start of a tick."""
 
     seq: _Count  # tick number, counts from 0
     time_ns: _Count  # ns, device's clock, when the position was read
@@ -55,7 +55,7 @@ class DeviceState(_Wire, frozen=True, tag="device_state"):
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
-    """What the controller asks of the environment."""
+    """Query of the controller to the environment."""
 
     seq: _Count
     time_ns: _Count
@@ -64,11 +64,11 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     elapsed: float  # s, of the device state
     position: _Vector  # m
     velocity: _Vector  # m/s
-    environment: _Name | None  # whose answers the graph takes; None: of the first that answers
+    environment: _Name | None  # the serving one; None: none, the first that replies will serve
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
-    """What the environment answers."""
+    """Reply of the environment to a query."""
 
     seq: _Count
     time_ns: _Count
@@ -77,11 +77,11 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     query_seq: _Count
     query_time_ns: _Count
     force: _Vector  # N
-    environment: _Name  # who answers; no other process has this name
+    environment: _Name  # name of the sender; no other process has it
 
 
 class ForceCommand(_Wire, frozen=True, tag="force_command"):
-    """The force that the controller asks the device to show."""
+    """Force command of the controller to the device."""
 
     seq: _Count
     time_ns: _Count
@@ -91,16 +91,16 @@ class ForceCommand(_Wire, frozen=True, tag="force_command"):
 
 
 class Telemetry(_Wire, frozen=True, tag="telemetry"):
-    """What happened in one tick of the device, measured at the instant of writing."""
+    """Telemetry of one tick of the device, at the instant of writing."""
 
     seq: _Count  # tick number
     time_ns: _Count  # ns, device's clock, when the force was written
     elapsed: float  # s since the force engaged for the first time; 0 before
     position: _Vector  # m, reading that the bounder used
-    commanded_force: _Vector  # N, asked of the bounder (after age limit, ramp and saturation)
+    commanded_force: _Vector  # N, after age limit, saturation and engage ramp
     applied_force: _Vector  # N, written to the motor
     force_limit: float  # N, largest magnitude that law and saturation allowed
-    estimated_energy: float  # J, what the law believes; its meaning is the law's
+    estimated_energy: float  # J, ledger of the law; its meaning depends on the law
     true_energy: float | None  # J, ground truth of a simulated device; None on hardware
     true_position: _Vector | None  # m, unquantised position of a simulated device
     hand_force: _Vector | None  # N, ground truth of a simulated device
@@ -108,17 +108,17 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     device_seq: _Count | None  # tick whose state the force answers; None while there is no answer
     loop_delay: float | None  # s from that state to this write
     deadline_misses: _Count  # ticks skipped so far
-    rejected: _Counts  # packets refused so far, by reason
+    rejected: _Counts  # packets rejected so far, by reason
 
 
 class Event(_Wire, frozen=True, tag="event"):
-    """What happened to a graph, now and then: a fault, a change, the beginning of a phase."""
+    """Event of a graph: a fault, a change, the beginning of a phase."""
 
     seq: _Count
     time_ns: _Count
-    node: _Name  # process that tells it
-    event: _Name  # what kind of thing, in one word: "environment_refused", "parameter_set"
-    is_fault: bool  # something is wrong
+    node: _Name  # process that sent it
+    event: _Name  # kind of event, one word: "environment_refused", "parameter_set"
+    is_fault: bool  # whether it is a fault
     message: _Text  # for people
     data: _Texts  # for programs, by name
 
@@ -129,7 +129,7 @@ Packet: TypeAlias = (
 
 
 class Topic(NamedTuple):
-    """What travels on one topic, and between which processes."""
+    """Packet, sender and receiver of a topic."""
 
     packet: type[Packet]
     sender: str | None  # a process; None: any of them

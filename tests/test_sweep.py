@@ -234,7 +234,7 @@ def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
 
 
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no result of a sweep"):
+    with pytest.raises(ConfigError, match="not a result of a sweep"):
         draw(written(tmp_path, SMALL), tmp_path / "x.png")
 
 

@@ -1,10 +1,10 @@
-"""The paper's experiments, each as a run that anyone can repeat: ``forcebound reproduce``.
+"""The paper's experiments: ``forcebound reproduce``.
 
 The paper is "An enhanced force bounding approach for stable haptic interaction by
-including friction, International Journal of Precision Engineering and Manufacturing 18(6), 2017.
+including friction", International Journal of Precision Engineering and Manufacturing 18(6), 2017.
 
 To add an experiment: write ``my_experiment.py`` with a function ``run(runs) -> Outcome`` and add
-one line to ``EXPERIMENTS``; ``tests/test_reproduce.py`` then runs it with the others.
+one line to ``EXPERIMENTS``; ``tests/test_reproduce.py`` then covers it.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Figures 4 to 17: one law in one contact, as the paper draws it, beside the certified laws."""
+"""Figures 4 to 17: one law in one contact, with the certified laws for comparison."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PANELS = ("position", "force", "contact", "energy", "force_over_penetration")
 
 @dataclass(frozen=True)
 class TimeVaryingWall:
-    """Figures 4 to 6: a wall so soft that the bounder has nothing to do."""
+    """Figures 4 to 6: a wall so soft that the bounder never reduces the force."""
 
     law: str
 
@@ -36,15 +36,15 @@ class TimeVaryingWall:
         """Reproduce the figure."""
         contacts = {law: self._contact(runs, law) for law in (self.law, *CERTIFIED)}
         numbers = [
-            Number("applied over asked force, mean in contact", "1", shown(contact), paper, law)
+            Number("applied over commanded force, mean in contact", "1", shown(contact), paper, law)
             for (law, contact), paper in zip(contacts.items(), (1.0, None, None), strict=True)
         ]
         numbers += [_energy(law, contact) for law, contact in contacts.items()]
-        untouched = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
+        unreduced = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
         return Outcome(
             title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {_words(self.law)}",
-            paper="The full stiffness of the wall: the bounder never steps in.",
-            finding=f"Not touched by the bounder: {', '.join(untouched) or 'none'}.",
+            paper="The full stiffness of the wall: the bounder is never active.",
+            finding=f"Never reduced by the bounder: {', '.join(unreduced) or 'none'}.",
             numbers=numbers,
             drawing=_draw(contacts),
             commands=[self._command(law) for law in contacts],
@@ -57,7 +57,7 @@ class TimeVaryingWall:
         return command("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
 
 
-# The paper says neither the speed nor the press of its Fig. 7. At low speed with a press of this
+# The paper states neither the speed nor the depth of its Fig. 7. At low speed with a press of this
 # depth the oscillation stays below the motor's largest force, which would bound its energy.
 UNBOUNDED = Approach("low", LOW.speed, LOW.way, target=0.003)
 
@@ -69,9 +69,9 @@ class NoLaw:
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
         contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
-        turns = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
+        bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
         numbers = [_energy(law, contact) for law, contact in contacts.items()]
-        numbers += [Number("contact bounces", "1", turns[law], None, law) for law in contacts]
+        numbers += [Number("contact bounces", "1", bounces[law], None, law) for law in contacts]
         numbers += [
             Number("largest force", "N", contact.run.summary["peak_force_n"], None, law)
             for law, contact in contacts.items()
@@ -80,11 +80,11 @@ class NoLaw:
             title="wall of 10 N/mm without any law",
             paper="Clear instability in position and force, and negative energy.",
             finding=(
-                f"Without a law the hand is thrown back and forth, {turns['none']} turns in "
-                f"{contacts['none'].time[-1]:.0f} s, and gets "
-                f"{-contacts['none'].lowest_energy:.1f} mJ out of the wall; the certified laws "
-                "hold it. The paper says neither speed nor press: here the low speed, with a "
-                f"target {UNBOUNDED.target * 1e3:g} mm behind the surface."
+                f"Without a law the hand oscillates, {bounces['none']} bounces in "
+                f"{contacts['none'].time[-1]:.0f} s, and receives "
+                f"{-contacts['none'].lowest_energy:.1f} mJ from the wall; with the certified laws "
+                "it comes to rest. The paper states neither speed nor depth: here the low speed, "
+                f"with a target {UNBOUNDED.target * 1e3:g} mm behind the surface."
             ),
             numbers=numbers,
             drawing=_draw(contacts),
@@ -112,15 +112,15 @@ class StiffWall:
                 numbers.append(
                     Number(WORDS[quantity], "N/mm", getattr(contact, quantity), paper, law)
                 )
-        turns = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
-        numbers += [Number("contact bounces", "1", turns[law], None, law) for law in contacts]
+        bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
+        numbers += [Number("contact bounces", "1", bounces[law], None, law) for law in contacts]
         numbers += [_energy(law, contact) for law, contact in contacts.items()]
         return Outcome(
             title=f"wall of 10 N/mm at {self.speed} speed, {_words(self.law)}",
             paper=PAPER_SHOWS[self.law],
             finding=(
-                f"The hand turns {turns[self.law]} times after contact; with the certified law "
-                f"{turns['certified']}, memoryless {turns['certified_memoryless']} times."
+                f"Contact bounces: {bounces[self.law]}; with the certified law "
+                f"{bounces['certified']}, memoryless {bounces['certified_memoryless']}."
             ),
             numbers=numbers,
             drawing=_draw(contacts),
@@ -129,22 +129,22 @@ class StiffWall:
 
 
 PAPER_SHOWS = {
-    "less_conservative_viscous": "Stable; oscillates after contact, fed by what free motion lost.",
-    "less_conservative": "Much stiffer than with viscous damping alone; severe oscillations.",
-    "aol": "Very similar to the less conservative law, oscillations too.",
+    "less_conservative_viscous": "Stable; oscillates after contact, on losses of free motion.",
+    "less_conservative": "Much stiffer than with viscous damping only; severe oscillations.",
+    "aol": "Very similar to the less conservative law, also with oscillations.",
     "more_conservative": "No severe oscillation: no memory; softer.",
     "more_conservative_viscous": "0.54 N/mm, exactly 2B, in contact and at rest.",
 }
 
 
 def shown(contact: Contact) -> float:
-    """Return the applied over the asked force, averaged over the samples in which force is asked.
+    """Return the applied over the commanded force, averaged over samples with a commanded force.
 
-    A wall at rest on the last edge of the encoder asks for force without depth of its own, so the
-    force decides what is contact here.
+    At rest on the last edge of the encoder a wall commands a force at zero depth, so contact is
+    defined by the force here.
     """
-    asked = contact.asked > 0.0
-    return float(np.mean(contact.applied[asked] / contact.asked[asked]))
+    where = contact.commanded > 0.0
+    return float(np.mean(contact.applied[where] / contact.commanded[where]))
 
 
 def _energy(law: str, contact: Contact) -> Number:

@@ -1,4 +1,4 @@
-"""Pictures that compare laws in one panel, in the colours and style of a run's picture."""
+"""Figures that compare laws in one panel, in the colours and style of the plots of runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Line:
     y: Floats
     style: str = "-"
     colour: str | None = None  # None: the next of COLOURS
-    is_wide: bool = False  # a broad pale line, for others to lie on
+    is_wide: bool = False  # a broad pale line under the others
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Row:
 
 
 def draw_rows(rows: Sequence[Row], height: float = 2.1) -> Figure:
-    """Return a figure with one row per panel, its legend beside it."""
+    """Return a figure with one row per panel, the legend at its right."""
     drawing = Figure(figsize=(11.0, 0.6 + height * len(rows)), dpi=150, layout="constrained")
     grid = drawing.subplots(len(rows), 1, squeeze=False)[:, 0]
     for row, axes in zip(rows, grid, strict=True):
@@ -55,7 +55,7 @@ def draw_row(axes: Axes, row: Row) -> None:
     colours = iter(COLOURS)
     for line in row.lines:
         x, y = line.x, line.y
-        if row.window is not None:  # so that the scale fits what is seen
+        if row.window is not None:  # scale to the visible part
             seen = (x >= row.window[0]) & (x <= row.window[1])
             x, y = x[seen], y[seen]
         style: dict[str, Any] = {"color": line.colour or next(colours), "linestyle": line.style}

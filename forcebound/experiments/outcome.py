@@ -1,4 +1,4 @@
-"""What an experiment gives: numbers beside the paper's, a figure, and what was run."""
+"""Outcome of an experiment: numbers with the paper's, a figure, the commands of its runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Number:
-    """One number, beside the paper's where the paper prints one."""
+    """One number, with the paper's if it prints one."""
 
     quantity: str
     unit: str
@@ -36,10 +36,10 @@ class Outcome:
     """The result of one experiment.
 
     Attributes:
-        title: What is shown.
-        paper: What the paper shows or says.
-        finding: What came out here, in words.
-        numbers: The numbers, in the order to read them.
+        title: Subject of the figure.
+        paper: Result of the paper.
+        finding: Result of this reproduction.
+        numbers: The numbers, in reading order.
         drawing: The figure.
         commands: Commands that repeat the runs behind it, one by one.
         document: Further keys of the JSON document at its top level.

@@ -43,7 +43,7 @@ def run(runs: Runs) -> Outcome:
         numbers=numbers,
         drawing=draw_rows(
             [
-                Row("position (mm)", [Line("read", some.time, some.position * 1e3)]),
+                Row("position (mm)", [Line("reading", some.time, some.position * 1e3)]),
                 Row("force (N)", [Line(law, c.time, c.applied) for law, c in contacts.items()]),
                 Row(
                     "force (N)\nlast second",

@@ -1,4 +1,4 @@
-"""One page of HTML with everything in it: text, numbers beside the paper's, pictures, commands."""
+"""Report of the experiments: one HTML page with text, numbers, pictures and commands."""
 
 import base64
 import html
@@ -42,7 +42,7 @@ PARAMETERS = (
         "0.27 N s/m, Coulomb friction 0.12 N, resolution 0.03 mm, largest force 8.5 N (paper 4.1)",
     ),
     ("loop", "1 kHz, no delay between reading and writing, steady clock: T_max = T"),
-    ("wall", "10 N/mm behind 10 mm, unless said otherwise (paper 4.1)"),
+    ("wall", "10 N/mm behind 10 mm, unless stated otherwise (paper 4.1)"),
 )
 
 
@@ -52,7 +52,7 @@ def report(outcomes: Mapping[str, Outcome], pictures: Mapping[str, bytes], comma
     Args:
         outcomes: The experiments by name, in their order.
         pictures: PNG of each.
-        command: What was typed to get all this.
+        command: Command that made the page.
     """
     parts = [_head(outcomes, command)]
     for name, outcome in outcomes.items():
@@ -97,11 +97,11 @@ def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
 by including friction</cite>, International Journal of Precision Engineering and Manufacturing
 18(6), 2017.</p>
 <p>Every experiment below is a simulated run, in virtual time, of the same nodes and launch files
-that drive a live system. The numbers stand beside the paper's. The laws <code>certified</code> and
-<code>certified_memoryless</code> are this project's own, not the paper's: they are shown in every
-comparison. The energy is the ground truth of the simulation; below zero, the hand got out more
-than it put in, which no law of the paper rules out for a quantised encoder and the certified laws
-do.</p>
+that drive a live system. The paper's numbers are given for comparison. The laws
+<code>certified</code> and <code>certified_memoryless</code> are this project's own, not the
+paper's: they are shown in every comparison. The energy is the ground truth of the simulation;
+below zero, the hand received more than it put in. With a quantised encoder no law of the paper
+rules that out; the certified laws do.</p>
 <pre>{_text(command)}</pre>
 <p class="quiet">forcebound {_text(version("forcebound"))}, Python
 {_text(platform.python_version())}, numpy {_text(version("numpy"))}, numba

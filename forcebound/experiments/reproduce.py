@@ -1,4 +1,4 @@
-"""Runs experiments, writes their pictures, numbers and the report, and returns the document."""
+"""Reproduction: runs experiments and writes their pictures, numbers and the report."""
 
 import json
 import shlex
@@ -20,9 +20,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What ``forcebound reproduce`` made."""
+    """Result of ``forcebound reproduce``."""
 
-    outcomes: dict[str, Outcome]  # by name, in the order asked for
+    outcomes: dict[str, Outcome]  # by name, in the requested order
     document: dict[str, Any]  # for JSON
     folder: Path
 
@@ -35,7 +35,7 @@ def reproduce(
     Args:
         names: Keys of ``EXPERIMENTS`` or ``ALIASES``; none: all of them.
         out: Folder to write into; made if missing.
-        say: Called with a line on what is being run, for people who wait.
+        say: Called with a line of progress on each run.
 
     Raises:
         ConfigError: If a name is not known or the folder cannot be written.
@@ -96,7 +96,7 @@ def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, Any]:
 
 
 def tables(done: Reproduction) -> Iterator[Any]:
-    """Yield the numbers of each experiment as a table for the terminal, and what was found."""
+    """Yield the numbers of each experiment as a table for the terminal, and its finding."""
     from rich.table import Table
 
     for name, outcome in done.outcomes.items():

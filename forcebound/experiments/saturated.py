@@ -55,7 +55,7 @@ def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
     own force, still below the bound.
     """
     first = int(np.argmax(contact.in_contact))
-    free = np.flatnonzero(contact.asked[first + 1 :] <= contact.applied[first + 1 :])
+    free = np.flatnonzero(contact.commanded[first + 1 :] <= contact.applied[first + 1 :])
     last = first + 1 + (int(free[0]) if free.size else contact.time.size - first - 1)
     forces = [float(contact.applied[first])]
     for before, after in pairwise(contact.position[first:last].tolist()):
@@ -64,7 +64,7 @@ def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
 
 
 def run(runs: Runs) -> Outcome:
-    """Compare both equations with runs, and with what the paper's user study measured."""
+    """Compare both equations with runs, and with the measurements of the paper's user study."""
     numbers: list[Number] = []
     rows: list[Row] = []
     largest = 0.0
@@ -116,7 +116,7 @@ def run(runs: Runs) -> Outcome:
         paper="Depends on penetration: larger when shallow, 2B when deep.",
         finding=(
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
-            "active, also where the hand turns round. Eq. 42 falls from the shallow to 2B. In the "
+            "active, also where the hand reverses. Eq. 42 falls with depth to 2B. In the "
             "runs the stiffness at one depth is not one number: every move, inwards or outwards, "
             "adds friction, so a hand that bounced feels more."
         ),

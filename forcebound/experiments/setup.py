@@ -1,8 +1,8 @@
-"""The paper's experiments as launch files and arguments: the hand, the two speeds, the runs.
+"""Setup of the paper's experiments: the hand, the two speeds, the runs of launch files.
 
 One hand holds the device in all experiments. Between the speeds only its approach speed, its way to
-the wall and how far behind the surface it wants to be differ, as they do between two motions of a
-person. ``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` tells how and why.
+the wall and its target behind the surface differ, as they do between two motions of a person.
+``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` explains how and why.
 """
 
 from collections.abc import Callable
@@ -37,12 +37,12 @@ class Hand:
 
 @dataclass(frozen=True)
 class Approach:
-    """How the hand goes to the wall at one of the paper's two speeds."""
+    """Approach of the hand to the wall at one of the paper's two speeds."""
 
     label: str
     speed: float  # m/s, of the hand's target before contact
-    way: float  # m, from where it starts to the surface
-    target: float  # m, how far behind the surface it wants to be
+    way: float  # m, from the start to the surface
+    target: float  # m, depth of the target behind the surface
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ HIGH = Approach("high", speed=0.153, way=0.0243, target=0.0059)  # paper: 150 to
 LOW = Approach("low", speed=0.0302, way=0.0104, target=0.00225)  # paper: 20 to 50 mm/s
 SPEEDS = {"high": HIGH, "low": LOW}
 
-PAPER_LAWS = {  # in the order of the paper's Table 1, with its words
+PAPER_LAWS = {  # in the order and words of the paper's Table 1
     "less_conservative_viscous": "less conservative, viscous damping",
     "less_conservative": "less conservative, viscous damping + Coulomb friction",
     "aol": "AOL",
@@ -75,7 +75,7 @@ CERTIFIED = ("certified", "certified_memoryless")
 
 @dataclass(frozen=True)
 class Contact:
-    """A run against a wall, seen along its normal, from the moment when the force engages."""
+    """A run against a wall, along its normal, from the moment the force engages."""
 
     run: RunResult
 
@@ -94,13 +94,13 @@ class Contact:
         return self.run.columns.position[self._shown, 0]
 
     @property
-    def asked(self) -> Floats:
-        """Force asked for, in N."""
+    def commanded(self) -> Floats:
+        """Commanded force, in N."""
         return self.run.columns.commanded_force[self._shown, 0]
 
     @property
     def applied(self) -> Floats:
-        """Force applied, in N."""
+        """Applied force, in N."""
         return self.run.columns.applied_force[self._shown, 0]
 
     @cached_property
@@ -136,7 +136,7 @@ class Contact:
 
     @property
     def lowest_energy(self) -> float:
-        """Least energy that the hand has put in, in mJ; below zero it got energy out."""
+        """Minimum energy (ground truth), in mJ; below zero the hand received energy."""
         return float(self.run.columns.true_energy[self._shown].min()) * 1e3
 
 
@@ -144,7 +144,7 @@ class Runs:
     """Runs launch files in virtual time, each only once.
 
     Args:
-        say: Called with a line on each run, for people who wait.
+        say: Called with a line of progress on each run.
     """
 
     def __init__(self, say: Callable[[str], None] = lambda line: None) -> None:

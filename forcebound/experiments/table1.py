@@ -151,10 +151,10 @@ def run(runs: Runs) -> Outcome:
 
 
 def exchanged_pairs(table: list[Row]) -> list[tuple[str, str, str, str]]:
-    """Return what stands in another order than in the paper: quantity, speed, softer, stiffer.
+    """Return pairs in another order than in the paper: quantity, speed, softer, stiffer law.
 
-    Only pairs that the paper tells apart by more than 5 %: below, the order of two single trials of
-    a person says nothing.
+    Only pairs that differ by more than 5 % in the paper: below, the order of two single trials of
+    a person means nothing.
     """
     exchanged = []
     for quantity, speed in COLUMNS:

@@ -1,7 +1,7 @@
 """Figures 18, 20, 21: laws computed on the recorded trace of another law's run.
 
-The trace gives readings and the force that the wall asked for; a law computed on it keeps its own
-ledger and its own forces, but no force moves the hand: the comparison is of the laws alone.
+The trace has readings and commanded forces; a law computed on it has its own ledger and its own
+forces, but no force moves the hand: only the laws are compared.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float
 
 
 def dissipation(contact: Contact) -> Dissipation:
-    """Return what the law of a run relied on."""
+    """Return the dissipation on which the law of a run relied."""
     device = from_document(contact.run.document).device
     return dissipation_of(device.model, device.servo)
 
@@ -37,9 +37,9 @@ def on_trace(law: str, contact: Contact) -> Floats:
     bounder = ForceBounder(law, relied_on)
     bounder.start(0, (float(contact.position[0]),))
     forces = [0.0]
-    readings, asked = contact.position.tolist(), contact.asked.tolist()
+    readings, commanded = contact.position.tolist(), contact.commanded.tolist()
     for n in range(1, len(readings)):
-        force = bounder.bound(n * period_ns, (readings[n],), (asked[n],))
+        force = bounder.bound(n * period_ns, (readings[n],), (commanded[n],))
         bounder.settle(force)
         forces.append(force[0])
     return np.array(forces)
@@ -77,16 +77,16 @@ def run_fig18(runs: Runs) -> Outcome:
         finding=(
             f"{extra['aol']:.1f} % more force: mean AOL force over mean applied force, all samples "
             "in contact. The AOL is a reconstruction (docs/theory.md): the exact causal bound, "
-            "whose F_max has f_c where the less conservative law guesses from the last move, so "
+            "whose F_max has f_c where the less conservative law extrapolates the last move, so "
             f"the extra is about 0.12 N over the force, here {mean_force:.1f} N; 5.9 % are 2.0 N. "
             f"The certified law gives {extra['certified']:+.1f} %, its memoryless variant "
-            f"{extra['certified_memoryless']:+.1f} % on the same trace; both are certain for the "
-            "true position, of which the encoder tells only steps."
+            f"{extra['certified_memoryless']:+.1f} % on the same trace; both hold for the "
+            "true position, which the encoder only quantises."
         ),
         numbers=numbers,
         drawing=draw_rows(
             [
-                Row("position (mm)", [Line("read", contact.time, contact.position * 1e3)]),
+                Row("position (mm)", [Line("reading", contact.time, contact.position * 1e3)]),
                 Row("force (N)", lines),
                 Row("force (N)\nat contact", lines, window=around_contact(contact)),
             ]
@@ -118,7 +118,7 @@ class CausalAgainstOriginal:
             contact = runs.wall(self.law, approach)
             original = np.array(
                 self.original(
-                    contact.position.tolist(), contact.asked.tolist(), dissipation(contact)
+                    contact.position.tolist(), contact.commanded.tolist(), dissipation(contact)
                 )
             )
             where = contact.in_contact

@@ -17,7 +17,7 @@ from forcebound.quantities import (
 
 
 def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
-    """Return where a point is, in m, that goes evenly from ``start`` to ``end`` and stays there."""
+    """Return the position, in m, of a point that moves at ``speed`` from ``start`` to ``end``."""
     travel = speed * elapsed
     if travel >= abs(end - start):
         return end
@@ -28,7 +28,7 @@ def pressing_target(elapsed: float, start: float, end: float, speed: float) -> f
 class PressingHand:
     """Mass, spring and damper whose target moves from ``start`` to ``end`` along the first axis.
 
-    The default values press about as the soft grip of the paper's experiments does (section 4.1).
+    The defaults are close to the soft grip of the paper's experiments (section 4.1).
     """
 
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.275

@@ -9,7 +9,7 @@ from forcebound.quantities import NOT_NEGATIVE, Damping, Frequency, Length, Mass
 
 
 def sinusoidal_target(elapsed: float, centre: float, amplitude: float, frequency: float) -> float:
-    """Return where a point is, in m, that swings about ``centre`` and begins at its lowest."""
+    """Return the position, in m, of a sine about ``centre`` that begins at its minimum."""
     phase = 2.0 * math.pi * frequency * elapsed
     return centre - amplitude * math.cos(phase)
 

@@ -1,4 +1,4 @@
-"""The command ``forcebound sweep``: read, run with progress on standard error, draw."""
+"""Command ``forcebound sweep``: read, run with progress on standard error, draw."""
 
 import time
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def run(
     overwrite: bool = False,
     plot: bool = False,
 ) -> dict[str, Any]:
-    """Run a sweep file and return what became of it; arguments as on the command line.
+    """Run a sweep file and return its outcome; arguments as on the command line.
 
     Raises:
         ConfigError: If the file or an option is wrong; before anything runs.
@@ -39,7 +39,7 @@ def run(
     )
 
     sweep = load_sweep(file, arguments)
-    if arguments:  # what they say is the same in all cases: wrong once is wrong always
+    if arguments:  # equal in all cases, so checked once
         build(sweep.template, sweep.overrides(0))
     result = output or Path(f"{sweep.name}.parquet")
     began = time.monotonic()
@@ -57,7 +57,7 @@ def run(
         executor = cluster_executor(cluster) if cluster else local_executor(workers)
 
         def show(done: int, cases: int) -> None:
-            if not bar.live.is_started:  # not before the output has been found to be good
+            if not bar.live.is_started:  # not before the output was checked
                 stack.enter_context(bar)
             bar.update(task, completed=done, total=cases)
 

@@ -1,16 +1,16 @@
-r"""What theory says of the stiffest wall, to be drawn over what was simulated.
+r"""Limits of theory on the stiffest wall, for maps of simulated runs.
 
 All of these are for an elastic wall of stiffness K, a device of mass, viscous damping b and Coulomb
-friction f_c, a force held for a period T, and no bounding law. None knows of the saturation, of the
-wall being one-sided, or of a particular hand: they promise passivity with *any* hand, so a
-simulation with one hand may well stay passive beyond them. What they must not do is show a leak
-*below* them; what a law shows above them is the law's merit.
+friction f_c, a force held for a period T, and no bounding law. None includes saturation, a
+one-sided wall or a particular hand: they guarantee passivity with *any* hand, so a simulation with
+one hand may stay passive beyond them. A simulation must not leak *below* them; stiffness above them
+is due to the law.
 
 ``colgate_schenkel``
     :math:`b > K T / 2 + |B|` with B the wall's damping, computed from a backward difference. J. E.
     Colgate and G. Schenkel, Passivity of a class of sampled-data systems: application to haptic
     interfaces, Journal of Robotic Systems 14(1), 1997. No delay, no quantisation. Here the force is
-    written ``reply_wait`` after the reading and the velocity is filtered; the line does not know.
+    written ``reply_wait`` after the reading and the velocity is filtered; the limit ignores both.
 ``abbott_okamura``
     :math:`K \le \min(2 b / T, 2 f_c / \Delta)`. J. J. Abbott and A. M. Okamura, Effects of position
     quantization and sampling rate on virtual-wall passivity, IEEE Transactions on Robotics 21(5),
@@ -20,9 +20,9 @@ simulation with one hand may well stay passive beyond them. What they must not d
     :math:`K < b / (T / 2 + t_d)` and :math:`K \le 2 f_c / \Delta` with :math:`t_d` the delay from
     reading to writing. N. Diolaiti, G. Niemeyer, F. Barbagli and J. K. Salisbury, Stability of
     haptic rendering: discretization, quantization, time delay, and Coulomb effects, IEEE
-    Transactions on Robotics 22(2), 2006: the region that they call passive, in which neither
-    viscous losses are exceeded by what hold and delay give, nor friction by what the encoder's
-    step gives. Their further regions (locally stable, limit cycles) depend on the start of a
+    Transactions on Robotics 22(2), 2006: the region that they call passive, in which the
+    energy from hold and delay does not exceed the viscous losses, nor that from the encoder's steps
+    the friction. Their further regions (locally stable, limit cycles) depend on the start of a
     motion and are not drawn. The first part also follows from Colgate and Schenkel's theorem
     (:func:`passive_damping`); ``tests/test_limits.py`` checks that it does.
 """
@@ -39,7 +39,7 @@ LABELS = {
 
 
 def colgate_schenkel(damping: float, period: float, wall_damping: float) -> float:
-    """Return the stiffest passive wall, in N/m; 0 where no wall is."""
+    """Return the stiffest passive wall, in N/m; 0 if none is passive."""
     return max(2.0 * (damping - abs(wall_damping)) / period, 0.0)
 
 
@@ -58,7 +58,7 @@ def diolaiti(
 
 
 def passive_damping(stiffness: float, period: float, delay: int, points: int = 4096) -> float:
-    r"""Return the least damping for which a late elastic wall is passive, in N s/m.
+    r"""Return the smallest damping for which a late elastic wall is passive, in N s/m.
 
     .. math:: b > \frac{T}{2} \frac{1}{1 - \cos \omega T}
               \Re \{ (1 - e^{-j \omega T}) H(e^{j \omega T}) \}, \quad 0 < \omega \le \pi / T
@@ -69,7 +69,7 @@ def passive_damping(stiffness: float, period: float, delay: int, points: int = 4
         stiffness: K, in N/m.
         period: T, in s.
         delay: d, in samples.
-        points: How fine the grid is.
+        points: Number of points of the grid.
 
     Source: Colgate and Schenkel 1997, Eq. 1 of the theorem.
     """

@@ -1,8 +1,8 @@
-"""The result of a sweep as a picture: one panel for each law, the limits of theory over it.
+"""Maps of a sweep: one panel per law, with the limits of theory.
 
-Energies: a leak, below zero by more than rounding, shows at a glance and its depth on a logarithmic
-scale; where there is none, light and dark blue tell whether the hand comes to rest. Everything else
-has one scale for all panels.
+Energies: a leak, below zero by more than rounding, is red on a logarithmic scale; elsewhere light
+blue means that the hand comes to rest, dark blue that it does not. Other figures have one scale for
+all panels.
 """
 
 import math
@@ -32,9 +32,9 @@ _UNITS: dict[str, tuple[str, float]] = {
     "stiffness": ("stiffness of the wall (N/mm)", 1e-3),
     "damping": ("damping of the wall (N s/m)", 1.0),
     "delay": ("delay, each way (ms)", 1e3),
-    "compute_delay": ("time for an answer (ms)", 1e3),
+    "compute_delay": ("computation time (ms)", 1e3),
     "approach_speed": ("approach speed (mm/s)", 1e3),
-    "true_energy_min_j": ("least energy (mJ)", 1e3),
+    "true_energy_min_j": ("minimum energy (mJ)", 1e3),
     "displayed_stiffness_n_per_m": ("displayed stiffness (N/mm)", 1e-3),
     "rate_hardness_n_per_m": ("rate-hardness (N/mm)", 1e-3),
     "peak_force_n": ("peak force (N)", 1.0),
@@ -43,11 +43,11 @@ _UNITS: dict[str, tuple[str, float]] = {
 
 
 def draw(result: Path, picture: Path) -> None:
-    """Draw the map that a sweep file asks for.
+    """Draw the map of a sweep file.
 
     Args:
         result: Parquet file of the sweep.
-        picture: Where to draw it: ``.png`` or ``.svg``.
+        picture: File to write, ``.png`` or ``.svg``.
 
     Raises:
         ConfigError: If the result has no map or lacks a column of it.
@@ -55,7 +55,7 @@ def draw(result: Path, picture: Path) -> None:
     table = read_table(result)
     drawing = table.about.get("map") or {}
     if not drawing:
-        raise ConfigError(f"{result}: its sweep file has no map section that says what to draw")
+        raise ConfigError(f"{result}: its sweep file has no section map")
     figure = _surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     figure.suptitle(drawing.get("title") or table.about.get("description", ""))
     figure.set_dpi(130)
@@ -217,7 +217,7 @@ def _ran(table: Table) -> np.ndarray[Any, np.dtype[np.bool_]]:
 
 
 def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
-    """One panel for each combination of what else varies, one line for each ``per``.
+    """One panel for each combination of the other arguments, one line for each ``per``.
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
     """

@@ -1,8 +1,8 @@
-"""The parts of a sweep on disk: cases in order, one file each until all are there.
+"""Parts of a sweep on disk: cases in order, one file per part until all are done.
 
-Cases are cut into parts in a way that does not depend on who runs them. The rows of a part are
-written in one step to a file of its own, in the folder ``RESULT.parts`` beside the result. The
-digest in ``sweep.json`` tells whose parts they are: it covers all cases, the launch file and the
+The division into parts does not depend on the executor. The rows of a part are written in one step
+to a file of its own, in the folder ``RESULT.parts`` next to the result. The digest in
+``sweep.json`` identifies the sweep: it covers all cases, the launch file and the
 version of forcebound.
 """
 
@@ -23,29 +23,29 @@ from forcebound.sweep.plan import Sweep
 Row: TypeAlias = dict[str, Any]
 Part: TypeAlias = tuple[int, int]  # first case, and one past the last
 
-SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; how many parts are good
+SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
 
 
 def parts_of(cases: int) -> list[Part]:
-    """Return the parts that ``cases`` cases are cut into."""
+    """Return the parts of ``cases`` cases."""
     size = min(max(math.ceil(cases / PARTS), SMALLEST_PART), LARGEST_PART)
     return [(first, min(first + size, cases)) for first in range(0, cases, size)]
 
 
 def digest_of(sweep: Sweep) -> str:
-    """Return what a sweep has in common with another one only if their rows are the same."""
+    """Return a digest that two sweeps share only if their rows are equal."""
     decisive = (version("forcebound"), sweep.template.plain, sweep.duration, dict(sweep.constants))
     text = json.dumps([*decisive, sweep.columns, sweep.cases], default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class PartFolder:
-    """The folder beside a result that holds the parts which are done.
+    """Folder of finished parts, next to the result.
 
     Args:
         result: The Parquet file of the sweep.
-        digest: Of the sweep.
-        restart: Discard parts that are there, whosever they are.
+        digest: Digest of the sweep.
+        restart: Discard all parts in the folder, also of another sweep.
 
     Raises:
         ConfigError: If the folder holds parts of another sweep, or cannot be written.

@@ -1,13 +1,13 @@
-"""The runner of sweeps: in parts, through any executor, so that it can be stopped at any moment.
+"""Runner of sweeps: in parts, through any executor, so that it can be stopped at any time.
 
 Strategy:
 
 1. Cases are cut into parts, in order (:mod:`forcebound.sweep.parts`).
 2. Each part is one task of a :class:`concurrent.futures.Executor`: this machine's cores, a dask
    cluster, anything. Its rows are kept on disk at once.
-3. When all parts are there they become one Parquet file, in one step, and the parts go.
+3. When all parts are done they become one Parquet file, in one step, and are deleted.
 
-A sweep that is started again takes over the parts that it finds.
+A sweep that is started again continues with the parts that it finds.
 """
 
 import json
@@ -66,13 +66,13 @@ def _plain(text: str) -> float | str:
 
 
 def _parameters(document: Mapping[str, Any]) -> dict[str, Any]:
-    left_out = ("forcebound", "description", "realtime")  # nothing of a virtual run
+    left_out = ("forcebound", "description", "realtime")  # without effect in virtual time
     return {name: value for name, value in document.items() if name not in left_out}
 
 
 def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
     rejected = sum(summary["rejected_packets"].values())
-    # The kernel draws what links lose and does not count it; events are of the graph alone.
+    # The kernel does not count the losses of links, and only the graph has events.
     left_out = ("law", "rejected_packets", "links", "faults", "phases")
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": rejected}
@@ -96,13 +96,13 @@ def run_sweep(
     restart: bool = False,
     overwrite: bool = False,
 ) -> dict[str, Any]:
-    """Run a sweep, or what is left of it, and write its Parquet file.
+    """Run a sweep, or its remaining parts, and write its Parquet file.
 
     Args:
-        sweep: What to run.
-        result: The Parquet file. Parts lie in a folder of this name with ``.parts`` behind until
-            all are there.
-        executor: Who runs the parts.
+        sweep: The sweep to run.
+        result: The Parquet file. Until all parts are done they are in a folder of this name with
+            ``.parts`` appended.
+        executor: Runs the parts.
         progress: Called when cases are done.
         restart: Discard parts of an earlier run.
         overwrite: Replace a ``result`` that is not of this sweep.

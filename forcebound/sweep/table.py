@@ -1,4 +1,4 @@
-"""The result of a sweep as one Parquet file: a row a case, a column a parameter or figure.
+"""Result of a sweep as one Parquet file: one row per case, one column per parameter or figure.
 
 ``over.NAME`` are the arguments that varied, in SI units or as text; ``case``, ``engine`` and
 ``error`` come first; then all resolved parameters under the names that they have in a launch file
@@ -27,7 +27,7 @@ _TEXTS = ("error", "engine")  # text even where no row has any
 
 @dataclass(frozen=True)
 class Table:
-    """A result: columns by name, all of one length, and what :func:`read_about` gives."""
+    """Result of a sweep: columns by name, all of one length, and its description."""
 
     columns: Mapping[str, list[Any]]
     about: Mapping[str, Any]
@@ -45,10 +45,10 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path, about: Mapping[st
 
 
 def read_table(path: Path) -> Table:
-    """Return what a Parquet file of a sweep holds.
+    """Return the content of a Parquet file of a sweep.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not such a file.
     """
     about = read_about(path)
     table = pq.read_table(path)
@@ -56,17 +56,17 @@ def read_table(path: Path) -> Table:
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """Return what a Parquet file says of its sweep: ``name``, ``description``, ``map``, ``digest``.
+    """Return the metadata of a sweep's file: ``name``, ``description``, ``map``, ``digest``.
 
     Raises:
-        ConfigError: If there is no such file, or it is no result of a sweep.
+        ConfigError: If there is no such file, or it is not a result of a sweep.
     """
     if not path.exists():
         raise ConfigError(f"there is no file {path}; forcebound sweep makes one")
     try:
         about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-        raise ConfigError(f"{path} is no result of a sweep: {error}") from error
+        raise ConfigError(f"{path} is not a result of a sweep: {error}") from error
     return about
 
 
