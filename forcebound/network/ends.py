@@ -102,17 +102,20 @@ class RemoteSection:
         )
         if known and self.graph_key is None:
             raise ConfigError(
-                f"graph_key is missing beside environment_keys: {both}", "environment_keys"
+                f"graph_key is missing beside environment_keys: {both}",
+                field="environment_keys",
             )
         if self.graph_key is not None and not known:
             raise ConfigError(
-                f"environment_keys is missing or empty beside graph_key: {both}", "graph_key"
+                f"environment_keys is missing or empty beside graph_key: {both}",
+                field="graph_key",
             )
         if self.insecure and self.graph_key is not None:
             raise ConfigError(_NOT_BOTH, field="insecure")
         if len(set(known)) < len(known):
             raise ConfigError(
-                f"environment_keys names a key twice: {', '.join(known)}", "environment_keys"
+                f"environment_keys names a key twice: {', '.join(known)}",
+                field="environment_keys",
             )
         if self.listens == "environment" and len(known) > 1:
             raise ConfigError(
@@ -123,7 +126,8 @@ class RemoteSection:
         number = numeric_address(self.address)
         if self._is_open and number is not None and not number.is_loopback:
             raise ConfigError(
-                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", "address"
+                f"address {self.address} is on a network, and {_WITHOUT_KEYS}",
+                field="address",
             )
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
@@ -175,7 +179,7 @@ class RemoteSection:
 
 def _check_port(port: int) -> None:
     if not 1 <= port <= 65535:
-        raise ConfigError(f"port must be 1 to 65535, got {port}", "port")
+        raise ConfigError(f"port must be 1 to 65535, got {port}", field="port")
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:
