@@ -215,7 +215,7 @@ def test_a_process_ends_with_what_needs_it_even_if_that_fails() -> None:
 @pytest.mark.parametrize("name", sorted(BENCHMARKS))
 def test_a_short_run_gives_every_figure(name: str) -> None:
     said: list[str] = []
-    result = BENCHMARKS[name].run(duration=0.3, say=said.append)
+    result = BENCHMARKS[name].run(duration=0.3, progress=said.append)
     assert json.loads(json.dumps(result, allow_nan=False)) == result
     assert said
     for one in result["contestants"].values():

@@ -1,9 +1,9 @@
 """Benchmarks: each measures its own limit in the same run, in turns, and reports the ratio.
 
-Absolute times mean nothing on a machine that is shared; a ratio between neighbours does. The limit
-is the same work in C, or in bare pyzmq.
+On a shared machine absolute times mean nothing, but ratios of neighbouring rounds do. The limit is
+the same work in C, or in bare pyzmq.
 
-To add a benchmark: write a module with ``run(duration, rate, say)`` that returns what
+To add a benchmark: write a module with ``run(duration, rate, progress)`` that returns what
 :func:`report` makes, and add one line to ``BENCHMARKS``; ``tests/test_benchmark.py`` then runs it.
 """
 
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 Result: TypeAlias = dict[str, Any]
-Say: TypeAlias = Callable[[str], None]
+Progress: TypeAlias = Callable[[str], None]
 
 
-def _say_nothing(_: str) -> None:
+def _no_progress(_: str) -> None:
     pass
 
 
@@ -35,20 +35,20 @@ class Benchmark:
     duration: float
 
     def run(
-        self, duration: float | None = None, rate: float = 1000.0, say: Say = _say_nothing
+        self, duration: float | None = None, rate: float = 1000.0, progress: Progress = _no_progress
     ) -> Result:
         """Run it and return figures, limits, ratios, targets and conditions; fit for JSON.
 
         Args:
             duration: Time for all contestants together, in s; starting them comes on top.
             rate: Ticks a second, in Hz.
-            say: Called with a line on what is being measured, for people who wait.
+            progress: Called with a line of progress on each measurement.
 
         Raises:
             RunError: If a contestant could not be run.
         """
         run = importlib.import_module(self.module).run
-        result: Result = run(self.duration if duration is None else duration, rate, say)
+        result: Result = run(self.duration if duration is None else duration, rate, progress)
         return result
 
 

@@ -1,4 +1,4 @@
-"""The limit of the four-hop loop: the same sockets and bytes in bare pyzmq, nothing else.
+"""Reference of the four-hop loop: the same sockets and bytes in bare pyzmq.
 
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
@@ -6,11 +6,11 @@ One process per role. ``device`` sends a state on an absolute schedule and waits
 are overwritten with the number of the tick, so that a late answer is never taken for the next one.
 Nothing is decoded.
 
-The controller waits for the two streams in turn, which a real one cannot, and nobody answers on a
-control socket: no way to use these sockets is known to be faster.
+The controller waits for the two streams in turn, which a real one cannot, and no process answers on
+a control socket: no faster way to use these sockets is known.
 
-CORE -1 leaves the process as and where the kernel starts it. Otherwise it is placed and scheduled
-by the very function that does it for the real nodes (:func:`forcebound.realtime.enter`).
+With CORE -1 placement and scheduling are the kernel's. Otherwise they are set by the function that
+sets them for the real nodes (:func:`forcebound.realtime.enter`).
 """
 
 import os
@@ -155,7 +155,7 @@ def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: 
             period_ns,
             count,
         )
-        os._exit(0)  # the context's threads have nothing left to say
+        os._exit(0)  # the context's threads have nothing left to send
     elif role == "controller":
         _serve_controller(
             _receiver(context, folder, DeviceState),

@@ -1,10 +1,9 @@
-"""How exact is the delay that a link injects, beside the link's own latency?
+"""Benchmark of injected delays: their error beyond the link's own latency.
 
-A packet takes time also where nothing is injected: encoding, sockets, waking up. So a perfect link
-runs in the same run, in turns with impaired ones, a fresh pair of processes for each
-(:mod:`forcebound.benchmark.link_delay`). What is measured of a packet is the whole way from node to
-node less the delay that the link drew for this packet; from this the median of the perfect link is
-taken, and what is left is the error of the injected delay.
+A packet takes time also on a perfect link: encoding, sockets, waking up. So a perfect link runs in
+turns with impaired ones, with a fresh pair of processes for each round
+(:mod:`forcebound.benchmark.link_delay`). The error of a packet's delay is its time from node to
+node, less the delay that the link drew for it, less the median time on the perfect link.
 """
 
 import contextlib
@@ -24,7 +23,7 @@ TARGETS_US = {"p50": 100.0, "p99": 500.0}
 SUPERSEDED = 4  # times as long at most: of packets that jitter reorders only the newest come
 
 
-def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
     surroundings = conditions()
     settings = settings_of(load(LAUNCH_FILE))
@@ -32,7 +31,7 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     rounds, count = plan(duration, len(contestants), rate)
     for number in range(rounds):
         for name, measured in contestants.items():
-            say(f"round {number + 1} of {rounds}: {measured.label}")
+            progress(f"round {number + 1} of {rounds}: {measured.label}")
             _round(name, rate, count, measured)
     own = contestants.pop(OWN)
     return {

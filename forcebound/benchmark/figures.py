@@ -1,4 +1,4 @@
-"""What is a row of measured times, in a few figures, and how do two of them compare?"""
+"""Figures of measured times: percentiles, and ratios of two contestants."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ SHARES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}
 def percentile(ordered: Sequence[int], share: float) -> int:
     """Return the smallest value that at least ``share`` of all values do not exceed.
 
-    Always a value that was measured (nearest rank), never one between two of them.
+    Always a measured value (nearest rank), never an interpolated one.
 
     Args:
         ordered: Values in ascending order, at least one.
@@ -65,7 +65,7 @@ class Measured:
         return percentile(sorted(together), SHARES[name])
 
     def summary(self) -> dict[str, Any]:
-        """Return what a report says of it: percentiles in us, and counts.
+        """Return the figures for a report: percentiles in us, and counts.
 
         Raises:
             ValueError: If it has no times.
@@ -90,14 +90,14 @@ def compare(ours: Measured, limit: Measured, name: str, target: float | None) ->
 
     Returns:
         ``what``, ``value`` (the ratio over all rounds), ``unit``, ``lowest`` and ``highest`` (the
-        ratio of a round to the limit's round beside it), ``target`` and ``reached``.
+        ratio of a round to the neighbouring round of the limit), ``target`` and ``reached``.
     """
 
     def ratio(mine: float, other: float) -> float:
         return max(mine, 1) / max(other, 1)  # a clock that did not move counts as 1 ns
 
     share = SHARES[name]
-    beside = [
+    neighbours = [
         ratio(percentile(sorted(mine), share), percentile(sorted(other), share))
         for mine, other in zip(ours.rounds, limit.rounds, strict=True)
         if mine and other
@@ -107,8 +107,8 @@ def compare(ours: Measured, limit: Measured, name: str, target: float | None) ->
         "what": f"{ours.label} / {limit.label}, {name.replace('_', '.')}",
         "value": value,
         "unit": "ratio",
-        "lowest": min(beside),
-        "highest": max(beside),
+        "lowest": min(neighbours),
+        "highest": max(neighbours),
         **_verdict(value, target),
     }
 
@@ -129,7 +129,7 @@ def beyond(ours: Measured, own: Measured, name: str, target_us: float | None) ->
     def difference(mine: Sequence[int], other: Sequence[int]) -> float:
         return (percentile(sorted(mine), SHARES[name]) - percentile(sorted(other), 0.5)) / 1e3
 
-    beside = [
+    neighbours = [
         difference(mine, other)
         for mine, other in zip(ours.rounds, own.rounds, strict=True)
         if mine and other
@@ -139,8 +139,8 @@ def beyond(ours: Measured, own: Measured, name: str, target_us: float | None) ->
         "what": f"{ours.label}, {name.replace('_', '.')} beyond {own.label}",
         "value": value,
         "unit": "us",
-        "lowest": min(beside),
-        "highest": max(beside),
+        "lowest": min(neighbours),
+        "highest": max(neighbours),
         **_verdict(value, target_us),
     }
 

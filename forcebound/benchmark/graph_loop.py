@@ -1,10 +1,10 @@
 """The four-hop loop of the real graph, with a device that waits for the answer.
 
 ``controller`` and ``environment`` are the nodes of a launch file in the live runner, placed and
-scheduled as the launch file says. The real device takes an answer at its next write and cannot tell
-when it came; so ``device`` is a probe here, in the same runner with the same codec and sockets: it
-publishes a state on an absolute schedule, sleeps until the answer is there, and takes the time when
-the decoded packet reaches the node. The round trip counts from the state's ``time_ns``.
+scheduled by the launch file's settings. The real device takes an answer at its next write and does
+not know its arrival; so ``device`` is a probe here, in the same runner with the same codec and
+sockets: it publishes a state on an absolute schedule, sleeps until the answer comes, and takes the
+time when the decoded packet reaches the node. The round trip counts from the state's ``time_ns``.
 
 ::
 
@@ -113,13 +113,13 @@ def drive(
 
 
 def settings_of(config: GraphConfig) -> Settings:
-    """Return how punctual the launcher asks the nodes of ``config`` to be."""
-    asked = config.realtime
+    """Return the real-time settings of the nodes of ``config``."""
+    settings = config.realtime
     return Settings(
-        policy=asked.policy,
-        core=choose_core(asked.cores),
-        lock_memory=asked.lock_memory,
-        spin_ns=round(asked.spin * 1e9),
+        policy=settings.policy,
+        core=choose_core(settings.cores),
+        lock_memory=settings.lock_memory,
+        spin_ns=round(settings.spin * 1e9),
     )
 
 

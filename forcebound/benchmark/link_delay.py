@@ -1,9 +1,9 @@
-"""One link of the real graph: a process that sends on a schedule, and one that receives.
+"""Contestant of the delay benchmark: one link of the real graph, a sender and a receiver.
 
 Both are nodes in the live runner (:mod:`forcebound.process`), placed and scheduled as controller
 and environment of a launch file. The receiver's link is impaired, or perfect as most links are; the
 time of a packet is the one from its ``time_ns``, taken before it is encoded, until the node is
-stepped with it, less what the link was told to add to this very packet.
+stepped with it, less the delay that the link drew for it.
 
 ::
 
@@ -51,10 +51,11 @@ class SenderNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = ()
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     wakes_on_arrival: ClassVar[bool] = False
+    wake_ns: int | None = None  # an attribute in place of the property
 
     def __init__(self, period_ns: int, begin_ns: int) -> None:
         self.events = EventLog("controller")
-        self.wake_ns: int | None = begin_ns
+        self.wake_ns = begin_ns
         self._period_ns = period_ns
         self._seq = 0
 
@@ -78,10 +79,10 @@ class SenderNode(Node):
 
 
 class WatchedLink(Link[Packet]):
-    """A link that tells how much it adds to each packet.
+    """A link that records the delay that it adds to each packet.
 
     Attributes:
-        added_ns: By ``seq``, in ns, of packets that were not asked for yet.
+        added_ns: By ``seq``, in ns, of packets that were not taken yet.
     """
 
     def __init__(self, impairment: Impairment) -> None:
@@ -96,7 +97,7 @@ class WatchedLink(Link[Packet]):
 
 
 class ReceiverNode(Node):
-    """Notes when packets come; asks to stop when it has enough.
+    """Records the arrival of packets; requests a stop when it has enough.
 
     Attributes:
         times_ns: From sending to the node, less what the link added, in ns.
@@ -162,7 +163,7 @@ def main(role: str, folder: Path, launch_file: str, link: str, timing: tuple[int
     Args:
         role: ``"controller"`` sends, ``"environment"`` receives.
         folder: Of the sockets.
-        launch_file: Says how punctual the processes are asked to be.
+        launch_file: Source of the real-time settings.
         link: A key of :data:`LINKS`.
         timing: Period in ns, and number of packets that count.
     """

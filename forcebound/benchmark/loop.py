@@ -1,4 +1,4 @@
-"""How fast is the four-hop loop of the real graph, beside bare pyzmq?
+"""Benchmark of the four-hop loop: the real graph against bare pyzmq.
 
 Device, controller, environment, controller, device. Contestants, in turns, a fresh set of processes
 for each round:
@@ -6,11 +6,11 @@ for each round:
 1. ``graph``: the nodes of the launch file, as the launcher places and schedules them
    (:mod:`forcebound.benchmark.graph_loop`);
 2. ``bare``: bare pyzmq with the same sockets, the same bytes and the same placement
-   (:mod:`forcebound.benchmark.bare_loop`): what the graph's own work costs;
-3. ``default``: that where and as the kernel starts it: what placement is worth.
+   (:mod:`forcebound.benchmark.bare_loop`), for the cost of the graph's own work;
+3. ``default``: the same without placement, for the gain of placement.
 
-No recorder listens to the loop, as in any run whose recording is not kept: such a run records
-telemetry alone, which the device sends after the loop is closed.
+No recorder listens to the loop, as in any run without ``--record``: such a run records only
+telemetry, which the device sends after the loop is closed.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ TARGETS: dict[str, dict[str, float | None]] = {
 }
 
 
-def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
     surroundings = conditions()
     settings = settings_of(load(LAUNCH_FILE))
@@ -54,7 +54,7 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     takes = READY + (WARMUP + count) / rate
     for number in range(rounds):
         for name, measured in contestants.items():
-            say(f"round {number + 1} of {rounds}: {measured.label}")
+            progress(f"round {number + 1} of {rounds}: {measured.label}")
             _round(*rest[name], takes, measured)
     return {
         "benchmark": "loop",

@@ -1,4 +1,4 @@
-"""How late does our pacing wake up on an absolute schedule? One contestant; see ``pacing.c``.
+"""Contestant of the servo benchmark: wake-ups on an absolute schedule; see ``pacing.c``.
 
 ::
 

@@ -1,10 +1,10 @@
-"""Is the servo punctual, and what does a tick cost? Against a C loop with clock_nanosleep.
+"""Benchmark of the servo: punctuality of wake-ups against a C loop, and cost of a tick.
 
 1. Wake-up: :func:`forcebound.realtime.wait_until` on an absolute schedule against ``pacing.c``,
    built on the spot, for each scheduling class that is permitted; same core, same class, same
    priority, in turns.
-2. Tick: the real device node on real sockets (:mod:`forcebound.benchmark.servo_tick`), at the rate
-   asked for and at 4 kHz, in the best class that is permitted.
+2. Tick: the real device node on real sockets (:mod:`forcebound.benchmark.servo_tick`), at the given
+   rate and at 4 kHz, in the best class that is permitted.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ FAST_RATE = 4000.0  # Hz, to be held without a miss
 _TICK_SHARE = 0.4  # of the duration, for the two tick contestants together
 
 
-def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
     surroundings = conditions()
     policies: list[str] = surroundings["policies"]
@@ -42,11 +42,11 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
     assert core is not None
     with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:
         program = compile_c("pacing.c", Path(folder))
-        pairs = _wake_ups(program, core, policies, duration * (1 - _TICK_SHARE), rate, say)
+        pairs = _wake_ups(program, core, policies, duration * (1 - _TICK_SHARE), rate, progress)
         policy = policies[-1]
         ticks = {
             f"tick_{each_rate:.0f}_hz": _ticks(
-                core, policy, duration * _TICK_SHARE / 2, each_rate, say
+                core, policy, duration * _TICK_SHARE / 2, each_rate, progress
             )
             for each_rate in dict.fromkeys((rate, FAST_RATE))
         }
@@ -67,7 +67,7 @@ def _wake_ups(
     policies: list[str],
     duration: float,
     rate: float,
-    say: Callable[[str], None],
+    progress: Callable[[str], None],
 ) -> dict[str, dict[str, Measured]]:
     """Return, for each policy, ours and the limit by name, in this order."""
     pairs = {
@@ -82,7 +82,7 @@ def _wake_ups(
     takes = (WARMUP + count) / rate
     for number in range(rounds):
         for policy, (ours, limit) in ((p, pair.values()) for p, pair in pairs.items()):
-            say(f"round {number + 1} of {rounds}: wake-ups, {policy}")
+            progress(f"round {number + 1} of {rounds}: wake-ups, {policy}")
             arguments = (core, policy, period_ns, count)
             collect(module("pacing", *arguments), takes, ours)
             priority = PROCESSES["device"].priority
@@ -92,12 +92,12 @@ def _wake_ups(
 
 
 def _ticks(
-    core: int, policy: str, duration: float, rate: float, say: Callable[[str], None]
+    core: int, policy: str, duration: float, rate: float, progress: Callable[[str], None]
 ) -> Measured:
     measured = Measured(f"tick at {rate:.0f} Hz, {policy}")
     _, count = plan(duration, 1, rate)
     count = max(count, round(duration * rate))
-    say(f"ticks at {rate:.0f} Hz, {policy}")
+    progress(f"ticks at {rate:.0f} Hz, {policy}")
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
         arguments = (folder, core, policy, round(1e9 / rate), count)

@@ -1,8 +1,8 @@
-"""What does a tick of the servo cost? The real device node in the live runner; one contestant.
+"""Contestant of the servo benchmark: ticks of the real device node in the live runner.
 
 ``device`` runs the device node of a stiff wall; ``controller`` takes its states and telemetry and
-answers each state with a force, so that the whole safety chain and the bounder have work to do. A
-tick costs what lies between its two wake-ups and the return to sleep: read and publish the state;
+answers each state with a force, so that the whole safety chain and the bounder work. The cost of a
+tick is the time between its two wake-ups and the return to sleep: read and publish the state;
 receive, decode, read, chain, bound, write and publish the telemetry. The waits do not count.
 
 ::

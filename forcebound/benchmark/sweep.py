@@ -1,9 +1,9 @@
-"""Is the compiled kernel as fast as C? ``sweep.c`` is the same algorithm in the same layout.
+"""Benchmark of the compiled kernel against C: ``sweep.c`` has the same algorithm and layout.
 
 Contestants run blocks of ``WIDTH`` simulations side by side, each one second of the stiff wall
 under the certified law with 20 integration steps a sample, in turns: the kernel and C on one
 thread, then both on all cores. ``gcc`` may contract products and sums (its default); a second build
-that may not must give the kernel's numbers to the last bit, and is asked first.
+without contraction must give the kernel's numbers to the last bit; it is compared first.
 """
 
 import ctypes
@@ -42,7 +42,7 @@ FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math")
 Run: TypeAlias = Callable[[KernelArguments], None]
 
 
-def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, Any]:
+def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
     surroundings = conditions()
     cores: int = len(surroundings["cores"])
@@ -52,14 +52,14 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
         compiled(*arguments)
 
     with tempfile.TemporaryDirectory(prefix="forcebound-") as folder:
-        say("building C")
+        progress("building C")
         by_c = _library(Path(folder), "contracting", ())
         exactly = _library(Path(folder), "exact", ("-ffp-contract=off",))
         difference = _largest_difference(by_kernel, exactly, _block(rate))
         if difference > 0.0:
             raise RunError(f"kernel and C differ by {difference:g}, so their times mean nothing")
         pairs = [
-            _race(by_kernel, by_c, threads, duration / 2, rate, say)
+            _race(by_kernel, by_c, threads, duration / 2, rate, progress)
             for threads in dict.fromkeys((1, cores))
         ]
     contestants: dict[str, Any] = {}
@@ -88,16 +88,16 @@ def run(duration: float, rate: float, say: Callable[[str], None]) -> dict[str, A
 
 def _judged(name: str, threads: int, ours: Measured, limit: Measured) -> dict[str, Any]:
     ratio = compare(limit, ours, "p50", None)  # time of C over ours: our speed in that of C
-    ratio |= judge_speed(f"speed / C, {_told(threads)}", ratio["value"], "ratio", RATIO_TARGET)
+    ratio |= judge_speed(f"speed / C, {_threads(threads)}", ratio["value"], "ratio", RATIO_TARGET)
     speed = WIDTH * SECONDS / (ours.at("p50") * 1e-9)
-    what = f"times real time on each core, {_told(threads)}"
+    what = f"times real time on each core, {_threads(threads)}"
     return {
         f"{name}_ratio": ratio,
         f"{name}_real_time": judge_speed(what, speed, "times", REAL_TIME_TARGET),
     }
 
 
-def _told(threads: int) -> str:
+def _threads(threads: int) -> str:
     return "1 thread" if threads == 1 else f"{threads} threads"
 
 
@@ -125,13 +125,13 @@ def _race(
     threads: int,
     duration: float,
     rate: float,
-    say: Callable[[str], None],
+    progress: Callable[[str], None],
 ) -> tuple[int, Measured, Measured]:
     """Let both run in turns; each thread has a block of its own."""
     blocks = [_block(rate) for _ in range(threads)]
     pair = (
-        (ours, Measured(f"block, kernel, {_told(threads)}")),
-        (limit, Measured(f"block, C, {_told(threads)}")),
+        (ours, Measured(f"block, kernel, {_threads(threads)}")),
+        (limit, Measured(f"block, C, {_threads(threads)}")),
     )
     ours(blocks[0])  # compile
     began = time.perf_counter()
@@ -141,7 +141,7 @@ def _race(
     repeats = max(8, int(duration / rounds / 2 / each))
     with ThreadPoolExecutor(threads) as pool:
         for number in range(rounds):
-            say(f"round {number + 1} of {rounds}, {_told(threads)}")
+            progress(f"round {number + 1} of {rounds}, {_threads(threads)}")
             for contestant, measured in pair:
                 _round(contestant, measured, blocks, repeats, pool)
     return threads, pair[0][1], pair[1][1]

@@ -1,8 +1,8 @@
-"""How does a benchmark start its contestants, and what machine do they run on?
+"""Contestants of a benchmark as processes, and the conditions of the machine.
 
-Each contestant is a process of its own, started and ended by its handle, whatever happens. It
-writes its times to standard output as int64 (:func:`write_times`); the last three are what it
-missed, the processor time it used and the time that passed, both in ns.
+Each contestant is a process that is started and ended by its handle. It writes its times to
+standard output as int64 (:func:`write_times`); the last three are the number of misses, the
+processor time and the elapsed time, both in ns.
 """
 
 import contextlib
@@ -55,7 +55,7 @@ def module(name: str, *arguments: object) -> list[str]:
 
 @contextlib.contextmanager
 def started(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a process beside the body; it is ended with the body, whatever happens there."""
+    """Run a process during the body and end it with the body in any case."""
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     try:
         yield process

@@ -18,7 +18,7 @@ from forcebound.operators import Operator
 
 
 class Device(Protocol):
-    """What the device node asks of a device."""
+    """Interface of a device for the device node."""
 
     @property
     def axes(self) -> int:

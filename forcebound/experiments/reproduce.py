@@ -15,7 +15,7 @@ from forcebound.experiments.outcome import Outcome
 from forcebound.experiments.report import report, show
 from forcebound.experiments.setup import Runs
 
-Say = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,16 @@ class Reproduction:
 
 
 def reproduce(
-    names: Sequence[str] = (), out: Path = Path("reproduction"), say: Say = lambda line: None
+    names: Sequence[str] = (),
+    out: Path = Path("reproduction"),
+    progress: Progress = lambda line: None,
 ) -> Reproduction:
     """Run experiments and write ``NAME.png``, ``NAME.svg``, ``numbers.json`` and ``report.html``.
 
     Args:
         names: Keys of ``EXPERIMENTS`` or ``ALIASES``; none: all of them.
         out: Folder to write into; made if missing.
-        say: Called with a line of progress on each run.
+        progress: Called with a line of progress on each run.
 
     Raises:
         ConfigError: If a name is not known or the folder cannot be written.
@@ -45,10 +47,10 @@ def reproduce(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"cannot make the folder {out}: {error.strerror}") from error
-    runs = Runs(say)
+    runs = Runs(progress)
     outcomes: dict[str, Outcome] = {}
     for name in chosen:
-        say(name)
+        progress(name)
         outcome = outcomes[name] = EXPERIMENTS[name](runs)
         for suffix in ("png", "svg"):
             save(outcome.drawing, out / f"{name}.{suffix}")

@@ -144,18 +144,18 @@ class Runs:
     """Runs launch files in virtual time, each only once.
 
     Args:
-        say: Called with a line of progress on each run.
+        progress: Called with a line of progress on each run.
     """
 
-    def __init__(self, say: Callable[[str], None] = lambda line: None) -> None:
-        self._say = say
+    def __init__(self, progress: Callable[[str], None] = lambda line: None) -> None:
+        self._progress = progress
         self._done: dict[tuple[str, tuple[str, ...]], Contact] = {}
 
     def contact(self, file: str, *arguments: str) -> Contact:
         """Return the run of a launch file with these arguments."""
         key = (file, arguments)
         if key not in self._done:
-            self._say(f"  {command(file, *arguments)}")
+            self._progress(f"  {command(file, *arguments)}")
             self._done[key] = Contact(run_virtual(load(file, arguments), DURATION))
         return self._done[key]
 

@@ -1,4 +1,4 @@
-"""The process that records: every packet of some streams, until it is told to stop."""
+"""Recorder process: records every packet of some streams until a stop request."""
 
 import logging
 import time
@@ -22,7 +22,7 @@ from forcebound.process.stop import Stop
 COMPLETE = "complete"  # a recording that lacks nothing
 RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would cost half a core
 FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
-DRAIN_NS = 50_000_000  # silence after which a recorder that was told to stop has everything
+DRAIN_NS = 50_000_000  # silence after a stop request, after which nothing more is expected
 DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
 _logger = logging.getLogger(__name__)
 
@@ -47,11 +47,11 @@ def record(
     core: int | None,
     stop: Stop,
 ) -> dict[str, Any]:
-    """Record every packet of some streams until asked to stop; return the last status.
+    """Record every packet of some streams until a stop request; return the last status.
 
-    Told to stop it takes what is still on its way, so stop the publishers before. When nothing can
-    be written any more (a full disk) it says so, and goes on taking packets, so that a run does not
-    end for want of a recording.
+    After a stop request it takes the packets still on their way, so stop the publishers first. When
+    writing fails (a full disk) it reports this once and goes on taking packets, so that the run
+    continues without a recording.
 
     Args:
         sink: Where the packets go; the caller closes it.

@@ -245,7 +245,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             at_rest = np.where(rests[rows], value[rows], np.nan)
             axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
         axis.set_title(
-            ", ".join(_told(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
+            ", ".join(_setting(n[5:], v) for n, v in zip(others, panel, strict=True)), fontsize=10
         )
         axis.set_xlabel(_label(drawing["x"]))
         axis.set_xlim(x.min(), x.max())
@@ -267,7 +267,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _told(name: str, value: Any) -> str:
+def _setting(name: str, value: Any) -> str:
     if isinstance(value, str):
         return f"{name.replace('_', ' ')} {value}"
     label, factor = _UNITS.get(name, (name.replace("_", " "), 1.0))
