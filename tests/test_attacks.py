@@ -269,7 +269,7 @@ def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path
     rejected = ended.summary["rejected_packets"]
     assert {"malformed", "version", "keys", "value"} <= set(rejected)
     assert ended.faults["packets_refused"] >= 1
-    assert "refused what is no packet of ours, so far: " in ended.log
+    assert ", by reason: " in ended.log
 
 
 def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> None:

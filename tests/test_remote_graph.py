@@ -259,7 +259,7 @@ def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
         ("{address: '[10.77.0.1]'}", r":3:19: address: .* is no address"),
         ("{address: 10.77.0.1}", r":3:19: address 10.77.0.1 is on a network, and without keys"),
         ("{address: a, graph_key: g}", r":3:33: environment_keys is missing or empty beside"),
-        ("{address: a, graph_key: g, environment_keys: []}", r":3:54: environment_keys is missing"),
+        ("{address: a, graph_key: g, environment_keys: []}", r":3:33: environment_keys is missing"),
         ("{address: a, environment_keys: [e]}", r":3:40: graph_key is missing"),
         ("{address: a, graph_key: 'g g', environment_keys: [e]}", r":3:33: .*'g g' names no key"),
         ("{address: a, graph_key: g, environment_keys: [e, -]}", r":3:58: .*'-' names no key"),
