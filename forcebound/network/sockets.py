@@ -154,7 +154,7 @@ def make_socket(
 
 def _options(kind: int, endpoint: str) -> dict[int, int]:
     """Return the options of a socket that are whole numbers."""
-    options = {
+    options: dict[int, int] = {
         zmq.LINGER: 0,
         zmq.IMMEDIATE: int(kind != zmq.SUB),
         zmq.IPV6: 1,
