@@ -4,13 +4,13 @@
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import differences
-from forcebound.config.resolved import restore
+from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 from forcebound.launch.build import build_link, change_environment, change_link
@@ -54,10 +54,12 @@ class Reloader:
     Args:
         config: What it was started with.
         file: The document, which ``forcebound param set`` writes anew.
+        runs: See :func:`forcebound.config.resolved.restore`.
     """
 
-    def __init__(self, config: GraphConfig, file: Path) -> None:
+    def __init__(self, config: GraphConfig, file: Path, runs: Collection[str] = ALL_CODE) -> None:
         self._config = config
+        self._runs = runs
         self._file = file
 
     def __call__(self, runner: Runner) -> dict[str, Any]:
@@ -70,8 +72,7 @@ class Reloader:
             document = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise ConfigError(f"cannot read {self._file}: {reason(error)}") from error
-        serves = any(isinstance(node, EnvironmentNode) for node in runner.nodes)
-        new = restore(document, serves)
+        new = restore(document, self._runs)
         changed = apply(self._config, new, runner)
         self._config = new
         return changed

@@ -146,7 +146,7 @@ class Lifecycle:
         duration_ns: How long to run with an engaged force; None: until interrupted.
         time_ns: Now, in ns.
         limits: How long things may take.
-        from_afar: Topics that come only when an environment on another machine answers. While
+        remote_topics: Topics that come only when an environment on another machine answers. While
             nothing else is missing, the start takes as long as it takes.
 
     Attributes:
@@ -162,10 +162,10 @@ class Lifecycle:
         duration_ns: int | None,
         time_ns: int,
         limits: Limits,
-        from_afar: Collection[str] = (),
+        remote_topics: Collection[str] = (),
     ) -> None:
         self.phase = Phase.STARTING
-        self._from_afar = frozenset(from_afar)
+        self._remote_topics = frozenset(remote_topics)
         self.failure: Failure | None = None
         self.interrupted = False
         self._phase_end_ns: int | None = time_ns + limits.start_ns
@@ -259,8 +259,8 @@ class Lifecycle:
     def _awaits_afar(self) -> bool:
         """Whether nothing is missing but what follows from an answer of another machine."""
         waiting = [self._waiting[node] for node in self.not_ready]
-        return bool(self._from_afar) and all(
-            topics is not None and self._from_afar.issuperset(topics) for topics in waiting
+        return bool(self._remote_topics) and all(
+            topics is not None and self._remote_topics.issuperset(topics) for topics in waiting
         )
 
     def _on_stop_request(self, time_ns: int, node: str) -> list[Action]:

@@ -49,7 +49,7 @@ from forcebound.process import (
 from forcebound.processes import LAUNCHER, PROCESSES
 
 # What an environment's first answer brings.
-FROM_AFAR = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
+REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
@@ -143,7 +143,7 @@ def run_live(
                 duration_ns,
                 limits,
                 script=_script(config, run_dir),
-                from_afar=() if config.remote is None else FROM_AFAR,
+                remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
             )
             interrupted = supervisor.run()

@@ -163,7 +163,7 @@ class Supervisor:
         limits: How long things may take.
         say: Called with the name and each line of a process.
         script: What happens when, in order.
-        from_afar: See :class:`forcebound.launch.lifecycle.Lifecycle`.
+        remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
         changes: Returns the parameters of a node that were changed since the run began.
     """
 
@@ -175,12 +175,12 @@ class Supervisor:
         limits: Limits | None = None,
         say: Callable[[str, str], None] = say_on_stderr,
         script: Sequence[Step] = (),
-        from_afar: Collection[str] = (),
+        remote_topics: Collection[str] = (),
         changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
     ) -> None:
         self._commands = commands
         self._changes = changes
-        self._from_afar = from_afar
+        self._remote_topics = remote_topics
         self._script = deque(script)
         self._began_ns: int | None = None  # when the force engaged
         self._run_dir = run_dir
@@ -217,7 +217,7 @@ class Supervisor:
             }
             now_ns = time.monotonic_ns()
             lifecycle = Lifecycle(
-                list(self._commands), self._duration_ns, now_ns, self._limits, self._from_afar
+                list(self._commands), self._duration_ns, now_ns, self._limits, self._remote_topics
             )
             self._loop(lifecycle, signals, control)
         if lifecycle.failure is not None:

@@ -37,6 +37,7 @@ def run_virtual(
 
     Raises:
         RunError: If the run is too short to have a sample.
+        DeviceError: If a device of the user's own failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     metadata = run_metadata(config)
@@ -86,6 +87,9 @@ def run_virtual(
                     observe(node.events.link_counts(simulation.time_ns, topic, link.counts))
     finally:
         took = time.perf_counter() - began
+        for node in simulation.nodes:
+            node.stop(simulation.time_ns)
+            node.close()
         if recorder is not None:
             recorder.close()
     if not samples and interrupted:

@@ -10,12 +10,14 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick whose time it is.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
     DeviceState,
     Event,
@@ -24,6 +26,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -36,6 +39,8 @@ from forcebound.quantities import (
     Time,
     check_ranges,
 )
+
+_logger = logging.getLogger(__name__)
 
 
 class _Unknown(NamedTuple):
@@ -170,10 +175,17 @@ class DeviceNode:
         return {"engaged": True}
 
     def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on."""
+        """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
         self._stopped = True
         self._chain.disengage()
-        self._device.write(time_ns, self._zero)
+        try:
+            self._device.write(time_ns, self._zero)
+        except DeviceError as error:
+            _logger.warning("the device did not take the last zero force: %s", error)
+
+    def close(self) -> None:
+        """Close the device."""
+        close_part(self._device, "device")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""

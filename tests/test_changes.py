@@ -20,6 +20,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.resolved import to_document
+from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Reloader
 from forcebound.launch.live import RunDocument, updating
@@ -188,9 +189,9 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
     assert done.notes == (Fact("no_node", {"node": "environment"}),)
-    assert from_document(json.loads(file.read_text())).environment.model.force(
-        (0.012,), (0.0,), 0.0
-    ) == pytest.approx((1.0,))
+    model = from_document(json.loads(file.read_text())).environment.model
+    force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
+    assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
         set_parameters(tmp_path, {"environment.stiffness": "5 s"})
     assert json.loads(file.read_text())["environment"]["stiffness"] == 500.0

@@ -448,14 +448,14 @@ def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
 
 # An environment on another machine
 
-FROM_AFAR = ("environment_reply", "force_command")
+REMOTE_TOPICS = ("environment_reply", "force_command")
 LOCAL = ("controller", "device", "recorder")
 
 
 def waiting_for_afar() -> tuple[Lifecycle, list[Action]]:
     """A run whose own processes are ready but for what an environment far away brings."""
-    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
-    lifecycle.advance(1, Reported("recorder", FROM_AFAR))
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, REMOTE_TOPICS)
+    lifecycle.advance(1, Reported("recorder", REMOTE_TOPICS))
     lifecycle.advance(2, Reported("device", ("force_command",)))
     return lifecycle, lifecycle.advance(3, Reported("controller", ("environment_reply",)))
 
@@ -474,7 +474,7 @@ def test_a_graph_waits_for_a_remote_environment_as_long_as_it_takes_and_says_so_
 
 
 def test_what_is_missing_on_this_machine_is_not_waited_for_without_end() -> None:
-    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, REMOTE_TOPICS)
     lifecycle.advance(1, Reported("controller", ("environment_reply", "device_state")))
     lifecycle.advance(2, Reported("device", ("force_command",)))
     lifecycle.advance(3, Reported("recorder", ()))

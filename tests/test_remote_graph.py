@@ -16,6 +16,7 @@ from forcebound.cli import main
 from forcebound.config.graph import RemoteConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
+from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.worker import run_node
@@ -34,7 +35,7 @@ from forcebound.network.keys import new_key
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network, Publisher
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
 
@@ -81,7 +82,7 @@ class Pair:
         self.seq += 1
         self.device.send(encode(state(self.seq)))
         for runner in (self.controller, self.environment):
-            runner.turn(runner.wait(self._at_once.fileno()))
+            runner.wait(self._at_once.fileno())
 
     def close(self) -> None:
         self.here.close()
@@ -118,7 +119,12 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "far"
     assert pair.controller.status()["environment"] == "far"
-    assert pair.controller.status()["remote"]["connected"]
+
+    def is_connected() -> bool:
+        pair.turn()
+        return bool(pair.controller.status()["remote"]["connected"])
+
+    until(is_connected, "the state of the link")
     assert pair.controller.status()["received"]["environment_reply"] >= 1
 
 
@@ -133,7 +139,7 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
             packet = decode(data, Event)
             assert isinstance(packet, Event)
             told.append(packet.event)
-        return "environment_serves" in told
+        return {"environment_serves", "remote_connected"} <= set(told)
 
     until(connected, "an environment that serves")
     status = pair.controller.status()["remote"]["counts"]
@@ -197,15 +203,15 @@ def test_a_controller_is_told_that_the_environment_that_served_is_gone(
     network: Network, run_dir: Path
 ) -> None:
     node = ControllerNode(DirectController(), dead_lease_ns=1)
-    node.environment = "host/1/a"
+    node.step(1, [EnvironmentReply(0, 0, 0, 0, 0, 0, (0.0,), "host/1/a")])
     runner = Runner(node, "controller", run_dir, {}, network)
     assert runner.answer({"request": "environment_died", "process": "host/2/"}) == {"noted": True}
     assert "error" in runner.answer({"request": "environment_died"})
     node.step(5, [])
-    assert node.environment == "host/1/a"
+    assert node.status()["environment"] == "host/1/a"
     assert runner.answer({"request": "environment_died", "process": "host/1/"}) == {"noted": True}
     node.step(5, [])
-    assert node.environment is None
+    assert node.status()["environment"] is None
     other = Runner(EnvironmentNode(Wall()), "environment", run_dir, {}, network)
     assert "unknown request" in other.answer({"request": "environment_died"})["error"]
 

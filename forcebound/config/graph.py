@@ -10,19 +10,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
-from forcebound.environments import ENVIRONMENTS, Environment
+from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.nodes.controller import CONTROLLERS, Controller
 from forcebound.nodes.device import ServoSettings
 from forcebound.operators import OPERATORS, Operator
+from forcebound.parts import Table
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
 
 FORMAT = 1  # version of the launch file format: the value of the key "forcebound"
 
 # Section -> name of a kind -> dataclass of its parameters.
-KINDS: dict[str, Mapping[str, type]] = {
+KINDS: Mapping[str, Table[Any]] = {
     "device": DEVICES,
     "operator": OPERATORS,
     "controller": CONTROLLERS,
@@ -44,7 +45,7 @@ class DeviceConfig:
 class ControllerConfig:
     """What connects device and environment."""
 
-    model: Controller
+    model: ControllerModel
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class EnvironmentConfig:
         ConfigError: If the settings of that time do not go together or a file cannot be read.
     """
 
-    model: Environment
+    model: EnvironmentModel
     compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s
     compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0  # s; all as the delay of a link
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
@@ -113,7 +114,7 @@ class GraphConfig:
     seed: Annotated[int, NOT_NEGATIVE]
     duration: Annotated[Time, POSITIVE]  # s from the moment when the force engages
     device: DeviceConfig
-    operator: Operator
+    operator: Operator | None  # None: nobody holds the device
     environment: EnvironmentConfig
     controller: ControllerConfig
     description: str = ""

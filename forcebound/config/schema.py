@@ -19,21 +19,23 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.own_parts import OWN
 from forcebound.config.phases import PhaseHead
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 _SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
-_OWN_KIND = r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"  # as forcebound.config.own reads it
+_FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
     servo = _properties(fields_of(ServoSettings))
-    servo["law"] = {"anyOf": [{"enum": sorted(LAWS)}, _SUBSTITUTION], "default": "certified"}
+    servo["law"] = {
+        "anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND, _SUBSTITUTION],
+        "default": "certified",
+    }
     beside: dict[str, dict[str, Any]] = {
         "device": servo,
         "environment": _properties(fields_of(EnvironmentConfig, COMPUTATION)),
@@ -87,13 +89,12 @@ def _phase() -> dict[str, Any]:
 def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
     """One alternative for each kind; the kind itself may come from an included file."""
     alternatives = []
-    for name, kind in sorted(KINDS[section].items()):
+    for name, kind in sorted(KINDS[section].usable().items()):
         chosen = {"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}}
         alternatives.append(_mapping({**chosen, **_properties(fields_of(kind)), **beside}))
-    if section in OWN:  # any parameters: only the user's file knows them
-        properties = {"kind": {"type": "string", "pattern": _OWN_KIND}, **beside}
-        own: dict[str, Any] = {"type": "object", "properties": properties, "required": ["kind"]}
-        alternatives.append(own)
+    # In a user's file any parameters: only that file knows them.
+    properties = {"kind": _FILE_KIND, **beside}
+    alternatives.append({"type": "object", "properties": properties, "required": ["kind"]})
     return {"anyOf": alternatives}
 
 

@@ -31,6 +31,11 @@ class Number:
         }
 
 
+def by_law(quantity: str, unit: str, values: Mapping[str, float | None]) -> list[Number]:
+    """Return one number for each law, none of which the paper prints."""
+    return [Number(quantity, unit, value, None, law) for law, value in values.items()]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """The result of one experiment.

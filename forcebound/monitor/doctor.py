@@ -318,7 +318,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         "commanded": float(commanded[is_limited].mean()),
         "applied": float(applied[is_limited].mean()),
     }
-    causes = () if LAWS[law].is_certified else (Fact("law_not_certified"),)
+    causes = () if LAWS.is_shipped(law) and LAWS[law].is_certified else (Fact("law_not_certified"),)
     yield Finding("note", "law_limits", "device", data, causes)
 
 

@@ -22,7 +22,7 @@ from forcebound.config.parameters import (
     unknown_parameter,
 )
 from forcebound.config.problems import Problems
-from forcebound.config.resolved import restore
+from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
@@ -54,7 +54,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
 
     Args:
         run_dir: Of the run.
-        serves: Whether the environment matters: one of the user's own is code, and runs then.
+        serves: Whether the environment matters: parts of the user's own are code, and run then.
 
     Raises:
         ConfigError: If the run directory does not say.
@@ -63,7 +63,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return restore(document, serves)
+    return restore(document, ALL_CODE if serves else ())
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def _check_reach(names: Iterable[str], here: Present) -> None:
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
     if ENVIRONMENT in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
-    raise ConfigError(f"{listed}: {why}; use forcebound param set there")
+    raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
 
 
 def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:

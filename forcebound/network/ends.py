@@ -21,9 +21,9 @@ _PORTS = Range(at_least=1, at_most=65535)
 T = TypeVar("T")
 
 _WITHOUT_KEYS = (
-    "without keys a link stays on this machine. Make a key pair on each machine (forcebound keys "
-    "new NAME) and name them under graph_key and environment_keys; or write insecure: true, if "
-    "everybody on that network may feed forces to the hand"
+    "without keys a link stays on this machine. Make a key pair on each machine with "
+    "`forcebound keys new NAME` and name them under graph_key and environment_keys; or write "
+    "insecure: true, if everybody on that network may feed forces to the hand"
 )
 
 
@@ -98,25 +98,22 @@ class RemoteSection:
         check_ranges(self)
         known = self.environment_keys
         both = (
-            "keys are used by both ends or by none; make a pair on each machine with forcebound "
-            "keys new NAME"
+            "keys are used by both ends or by none; make a pair on each machine with "
+            "`forcebound keys new NAME`"
         )
         if known and self.graph_key is None:
             raise ConfigError(
-                f"graph_key is missing beside environment_keys: {both}",
-                field="environment_keys",
+                f"graph_key is missing beside environment_keys: {both}", field="environment_keys"
             )
         if self.graph_key is not None and not known:
             raise ConfigError(
-                f"environment_keys is missing or empty beside graph_key: {both}",
-                field="graph_key",
+                f"environment_keys is missing or empty beside graph_key: {both}", field="graph_key"
             )
         if self.insecure and self.graph_key is not None:
             raise ConfigError(_NOT_BOTH, field="insecure")
         if len(set(known)) < len(known):
             raise ConfigError(
-                f"environment_keys names a key twice: {', '.join(known)}",
-                field="environment_keys",
+                f"environment_keys names a key twice: {', '.join(known)}", field="environment_keys"
             )
         if self.listens == "environment" and len(known) > 1:
             raise ConfigError(
@@ -127,8 +124,7 @@ class RemoteSection:
         number = numeric_address(self.address)
         if self._is_open and number is not None and not number.is_loopback:
             raise ConfigError(
-                f"address {self.address} is on a network, and {_WITHOUT_KEYS}",
-                field="address",
+                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", field="address"
             )
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:

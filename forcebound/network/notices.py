@@ -174,8 +174,7 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
     "there_wrong_key": (
         "wrong_key_there",
         "{address} ended the connection during the handshake: most likely {key} ({name}) is not "
-        "its public key: ask there with forcebound keys show, and correct it here; it may also use "
-        "no keys",
+        "its public key: ask there with `forcebound keys show NAME`; it may also use no keys",
     ),
     "there_likely_keys": (
         "other_security",
