@@ -26,11 +26,10 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load_tried
 from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.launch.application import Reloader
+from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.holding import hold, is_held
 from forcebound.launch.live import (
-    LAUNCH_FILE,
     RECORDING,
     RUN_FILE,
     RunDocument,
@@ -204,9 +203,8 @@ def _run(
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    reloader = Reloader(config, run_dir / LAUNCH_FILE, CODE_OF_PROCESS[kind])
     status = process.run(
-        node, kind, run_dir, links, settings, stop, engages_itself, reloader, remote_end
+        node, kind, run_dir, links, settings, stop, engages_itself, Tuner(config), remote_end
     )
     if isinstance(node, EnvironmentNode):
         _logger.info("%s has answered %d queries", node.name, node.answered)

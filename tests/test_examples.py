@@ -318,7 +318,7 @@ remote:
         stranger = start(language, *link, str(server_lab / "stranger.key_secret"), graph_key)
         with live_graph(str(launch_file)) as graph:
             graph.until(lambda: "refused: " in one.log + other.log, "a second to be refused")
-            graph.until(lambda: "refused environment" in graph.log, "it to be told")
+            graph.until(lambda: "rejected environment" in graph.log, "it to be told")
             stranger.until("no query for 3 s")
             graph.until(lambda: public["stranger"] in graph.log, "the stranger to be refused")
             ended = graph.end()

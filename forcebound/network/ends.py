@@ -30,6 +30,9 @@ _WITHOUT_KEYS = (
 _NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
 
 
+_PORTS = Range(at_least=1, at_most=65535)
+
+
 @dataclass(frozen=True)
 class RemoteEnd:
     """One end of the link.
