@@ -17,7 +17,6 @@ from forcebound.quantities import CheckedText, Range, check_ranges
 
 DEFAULT_PORT = 7410
 Role = Literal["graph", "environment"]
-_PORTS = Range(at_least=1, at_most=65535)
 T = TypeVar("T")
 
 _WITHOUT_KEYS = (
