@@ -42,7 +42,7 @@ class Change:
 
     Attributes:
         values: The parameters that are new, by name, in SI units.
-        notes: What there is to know of it: a node that has it later, or does not serve.
+        notes: Facts about it: a node that has it later, or does not serve.
     """
 
     values: Mapping[str, Any]
@@ -88,7 +88,7 @@ def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) ->
 
 
 def changed_parameters(run_dir: Path) -> dict[str, Any]:
-    """Return the parameters of a graph that are not as it was started, with their values.
+    """Return the parameters of a graph that were changed since its launch, with their values.
 
     Raises:
         ConfigError: If the run directory does not say.
