@@ -142,6 +142,11 @@ class DeviceNode:
         return self._wake_ns
 
     @property
+    def needs_packets(self) -> bool:
+        """Whether the next instant is the write; a command serves nothing before it."""
+        return self._writes_next
+
+    @property
     def is_engaged(self) -> bool:
         """Whether force may be shown: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
