@@ -35,7 +35,7 @@ class Node(Protocol):
 
     @property
     def needs_packets(self) -> bool:
-        """Whether the next step depends on what has arrived; if not, it may wait for a later one."""
+        """Whether the next step uses what has arrived; if not, it may wait for a later step."""
         return True
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> Sequence[Packet]:

@@ -1,4 +1,4 @@
-"""Many attacks on many laws: random and learned, on all cores, and the worst of them.
+"""A campaign: many attacks on many laws, random and searched, on all cores, and the worst.
 
 The campaign is cut into tasks that do not depend on each other, so its numbers do not depend on how
 many cores there are.

@@ -31,7 +31,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 class Result(NamedTuple):
-    """What a run showed."""
+    """The result of a run."""
 
     law: str
     energy_min: float  # J, lowest energy of the hand

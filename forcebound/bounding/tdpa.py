@@ -4,7 +4,7 @@ A passivity observer adds up the energy of the environment alone, without the de
 when it is negative, the passivity controller adds damping. Its known weakness, chatter at low
 speed, is part of the comparison.
 
-This is the one law that may apply *more* than was asked for, and a force against the one asked for:
+This is the one law that may apply *more* than the commanded force, and a force against it:
 the damping is a force of its own. So of the promises in :mod:`forcebound.bounding` only the
 saturation holds for it (``adds_damping``).
 

@@ -1,4 +1,4 @@
-"""Environments that try to hurt: each one gives energy to the hand whenever it is let.
+"""Adversarial environments: each gives energy to the hand whenever nothing bounds it.
 
 They exist for audits (``forcebound.audit``) and for showing what a bounder is for.
 """
@@ -103,7 +103,7 @@ def _uniform(seed: int, step: int, axis: int) -> float:
 
     The finaliser of SplitMix64: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number
     generators", OOPSLA 2014. A generator object would make the force depend on how often it is
-    asked, and so on the network.
+    queried, and so on the network.
     """
     mask = (1 << 64) - 1
     z = (seed * 0x9E3779B97F4A7C15 + step * 0xD1342543DE82EF95 + axis * 0xA0761D6478BD642F) & mask
