@@ -2,15 +2,20 @@
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of
+from forcebound.devices.guard import GuardedDevice
+from forcebound.devices.plant import SimulatedDevice
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Packet
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
-from forcebound.nodes.controller import LEASE_NS, ControllerNode
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.lease import LEASE_NS
 from forcebound.processes import NODES
+from forcebound.user_module import describe_user_error
 
 
 def build_node(kind: str, config: GraphConfig, environment_name: str = "environment") -> Node:
@@ -24,10 +29,24 @@ def build_node(kind: str, config: GraphConfig, environment_name: str = "environm
     if kind == "device":
         return build_device(config)
     if kind == "controller":
-        return ControllerNode(config.controller.model, lease_ns(config), dead_lease_ns(config))
+        return build_controller(config)
     if kind == "environment":
-        return EnvironmentNode(config.environment.model, _computation(config), environment_name)
+        model, axes = config.environment.model, config.device.model.axes
+        return EnvironmentNode(model, _computation(config), environment_name, axes)
     raise ValueError(f"expected a kind of node ({', '.join(NODES)}), got {kind!r}")
+
+
+def build_controller(config: GraphConfig) -> ControllerNode:
+    """Return the controller node with its controller, opened.
+
+    Raises:
+        ConfigError: If the controller's own code fails.
+    """
+    try:
+        controller = config.controller.model.open(config.device.model.axes)
+    except Exception as error:
+        raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+    return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 
 def lease_ns(config: GraphConfig) -> int:
@@ -44,9 +63,19 @@ def dead_lease_ns(config: GraphConfig) -> int:
 
 
 def build_device(config: GraphConfig) -> DeviceNode:
-    """Return the device node with its device, opened."""
+    """Return the device node with its device, opened.
+
+    Raises:
+        DeviceError: If the device cannot be opened.
+    """
     model, servo = config.device.model, config.device.servo
-    device = model.open(config.operator, servo.longest_hold)
+    try:
+        device = model.open(config.operator, servo.longest_hold)
+    except Exception as error:
+        words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
+        raise DeviceError(f"the device cannot be opened: {words}") from error
+    if not isinstance(device, SimulatedDevice):  # which cannot fail, and is asked in sweeps
+        device = GuardedDevice(device)
     return DeviceNode(device, dissipation_of(model, servo), servo)
 
 

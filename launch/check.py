@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.config import own
-from forcebound.config.child import Tell, in_a_child, nobody_listens
 from forcebound.config.loader import member_of
 from forcebound.config.resolved import member_document
-from forcebound.environments import Environment
+from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
+from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.quantities import parse_quantity
+from forcebound.user_module import file_of, names_file
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
@@ -52,9 +52,9 @@ def check_environment(
             too slow or ended its process.
     """
     words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
-    if not own.names_file(kind):
+    if not names_file(kind):
         return check_here(tell, *words)
-    document: dict[str, Any] = in_a_child(check_here, words, own.file_of(kind, Path()), tell)
+    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], tell)
     return document
 
 
@@ -63,8 +63,9 @@ def check_here(
 ) -> dict[str, Any]:
     """Do the work of :func:`check_environment` in this process."""
     expected = dict(_expected(text) for text in rest)
-    environment: Environment = member_of("environment", kind, arguments)
+    model: EnvironmentModel = member_of("environment", kind, arguments)
     one = min(axes, default=1)
+    environment = open_environment(model, one)
     at_rest, times = [], []
     for position in PROBES:
         tell(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
@@ -72,11 +73,11 @@ def check_here(
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
-    at_most = round(ASKING / usual / 3)
-    report = check(environment, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
+    at_most = round(ASKING / usual / 2)
+    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), tell)
     return {
-        "environment": member_document("environment", environment),
+        "environment": member_document("environment", model),
         "passed": not report.violations,
         "questions": report.questions,
         "left_out": report.left_out,

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, cast
 
 from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
-from forcebound.config import own
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
 from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns
+from forcebound.user_module import source_of
 
 _logger = logging.getLogger(__name__)
 
@@ -27,14 +27,17 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     """Return what a recording says of the run that made it: configuration, versions, seed."""
     versions = {"python": platform.python_version()}
     versions |= {package: version(package) for package in _PACKAGES}
+    document = to_document(config)
     metadata = {
-        "launch": json.dumps(to_document(config), sort_keys=True),
+        "launch": json.dumps(document, sort_keys=True),
         "versions": json.dumps(versions),
         "seed": str(config.seed),
     }
-    source = own.source_of(type(config.environment.model))
-    if source is not None:  # the file may be another one by the time the recording is read
-        metadata["environment_source"] = source
+    kinds = {section: document[section]["kind"] for section in KINDS if section in document}
+    for section, kind in {**kinds, "law": config.device.servo.law}.items():
+        source = source_of(kind)
+        if source is not None:  # the file may be another one by the time the recording is read
+            metadata[f"{section}_source"] = source
     return metadata
 
 

@@ -148,7 +148,7 @@ class Step:
     """Something to do at a time of the run: the beginning of a phase."""
 
     start_ns: int  # since the force engaged
-    act: Callable[[], Sequence[str]]  # does it; returns the processes that are to be told
+    act: Callable[[], Mapping[str, Mapping[str, Any]]]  # does it; returns requests by process
     message: str
     data: Mapping[str, str]
 
@@ -259,9 +259,9 @@ class Supervisor:
             self._began_ns = now_ns
         while self._script and now_ns >= self._began_ns + self._script[0].start_ns:
             step = self._script.popleft()
-            for name in step.act():
-                if name in self._clients:  # who is down reads it when it starts anew
-                    self._clients[name].ask({"request": "configure"})
+            for name, request in step.act().items():
+                if name in self._clients:  # one that is down reads the document when it starts
+                    self._clients[name].ask(request)
             told = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
             self._publish(encode(told))
 
@@ -327,7 +327,7 @@ class Supervisor:
             if node not in self._clients:
                 return {"error": f"the launcher of this graph does not run {node!r}"}
             # This request waits for a node that is suspended; that of who asks us goes with him.
-            self._clients[node].ask({"request": "configure"})
+            self._clients[node].ask({key: request[key] for key in request if key != "node"})
         elif wanted != "status":
             known = "status, configure, stop_node, start_node"
             return {"error": f"unknown request {wanted!r}; known: {known}"}

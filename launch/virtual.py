@@ -4,8 +4,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from forcebound.config.changes import timetable
 from forcebound.config.graph import GraphConfig
+from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import RunError
 from forcebound.launch.application import apply
@@ -37,6 +37,7 @@ def run_virtual(
 
     Raises:
         RunError: If the run is too short to have a sample.
+        DeviceError: If a device of the user's own failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
     metadata = run_metadata(config)
@@ -86,6 +87,9 @@ def run_virtual(
                     observe(node.events.link_counts(simulation.time_ns, topic, link.counts))
     finally:
         took = time.perf_counter() - began
+        for node in simulation.nodes:
+            node.stop(simulation.time_ns)
+            node.close()
         if recorder is not None:
             recorder.close()
     if not samples and interrupted:

@@ -24,13 +24,12 @@ from typing import Any
 from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load_tried
-from forcebound.config.resolved import restore
-from forcebound.errors import ConfigError
-from forcebound.launch.application import Reloader
+from forcebound.config.resolved import CODE_OF_PROCESS, restore
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_links, build_node
 from forcebound.launch.holding import hold, is_held
 from forcebound.launch.live import (
-    LAUNCH_FILE,
     RECORDING,
     RUN_FILE,
     RunDocument,
@@ -71,6 +70,7 @@ def run_node(
     Raises:
         ConfigError: If the launch file is wrong, others may enter the run directory, an endpoint is
             in use, or a key is missing.
+        DeviceError: If the device failed; its last force is zero, if it still took it.
     """
     told = " ".join((str(file), *arguments))
     with process.Stop() as stop:
@@ -88,9 +88,9 @@ def run_node(
         try:
             if _has_launcher(run):  # it may have died before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))
-                config = restore(document, serves=kind == "environment")
+                config = restore(document, CODE_OF_PROCESS[kind])
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
-        except ConfigError:
+        except (ConfigError, DeviceError):
             raise
         except Exception:
             _logger.exception("%s failed", kind)
@@ -203,9 +203,8 @@ def _run(
     if isinstance(node, EnvironmentNode):
         _logger.info("this environment is %s", node.name)
     links = build_links(config)  # a perfect link needs no model: its socket keeps the newest
-    reloader = Reloader(config, run_dir / LAUNCH_FILE)
     status = process.run(
-        node, kind, run_dir, links, settings, stop, engages_itself, reloader, remote_end
+        node, kind, run_dir, links, settings, stop, engages_itself, Tuner(config), remote_end
     )
     if isinstance(node, EnvironmentNode):
         _logger.info("%s has answered %d queries", node.name, node.answered)

@@ -90,7 +90,9 @@ _DECODE: dict[type[Packet] | None, Callable[[bytes | memoryview], Packet]] = {
     None: Decoder(Packet).decode,
     **{kind: Decoder(kind).decode for kind in TOPIC_OF},
 }
-_encode = Encoder(enc_hook=plain).encode
+
+#: As :func:`encode`, for the loop: whether it is a packet at all is not checked either.
+encode_unchecked: Callable[[Packet], bytes] = Encoder(enc_hook=plain).encode
 
 
 def encode(packet: Packet) -> bytes:
@@ -102,7 +104,7 @@ def encode(packet: Packet) -> bytes:
     """
     if type(packet) not in TOPIC_OF:
         raise KeyError(type(packet))
-    return _encode(packet)
+    return encode_unchecked(packet)
 
 
 def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Packet:

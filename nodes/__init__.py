@@ -63,3 +63,7 @@ class Node(Protocol):
     def stop(self, time_ns: int) -> None:
         """Come to rest, now and for good: a device writes zero force."""
         return
+
+    def close(self) -> None:
+        """Close what the node has opened; called once, whatever came before."""
+        return

@@ -10,12 +10,14 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick whose time it is.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device, DeviceModel
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
     DeviceState,
     Event,
@@ -24,6 +26,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -36,6 +39,8 @@ from forcebound.quantities import (
     Time,
     check_ranges,
 )
+
+_logger = logging.getLogger(__name__)
 
 
 class _Unknown(NamedTuple):
@@ -55,17 +60,24 @@ LONGEST_HOLD = 1e6  # periods
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """How the device node runs its servo."""
+    """Settings of the servo of the device node.
 
-    law: str = "certified"  # a key of forcebound.bounding.LAWS
+    Attributes:
+        law: Bounding law, a key of ``forcebound.bounding.LAWS``.
+        rate: Of the servo.
+        reply_wait: Share of the period between reading and writing.
+        hold_limit: Periods that a force may be held: T_max.
+        age_limit: An answer to an older state gives no force.
+        engage_time: From no force to full force.
+        velocity_cutoff: Of the low-pass on the backward difference.
+    """
+
+    law: str = "certified"
     rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
-    # Share of the period between reading and writing.
     reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
-    # Periods that a force may be held: T_max.
     hold_limit: Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = 1.25
-    age_limit: Annotated[Time, POSITIVE] = 0.1  # an answer to an older state gives no force
-    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1  # from no force to full force
-    # Of the low-pass on the backward difference.
+    age_limit: Annotated[Time, POSITIVE] = 0.1
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
 
     def __post_init__(self) -> None:
@@ -175,10 +187,17 @@ class DeviceNode:
         return {"engaged": True}
 
     def stop(self, time_ns: int) -> None:
-        """Write zero force, now and from now on."""
+        """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
         self._stopped = True
         self._chain.disengage()
-        self._device.write(time_ns, self._zero)
+        try:
+            self._device.write(time_ns, self._zero)
+        except DeviceError as error:
+            _logger.warning("the device did not take the last zero force: %s", error)
+
+    def close(self) -> None:
+        """Close the device."""
+        close_part(self._device, "device")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Run the instant that is due; see :class:`forcebound.nodes.Node`."""

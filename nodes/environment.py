@@ -13,7 +13,7 @@ import logging
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from forcebound.environments import Environment
+from forcebound.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.packets import (
     EnvironmentQuery,
     EnvironmentReply,
@@ -25,6 +25,7 @@ from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node
+from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 
 KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
@@ -36,9 +37,13 @@ class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
     Args:
-        environment: What computes the force.
+        model: What computes the force; the node opens it, and closes it in the end.
         computation: Injected time of each computation; None: none.
         name: Of this environment in the graph; no other one has it.
+        axes: Number of axes of the device.
+
+    Raises:
+        ConfigError: If the environment cannot be opened.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
@@ -47,11 +52,14 @@ class EnvironmentNode(Node):
 
     def __init__(
         self,
-        environment: Environment,
+        model: EnvironmentModel,
         computation: ComputationTime | None = None,
         name: str = "environment",
+        axes: int = 1,
     ) -> None:
-        self._environment = environment
+        self._model = model
+        self._axes = axes
+        self._environment = open_environment(model, axes)
         self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, Vector] | None = None
         self._waiting: EnvironmentQuery | None = None
@@ -78,19 +86,29 @@ class EnvironmentNode(Node):
         return None if self._answering is None else self._done_ns
 
     def change(
-        self, environment: Environment, computation: Impairment, trace: DelayTrace | None = None
+        self, model: EnvironmentModel, computation: Impairment, trace: DelayTrace | None = None
     ) -> None:
-        """Answer from the next query on as another environment, or in another time.
+        """Answer from the next query on with other parameters, or in another time.
 
-        The answer in work keeps its time.
+        The answer in work keeps its time. An environment with state keeps it if it has a method
+        ``change``, or if only the time changes; otherwise it is opened anew.
 
         Args:
-            environment: What computes the force.
+            model: What computes the force.
             computation: The time that a computation takes, by its settings of the delay.
             trace: What the file ``computation.trace`` says.
+
+        Raises:
+            ConfigError: If the environment's code fails; nothing has changed then.
         """
-        self._environment = environment
+        if model != self._model:
+            self._environment = change_environment(self._environment, model, self._axes)
+            self._model = model
         self._computation.change(computation, trace)
+
+    def close(self) -> None:
+        """Close the environment."""
+        close_part(self._environment, "environment")
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""

@@ -3,16 +3,17 @@
 from dataclasses import replace
 
 from forcebound.bounding import Dissipation
+from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import Truth
-from forcebound.environments import Environment
+from forcebound.devices.truth import Truth
+from forcebound.environments import EnvironmentModel
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.operators.pressing import PressingHand
@@ -33,6 +34,7 @@ class FakeDevice:
         self.position: Vector = (0.0,) * axes
         self.written: list[tuple[int, Vector]] = []
         self.engaged_ns: int | None = None
+        self.closed = 0
 
     def engage(self, time_ns: int) -> None:
         self.engaged_ns = time_ns
@@ -46,6 +48,9 @@ class FakeDevice:
 
     def truth(self) -> Truth | None:
         return None
+
+    def close(self) -> None:
+        self.closed += 1
 
 
 def device_node(axes: int = 1, **settings: float | str) -> tuple[DeviceNode, FakeDevice]:
@@ -65,7 +70,7 @@ def press(
     seconds: float,
     *,
     servo: ServoSettings | None = None,
-    environment: Environment | None = None,
+    environment: EnvironmentModel | None = None,
     computation: ComputationTime | None = None,
     **impairments: Impairment,
 ) -> list[Packet]:

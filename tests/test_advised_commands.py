@@ -11,20 +11,27 @@ import pytest
 
 import forcebound
 from forcebound.cli import main
+from forcebound.monitor import wording
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path(forcebound.__file__).parent
 
-# A command in a message ends with a sign, or with one of these words, after which prose goes on.
-_IN_PROSE = re.compile(r"\bforcebound ([a-z]+(?: [^;,()`\n]+)?)")
-_END = re.compile(r"[.:]?(?= and | on |\s*$| there\b| to | shows | with | for | of |\. )|[.:]$")
+QUOTED = re.compile(r"`forcebound ([^`]+)`")
+COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})\b")
+
+# Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
+NO_SENTENCES = {
+    "audit/command.py",
+    "audit/report.py",
+    "config/schema.py",
+    "experiments/report.py",
+    "experiments/setup.py",
+    "monitor/wording.py",
+}
 
 
-PROSE = ("in", "on")  # words after the name of the project, which are no commands
-
-
-def advised_in_messages() -> Iterator[tuple[str, str]]:
-    """Give file and command of each string of the package that names one; a field becomes 1."""
+def texts() -> Iterator[tuple[str, str]]:
+    """Give file and text of each string of the package but docstrings; a field becomes 1."""
     for file in sorted(PACKAGE.rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
@@ -35,11 +42,8 @@ def advised_in_messages() -> Iterator[tuple[str, str]]:
             for part in node.values
         }
         for node in ast.walk(tree):
-            if id(node) in documents or id(node) in inner:
-                continue
-            for command in _IN_PROSE.findall(text_of(node)):
-                if command.split()[0] not in PROSE:
-                    yield file.name, _END.split(command, maxsplit=1)[0]
+            if id(node) not in documents | inner and (text := text_of(node)):
+                yield str(file.relative_to(PACKAGE)), text
 
 
 def text_of(node: ast.AST) -> str:
@@ -61,9 +65,17 @@ def advised_in_pages() -> Iterator[tuple[str, str]]:
                     yield page.name, found[1]
 
 
-MESSAGES = sorted(set(advised_in_messages()))
-assert len(MESSAGES) > 10, "the messages that advise a command are not found any more"
+TEXTS = list(texts())
+MESSAGES = sorted({(file, command) for file, text in TEXTS for command in QUOTED.findall(text)})
 PAGES = sorted(set(advised_in_pages()))
+ADVICE = sorted(
+    {
+        wording.render(text.command, dict.fromkeys(re.findall(r"{(\w+)}", text.command), "launch"))
+        for table in (wording.FINDINGS, wording.CAUSES, wording.NOTES)
+        for text in table.values()
+        if "forcebound " in text.command
+    }
+)
 
 
 def parse(words: list[str], is_whole: bool) -> None:
@@ -84,6 +96,18 @@ def parse(words: list[str], is_whole: bool) -> None:
 @pytest.mark.parametrize(("file", "command"), MESSAGES)
 def test_a_command_in_a_message_is_one_that_there_is(file: str, command: str) -> None:
     parse(command.split(), is_whole=False)
+
+
+def test_each_command_in_a_message_stands_between_backticks() -> None:
+    unquoted = [
+        (file, text) for file, text in TEXTS if file not in NO_SENTENCES and COMMAND.search(text)
+    ]
+    assert unquoted == []
+
+
+@pytest.mark.parametrize("command", ADVICE)
+def test_a_command_that_the_doctor_advises_is_one_that_there_is(command: str) -> None:
+    parse(shlex.split(command.partition("forcebound ")[2]), is_whole=True)
 
 
 @pytest.mark.parametrize(("page", "command"), PAGES)

@@ -12,6 +12,7 @@ from fakes import DISSIPATION, MS, FakeDevice, device_node
 from waiting import PATIENCE, until
 
 from forcebound import process, realtime
+from forcebound.controllers.direct import DirectController
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
@@ -27,7 +28,7 @@ from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, ServoSettings
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog

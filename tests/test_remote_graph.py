@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 from click.testing import CliRunner
@@ -16,6 +16,7 @@ from forcebound.cli import main
 from forcebound.config.graph import RemoteConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
+from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.worker import run_node
@@ -34,7 +35,7 @@ from forcebound.network.keys import new_key
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network, Publisher
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
 
@@ -81,7 +82,7 @@ class Pair:
         self.seq += 1
         self.device.send(encode(state(self.seq)))
         for runner in (self.controller, self.environment):
-            runner.turn(runner.wait(self._at_once.fileno()))
+            runner.wait(self._at_once.fileno())
 
     def close(self) -> None:
         self.here.close()
@@ -118,7 +119,12 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "far"
     assert pair.controller.status()["environment"] == "far"
-    assert pair.controller.status()["remote"]["connected"]
+
+    def is_connected() -> bool:
+        pair.turn()
+        return bool(pair.controller.status()["remote"]["connected"])
+
+    until(is_connected, "the state of the link")
     assert pair.controller.status()["received"]["environment_reply"] >= 1
 
 
@@ -133,15 +139,18 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
             packet = decode(data, Event)
             assert isinstance(packet, Event)
             told.append(packet.event)
-        return "environment_serves" in told
+        return {"environment_serves", "remote_connected"} <= set(told)
 
     until(connected, "an environment that serves")
     status = pair.controller.status()["remote"]["counts"]
     assert status["connected"] >= 1
 
 
+Configure: TypeAlias = Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]]
+
+
 def perfect(
-    run_dir: Path, network: Network, configure: Callable[[Runner], Mapping[str, Any]] | None = None
+    run_dir: Path, network: Network, configure: Configure | None = None
 ) -> tuple[Runner, Publisher]:
     node = EnvironmentNode(Wall())
     runner = Runner(node, "environment", run_dir, {}, network, configure=configure)
@@ -177,7 +186,7 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
 def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
     network: Network, run_dir: Path
 ) -> None:
-    runner, _ = perfect(run_dir, network, lambda runner: {"environment.stiffness": 5.0})
+    runner, _ = perfect(run_dir, network, lambda runner, request: {"environment.stiffness": 5.0})
     events = network.subscriber(event_endpoint(run_dir, "environment"), newest_only=False)
     told: list[Packet] = []
 
@@ -197,15 +206,15 @@ def test_a_controller_is_told_that_the_environment_that_served_is_gone(
     network: Network, run_dir: Path
 ) -> None:
     node = ControllerNode(DirectController(), dead_lease_ns=1)
-    node.environment = "host/1/a"
+    node.step(1, [EnvironmentReply(0, 0, 0, 0, 0, 0, (0.0,), "host/1/a")])
     runner = Runner(node, "controller", run_dir, {}, network)
     assert runner.answer({"request": "environment_died", "process": "host/2/"}) == {"noted": True}
     assert "error" in runner.answer({"request": "environment_died"})
     node.step(5, [])
-    assert node.environment == "host/1/a"
+    assert node.status()["environment"] == "host/1/a"
     assert runner.answer({"request": "environment_died", "process": "host/1/"}) == {"noted": True}
     node.step(5, [])
-    assert node.environment is None
+    assert node.status()["environment"] is None
     other = Runner(EnvironmentNode(Wall()), "environment", run_dir, {}, network)
     assert "unknown request" in other.answer({"request": "environment_died"})["error"]
 
@@ -213,7 +222,7 @@ def test_a_controller_is_told_that_the_environment_that_served_is_gone(
 def test_a_change_that_cannot_be_read_is_answered_and_the_process_goes_on(
     network: Network, run_dir: Path
 ) -> None:
-    def broken(runner: Runner) -> dict[str, Any]:
+    def broken(runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
         raise ConfigError("no such file")
 
     runner, _ = perfect(run_dir, network, broken)
@@ -259,7 +268,7 @@ def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
         ("{address: '[10.77.0.1]'}", r":3:19: address: .* is no address"),
         ("{address: 10.77.0.1}", r":3:19: address 10.77.0.1 is on a network, and without keys"),
         ("{address: a, graph_key: g}", r":3:33: environment_keys is missing or empty beside"),
-        ("{address: a, graph_key: g, environment_keys: []}", r":3:54: environment_keys is missing"),
+        ("{address: a, graph_key: g, environment_keys: []}", r":3:33: environment_keys is missing"),
         ("{address: a, environment_keys: [e]}", r":3:40: graph_key is missing"),
         ("{address: a, graph_key: 'g g', environment_keys: [e]}", r":3:33: .*'g g' names no key"),
         ("{address: a, graph_key: g, environment_keys: [e, -]}", r":3:58: .*'-' names no key"),

@@ -80,6 +80,7 @@ def test_hand_and_handle_move_inside_the_papers_bands(runs: Runs) -> None:
 
 def test_the_launch_file_holds_the_fitted_hand() -> None:
     hand = load("paper_wall").operator
+    assert hand is not None
     assert (hand.mass, hand.stiffness, hand.damping) == (HAND.mass, HAND.stiffness, HAND.damping)
 
 

@@ -9,13 +9,14 @@ import pytest
 from fakes import press
 
 from forcebound.bounding import LAWS
+from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import DeviceState, Telemetry
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.controller import ControllerNode, DirectController
+from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import ServoSettings
 from forcebound.simulation import Simulation
 from forcebound.telemetry import TelemetryColumns

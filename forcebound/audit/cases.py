@@ -1,7 +1,7 @@
-"""The cases of an audit: devices, hands, adversaries and clocks, and their names.
+"""Cases of an audit: devices, hands, adversaries and clocks, and their names.
 
-A case has a name from which it is made again: a random one the seed that it was drawn from, one
-that a search has found a code of its parameters (``c`` and base-32 digits).
+A case can be made again from its name: for a random case its seed, for a case of a search a code of
+its parameters (``c`` and base-32 digits).
 """
 
 import math
@@ -33,7 +33,7 @@ NOISES = 32  # sequences of random numbers that a code can name
 
 
 class Case(NamedTuple):
-    """All that defines a run besides its law."""
+    """Definition of a run, without the law."""
 
     name: str  # see the top of this page
     seed: int  # of noise, faults and clock
@@ -181,7 +181,7 @@ def decode(code: str, seconds: float) -> Case:
     """Return the case of a code of :func:`encode`; its ranges are :data:`RANGES`.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not such a code.
     """
     digits = [DIGITS.find(digit) for digit in code[1:]]
     if (
@@ -230,7 +230,7 @@ def case_of(name: str | int, seconds: float) -> Case:
 
 
 def dissipation_of(case: Case) -> Dissipation:
-    """Return what the law of a run relies on: exactly what the device does."""
+    """Return the dissipation stated to the law: exactly that of the device."""
     return Dissipation(
         damping=case.damping,
         friction=case.friction,
@@ -242,7 +242,7 @@ def dissipation_of(case: Case) -> Dissipation:
 
 
 def difficulties(case: Case) -> dict[str, str]:
-    """Return how hard a case is on each axis of difficulty, in words for a table."""
+    """Return the difficulty of a case on each axis, in words for a table."""
     faulty = case.loss > 0.0 or case.corruption > 0.0
     if case.jitter > 0.0 or case.overruns > 0.0:
         clock = "unsteady clock"

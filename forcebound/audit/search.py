@@ -1,4 +1,4 @@
-"""The search: CMA-ES over the parameters of a case, for the lowest energy.
+"""CMA-ES search for the lowest energy over the parameters of a case.
 
 The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
 tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those with
@@ -21,11 +21,10 @@ SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
 
 def objective(result: Result) -> float:
-    """Return what the search minimises.
+    """Return the value that the search minimises.
 
-    A leak counts by its energy, in J. Where nothing leaks it is the share that was left, at the
-    worst moment, of all that had been lost and worked: a law that is driven to zero by less and
-    less is about to leak.
+    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
+    loss plus work up to then: the smaller it is, the closer the law is to a leak.
     """
     leak = result.loss_and_work_min
     return leak if leak < -ENERGY_TOLERANCE else max(result.share_left, 0.0)

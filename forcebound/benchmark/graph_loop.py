@@ -44,7 +44,7 @@ class ProbeNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState,)
     wakes_on_arrival: ClassVar[bool] = True
-    wake_ns: int | None = 0  # of the next state, then of giving up, in ns
+    wake_ns: int | None = 0  # of the next state, in ns
 
     def __init__(self) -> None:
         self.events = EventLog("device")
@@ -95,8 +95,7 @@ def drive(
         runner.turn(wait_until(next_ns, spin_ns))
         give_up_ns = next_ns + TIMEOUT_NS
         while node.round_trip_ns is None and (now := time.monotonic_ns()) < give_up_ns:
-            node.wake_ns = give_up_ns
-            runner.turn(min(runner.wait(stop.descriptor), give_up_ns - 1))
+            runner.wait(stop.descriptor)
         round_trip_ns = node.round_trip_ns
         is_closed = is_closed or round_trip_ns is not None
         if not is_closed and now > ready_ns:

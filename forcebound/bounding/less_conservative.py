@@ -1,8 +1,8 @@
 """The paper's less conservative law, which may spend all energy dissipated so far.
 
-It remembers what free motion has dissipated, and can give it back at contact: stiff walls, and
-oscillation after contact (the paper's memory effect). What it does not cover is measured in
-``docs/theory.md``: friction is counted twice, once in E1 and once as a guess of the future, and
+It remembers the energy dissipated in free motion, and can give it back at contact: stiff walls, and
+oscillation after contact (the paper's memory effect). Its leaks are explained in
+``docs/theory.md``: friction is counted twice, once in E1 and once as an estimate of the future, and
 readings are taken for positions.
 """
 

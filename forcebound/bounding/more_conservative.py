@@ -1,4 +1,4 @@
-"""The paper's more conservative law: what was dissipated before and not needed is given up.
+"""The paper's more conservative law: energy dissipated before and not needed is discarded.
 
 The state is β, the share of the dissipation capability B = b/T that the last force needed, in N/m.
 Because nothing is remembered beyond one sample, a wall does not oscillate after contact; it is

@@ -48,7 +48,7 @@ def list_all_keys(as_json: bool) -> None:
         problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
         click.echo(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
     if not entries:
-        click.echo(f"no keys in {key_folder()}; make one with: forcebound keys new NAME", err=True)
+        click.echo(f"no keys in {key_folder()}; make one with `forcebound keys new NAME`", err=True)
 
 
 @keys_group.command("show")

@@ -97,7 +97,7 @@ def audit(
         for row in document["laws"]:
             lowest = show_energy(row["loss_and_work_min_j"])
             click.echo(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
-        click.echo(f"{document['runs']} runs; forcebound audit replay LAW CASE shows one again")
+        click.echo(f"{document['runs']} runs; `forcebound audit replay LAW CASE` shows one again")
     sys.exit(0 if all(row["holds"] for row in document["laws"]) else 1)
 
 

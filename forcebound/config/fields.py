@@ -14,10 +14,10 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NotRequired, get_type_hints
 
-from forcebound.config import own
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
+from forcebound.user_module import describe_user_error, kind_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def check_fields(kind: type, taken: Collection[str]) -> None:
     try:
         fields = fields_of(kind)
     except Exception as error:
-        raise ConfigError(f"the fields of {kind.__name__}: {own.blame(error, kind)}") from None
+        raise ConfigError(f"the fields of {kind.__name__}: {describe_user_error(error)}") from None
     for field in fields.values():
         if field.name in taken:
             raise ConfigError(
@@ -175,8 +175,8 @@ class Section:
         except Exception as error:
             if isinstance(error, ValueError | ArithmeticError):
                 self._note_refusal(error)
-            elif own.kind_of(kind) is not None:
-                self.add_here(f"{self.name}: {own.blame(error, kind)}")
+            elif kind_of(kind) is not None:
+                self.add_here(f"{self.name}: {describe_user_error(error)}")
             else:
                 raise
         return None

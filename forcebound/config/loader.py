@@ -17,9 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config import own
 from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
-from forcebound.config.child import Tell, in_a_child
 from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import (
@@ -34,23 +32,28 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.own_parts import (
-    OWN,
-    can_be_written,
-    check_answer,
-    own_class,
-    own_file,
-)
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems
+from forcebound.config.sandbox import Tell, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
+from forcebound.config.user_parts import (
+    can_be_written,
+    check_controller,
+    check_device,
+    check_environment,
+    check_path,
+    find_class,
+    find_law,
+    user_files,
+    warn_uncertified,
+)
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
+from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
-from forcebound.operators import Operator
 
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
@@ -73,22 +76,24 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
 def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     """Return the same as :func:`load`, for a command that somebody waits for.
 
-    A file of the user's own is loaded and asked in a child first, where it may hang or exit. This
-    process then loads it, too, and asks nothing.
+    Files of the user's own are loaded and asked in the sandbox first, where they may hang or exit.
+    This process then loads them, too, and asks nothing. The log says what is not certified.
 
     Raises:
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
     """
     problems = Problems()
     filled = _filled(_read(path, problems), overrides, problems)
-    file = own_file(filled)
-    if file is not None:
-        in_a_child(try_out, [str(path), list(overrides)], file)
-    return _build(filled, problems, asks=file is None)
+    files = user_files(filled)
+    if files:
+        run_in_sandbox(try_out, [str(path), list(overrides)], files)
+    config = _build(filled, problems, asks=not files)
+    warn_uncertified(config)
+    return config
 
 
 def try_out(tell: Tell, path: str, overrides: Sequence[str]) -> None:
-    """Load a launch file for its problems alone, in a child of :func:`load_tried`."""
+    """Load a launch file for its problems alone, in the sandbox of :func:`load_tried`."""
     load(path, overrides)
 
 
@@ -192,7 +197,7 @@ def _read(path: str | Path, problems: Problems) -> Value:
 
 
 def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
-    """Return what the tree says; ``asks``: whether to ask a user's own environment for a force."""
+    """Return what the tree says; ``asks``: whether to ask a user's own parts for an answer."""
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
     top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
@@ -201,8 +206,8 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     values = top.read(fields_of(GraphConfig, run_keys))
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     made = {
-        "device": _device(sections["device"]),
-        "operator": _model(sections["operator"]),
+        "device": _device(sections["device"], asks),
+        "operator": _operator(sections["operator"]),
         "controller": _controller(sections["controller"]),
         "environment": _environment(sections["environment"]),
         "links": _links(sections["links"]),
@@ -211,6 +216,8 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     }
     if "remote" in root.entries:
         made["remote"] = sections["remote"].make(RemoteConfig, knows_all=True)
+        if made["remote"] is None:  # whatever is wrong with the address, the rest is checked
+            sections["remote"].make(RemoteConfig, address="127.0.0.1", port=DEFAULT_PORT)
     _check_together(made, sections, asks)
     problems.raise_if_any()
     assert values is not None  # what could not be read was a problem
@@ -224,13 +231,18 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
 
 def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], asks: bool) -> None:
     """Check what concerns several sections, as far as they could be made."""
-    device, operator, environment = made["device"], made["operator"], made["environment"]
-    if device and operator:
-        _check_axes(device, operator, sections["operator"])
-    if device and environment:
+    device, environment, controller = made["device"], made["environment"], made["controller"]
+    if device is None:
+        return
+    axes = device.model.axes
+    if made["operator"]:
+        check_path(made["operator"], axes, sections["operator"])
+    if environment:
         _check_delays(device.servo, environment, made["links"], sections["device"])
-        if asks:
-            check_answer(environment.model, device.model.axes, sections["environment"])
+    if environment and asks:
+        check_environment(environment.model, axes, sections["environment"])
+    if controller and asks:
+        check_controller(controller.model, axes, sections["controller"])
 
 
 def _check_format(top: Section) -> None:
@@ -255,23 +267,32 @@ def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
     return made if made is None or can_be_written(made, section) else None
 
 
+def _operator(section: Section) -> Any:
+    """The hand; None if the section is empty or missing: nobody holds the device."""
+    is_empty = section.is_readable and not section.value.entries
+    return None if is_empty else _model(section)
+
+
 def _class_of(section: Section, taken: set[str]) -> type | None:
-    """The class that the kind of a section means; None with a problem noted."""
-    value = section.value.entries.get("kind")
-    if section.name in OWN and value is not None and own.names_file(value.text):
-        return own_class(section, value, taken)
+    """The class that the kind of a section names; None with a problem noted."""
     table = KINDS[section.name]
     kind = section.choose(f"{section.name} kind", "kind", table)
-    return None if kind is None else table[kind]
+    if kind is None or table.is_shipped(kind):
+        return None if kind is None else table[kind]
+    return find_class(section, section.value.entries["kind"], table, taken)
 
 
-def _device(section: Section) -> DeviceConfig | None:
+def _device(section: Section, asks: bool) -> DeviceConfig | None:
     model = _model(section, fields_of(ServoSettings))
     law = section.value.entries.get("law")
-    if law is not None and isinstance(law.content, str):
-        section.choose("law", "law", LAWS)
     servo = section.make(ServoSettings)
-    return None if model is None or servo is None else DeviceConfig(model, servo)
+    if law is not None and isinstance(law.content, str):
+        kind = find_law(section, law) if section.choose("law", "law", LAWS) else None
+        servo = None if servo is None or kind is None else replace(servo, law=kind)
+    if model is None or servo is None:
+        return None
+    device = DeviceConfig(model, servo)
+    return device if check_device(device, section, asks) else None
 
 
 def _controller(section: Section) -> ControllerConfig | None:
@@ -309,12 +330,6 @@ def _has_trace(section: Section, key: str, impairment: Impairment) -> bool:
         section.add(f"{key}: {error}", section.value.entries[key])
         return False
     return True
-
-
-def _check_axes(device: DeviceConfig, operator: Operator, section: Section) -> None:
-    wanted, axes = len(operator.target(0.0)), device.model.axes
-    if wanted > axes:
-        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
 
 
 def _check_delays(

@@ -17,12 +17,9 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.resolved import plain, to_document
-from forcebound.devices import DEVICES
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.controller import CONTROLLERS
 from forcebound.nodes.device import ServoSettings
-from forcebound.operators import OPERATORS
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 
@@ -81,12 +78,16 @@ def _is_fixed(name: str) -> bool:
     if section in KINDS and entry == "kind":
         return True
     places: dict[str, Collection[str]] = {
-        "device": {*fields_of(ServoSettings)}.union(*map(fields_of, DEVICES.values())),
-        "operator": set().union(*map(fields_of, OPERATORS.values())),
-        "controller": set().union(*map(fields_of, CONTROLLERS.values())),
+        **{
+            section: {name for kind in table.usable().values() for name in fields_of(kind)}
+            for section, table in KINDS.items()
+            if section not in SECTIONS
+        },
         "realtime": fields_of(RealtimeConfig),
         "remote": fields_of(RemoteConfig),
     }
+    if section == "device" and entry in fields_of(ServoSettings):
+        return True
     return name in (*places, "phases", *RUN_KEYS) or entry in places.get(section, ())
 
 

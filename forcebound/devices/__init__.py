@@ -1,20 +1,25 @@
 """Devices: what the hand holds.
 
+A device is a frozen dataclass of its parameters (:class:`DeviceModel`) whose ``open`` returns the
+:class:`Device` that the device node reads and writes. Damping and friction are *minimum* values:
+the bounder's guarantee rests on them, so state where they come from (measured, data sheet).
+
 To add a device: copy ``phantom.py`` to ``my_device.py``, add one line to ``DEVICES``;
 ``tests/test_devices.py`` tests it with all the others, and launch files know it as
-``device: {kind: my_device}``. A member of the table is a frozen dataclass of parameters whose
-:meth:`DeviceModel.open` gives a :class:`Device`.
+``device: {kind: my_device}``. Or name a file of one's own (docs/write-your-own-device.md).
 
-Damping and friction are *minimum* values: the bounder's guarantee rests on them, so state where
-they come from (measured, data sheet).
+A device that does not answer, or answers nonsense, raises :class:`forcebound.errors.DeviceError`:
+the node then tries to write zero force, closes the device, and the graph ends.
 """
 
 from typing import Protocol
 
-from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import Truth as Truth  # part of the contract
+from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
+from forcebound.parts import Form, Table
+
+__all__ = ["DEVICES", "Device", "DeviceModel", "Truth"]
 
 
 class Device(Protocol):
@@ -42,6 +47,10 @@ class Device(Protocol):
 
     def truth(self) -> Truth | None:
         """Return the ground truth at the last read or write; None for hardware."""
+        ...
+
+    def close(self) -> None:
+        """Release the device, its force at zero; called once, whatever came before."""
         ...
 
 
@@ -73,16 +82,21 @@ class DeviceModel(Protocol):
         """Largest force, in N."""
         ...
 
-    def open(self, operator: Operator, hold_limit: float) -> Device:
+    def open(self, operator: Operator | None, hold_limit: float) -> Device:
         """Return the device, ready to read.
 
         Args:
-            operator: The hand on a simulated device; hardware ignores it.
+            operator: The hand on a simulated device; None: nobody holds it. Hardware ignores it.
             hold_limit: Longest time that a force is held without a new one, in s.
+
+        Raises:
+            DeviceError: If the device does not answer.
         """
         ...
 
 
-DEVICES: dict[str, type[DeviceModel]] = {
-    "phantom_premium_1_5": PhantomPremium15,
-}
+DEVICES: Table[type[DeviceModel]] = Table(
+    "devices",
+    {"phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15"},
+    Form(methods={"open": 2}),
+)

@@ -40,6 +40,6 @@ class PhantomPremium15:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def open(self, operator: Operator, hold_limit: float) -> SimulatedDevice:
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
         return SimulatedDevice(self, operator, hold_limit)

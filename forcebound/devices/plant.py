@@ -25,20 +25,13 @@ along the path of several axes.
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from forcebound.compiled import jit
+from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
-
-
-class Truth(NamedTuple):
-    """What a simulated device knows and no law may see."""
-
-    position: Vector  # m, not quantised
-    velocity: Vector  # m/s
-    hand_force: Vector  # N, of spring and damper of the hand, positive into the environment
-    energy: float  # J, that has flowed from the hand into the device: integral of F_h v dt
+from forcebound.operators.no_hand import NoHand
 
 
 def advance(
@@ -203,7 +196,10 @@ class SimulatedDevice:
     real device's firmware does.
     """
 
-    def __init__(self, parameters: PlantParameters, operator: Operator, hold_limit: float) -> None:
+    def __init__(
+        self, parameters: PlantParameters, operator: Operator | None, hold_limit: float
+    ) -> None:
+        operator = NoHand() if operator is None else operator
         self._parameters = parameters
         self._operator = operator
         self._hold_limit_ns = round(hold_limit * 1e9)
@@ -255,6 +251,9 @@ class SimulatedDevice:
         self._force = force
         self._dropped_ns = time_ns + self._hold_limit_ns
         return force
+
+    def close(self) -> None:
+        """Do nothing: it holds no resource; see :class:`forcebound.devices.Device`."""
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""

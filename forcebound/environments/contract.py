@@ -1,35 +1,39 @@
-"""What every environment promises, and a check of it for one's own.
+"""What every environment promises, and a check of it.
 
-The check asks an environment some thousand times, at random and at its limits, and tells each
-broken promise with the question that broke it. ``forcebound check environment`` runs it on a user's
-file, the repository's own tests on every member of ``ENVIRONMENTS``.
+The check opens an environment twice and asks both instances the same thousand questions, at random
+and at its limits; a violation names the question.
 """
 
 import dataclasses
 import itertools
 import math
-import numbers
-import pickle
-import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any
 
-from forcebound.environments import Environment
+from forcebound.contract import (
+    Report,
+    Violation,
+    copy_of,
+    describe_raised,
+    first_of_each,
+    value_faults,
+    vector_fault,
+)
+from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.messages.packets import MAX_AXES, Vector
 
 FAR = 1e6  # m, m/s: within it a force must be finite
 LONG = 1e6  # s
 FARTHEST = 1e300  # m, m/s: until here nothing may be raised
 FEWEST = 4  # questions for each number of axes, however long an answer takes
-SHOWN = 3  # violations of one promise that are told; the others are alike
 
 PROMISES: dict[str, str] = {
+    "opens": f"opens for 1 to {MAX_AXES} axes, and closes",
     "answers": f"gives an answer at every position and velocity, however far (to {FARTHEST:g} m)",
     "shape": f"gives a tuple with one number per axis, for 1 to {MAX_AXES} axes",
     "finite": f"a force is finite within {FAR:g} m, {FAR:g} m/s and {LONG:g} s",
-    "pure": "the same question has the same answer, whatever was asked before",
+    "pure": "the same questions, in the same order from open on, have the same answers",
     "value": "is a frozen dataclass that can be copied, changed and pickled",
     "rest": "shows at rest the force that was stated",
 }
@@ -47,41 +51,8 @@ class Question:
         return f"force({self.position}, {self.velocity}, {self.elapsed})"
 
 
-@dataclass(frozen=True)
-class Violation:
-    """One promise that was broken."""
-
-    promise: str  # one of PROMISES
-    expected: str
-    got: str
-    where: str  # the question, or what else was done
-
-
-@dataclass(frozen=True)
-class Report:
-    """What a check found.
-
-    Attributes:
-        questions: How many were asked.
-        left_out: How many were not, to be done in time.
-        promises: Names of those that were looked at: "rest" only if a force was stated.
-        violations: At most ``SHOWN`` of each promise.
-    """
-
-    questions: int
-    left_out: int
-    promises: tuple[str, ...]
-    violations: tuple[Violation, ...]
-
-    @property
-    def held(self) -> dict[str, bool]:
-        """Whether each promise was kept."""
-        broken = {violation.promise for violation in self.violations}
-        return {promise: promise not in broken for promise in self.promises}
-
-
 def check(
-    environment: Environment,
+    model: EnvironmentModel,
     axes: Iterable[int] = range(1, MAX_AXES + 1),
     at_rest: Mapping[float, float] | None = None,
     seed: int = 1,
@@ -92,81 +63,80 @@ def check(
     """Return which of the ``PROMISES`` an environment keeps.
 
     Args:
-        environment: With the parameters that matter: others may behave otherwise.
+        model: With the parameters that matter: others may behave otherwise.
         axes: Numbers of axes that it is asked with.
         at_rest: Position on the first axis, in m, and the force there, in N, that is expected at
-            rest: ``{0.0: 0.0}`` for a wall that leaves free what is before it.
+            rest, as the first answer: ``{0.0: 0.0}`` for a wall with free motion before it.
         seed: Of the random questions; the same seed asks the same.
         rounds: Random questions for each number of axes and each scale.
-        at_most: About how many questions to ask, each three times: some of all, drawn at random;
-            at least ``FEWEST`` for each number of axes. None: all.
+        at_most: About how many questions to ask, each twice: some of all, drawn at random; at
+            least ``FEWEST`` for each number of axes. None: all.
         tell: Called before each answer with the question, the answers until now and all.
     """
     axes = tuple(dict.fromkeys(axes))
-    known = {
-        count: list(_questions(environment, count, Random(seed * 100 + count), rounds))
-        for count in axes
-    }
-    questions = [
-        question
-        for count in axes
-        for question in _some(known[count], Random(seed * 100 + count), at_most, len(axes))
-    ]
+    questions: dict[int, Sequence[Question]] = {}
+    known = 0
+    for count in axes:
+        everything = list(_questions(model, count, Random(seed * 100 + count), rounds))
+        known += len(everything)
+        questions[count] = _some(everything, Random(seed * 100 + count), at_most, len(axes))
+    total = sum(map(len, questions.values()))
+    found: list[Violation] = list(value_faults(model))
     given = itertools.count()
+    for count in axes:
 
-    def ask(environment: Environment, question: Question) -> tuple[Vector, Violation | None]:
-        tell(str(question), next(given), 3 * len(questions))
-        return _answer(environment, question)
+        def answer(environment: Environment, question: Question) -> "Answer":
+            tell(str(question), next(given), 2 * total)
+            return _answer(environment, question)
 
-    found: list[Violation] = list(_value_faults(environment))
-    twin = _copy(environment)
-    earlier: list[tuple[Question, str]] = []
-    for question in questions:
-        force, violation = ask(environment, question)
-        if violation is None:
-            violation = _finite_fault(force, question)
-            earlier.append((question, repr(force)))
-        if violation is not None:
-            found.append(violation)
-    for other in (environment, twin):  # in another order: what it was asked before must not matter
-        for question, answer in reversed(earlier):
-            force, violation = ask(other, question)
-            if violation is None and repr(force) == answer:
-                continue
-            got = repr(force) if violation is None else violation.got
-            found.append(Violation("pure", f"{answer}, as before", got, str(question)))
+        found += _check_axes(model, count, questions[count], answer)
     for position, wanted in (at_rest or {}).items():
-        found.extend(_rest_faults(environment, axes, position, wanted))
-    promises = tuple(name for name in PROMISES if name != "rest" or at_rest)
-    left_out = sum(map(len, known.values())) - len(questions)
-    return Report(len(questions), left_out, promises, tuple(_first_of_each(found)))
+        found.extend(_rest_faults(model, axes, position, wanted))
+    promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
+    return Report(promises, first_of_each(found), total, known - total)
 
 
-def force_fault(force: object, axes: int) -> str | None:
-    """Return what is wrong with the form of an answer, as "expected ..., got ..."; None if nothing.
+Answer = tuple[Vector, Violation | None]
 
-    Args:
-        force: What an environment answered.
-        axes: How many entries it must have.
-    """
-    entries = force.tolist() if hasattr(force, "tolist") else force
-    expected = f"expected a tuple with {axes} number{'s' * (axes > 1)} in N, one per axis"
-    if isinstance(entries, str | bytes) or not isinstance(entries, Sequence):
-        return f"{expected}; got {_shown(force)}"
-    if len(entries) != axes:
-        return f"{expected}; got {len(entries)} entries: {_shown(force)}"
-    for entry in entries:
-        if isinstance(entry, bool) or not isinstance(entry, numbers.Real):
-            return f"{expected}; got an entry {_shown(entry)}"
-    return None
+
+def _check_axes(
+    model: EnvironmentModel,
+    axes: int,
+    questions: Sequence[Question],
+    ask: Callable[[Environment, Question], Answer],
+) -> list[Violation]:
+    """Ask two instances the same, one after the other."""
+    found: list[Violation] = []
+    answers: list[Answer] = []
+    for twin in (False, True):
+        try:
+            environment = open_environment(copy_of(model) if twin else model, axes)
+        except Exception as error:
+            cause = error.__cause__ or error
+            return [Violation("opens", "an instance", describe_raised(cause), f"open({axes})")]
+        for place, question in enumerate(questions):
+            force, violation = ask(environment, question)
+            if not twin:
+                answers.append((force, violation))
+                violation = violation or _finite_fault(force, question)
+                found += [] if violation is None else [violation]
+            elif answers[place][1] is None and repr(force) != repr(answers[place][0]):
+                got = repr(force) if violation is None else violation.got
+                before = f"{answers[place][0]!r}, as before"
+                found.append(Violation("pure", before, got, str(question)))
+        try:
+            environment.close()
+        except Exception as error:
+            found.append(Violation("opens", "an end", describe_raised(error), "close()"))
+    return found
 
 
 def _questions(
-    environment: Environment, axes: int, random: Random, rounds: int
+    model: EnvironmentModel, axes: int, random: Random, rounds: int
 ) -> Iterator[Question]:
     """Random ones at several scales, dense where a parameter says that something begins."""
     still, elapsed = (0.0,) * axes, 1.0
-    edges = [0.0, *_edges(environment)]
+    edges = [0.0, *_edges(model)]
     extreme = (0.0, 1e-300, -1e-300, FAR, -FAR, 1e100, -1e100, FARTHEST, -FARTHEST)
     for one in (*edges, *extreme):
         along = (one,) + (0.0,) * (axes - 1)
@@ -193,28 +163,26 @@ def _some(
     return [questions[place] for place in sorted(random.sample(range(len(questions)), wanted))]
 
 
-def _edges(environment: Environment) -> list[float]:
+def _edges(model: EnvironmentModel) -> list[float]:
     """Parameters that may be positions, and the floats beside them."""
-    if not dataclasses.is_dataclass(environment):
+    if not dataclasses.is_dataclass(model):
         return []
-    values = [getattr(environment, field.name, None) for field in dataclasses.fields(environment)]
+    values = [getattr(model, field.name, None) for field in dataclasses.fields(model)]
     lengths = [float(v) for v in values if isinstance(v, int | float) and abs(v) <= 1.0]
     beside = [(math.nextafter(v, -math.inf), v, math.nextafter(v, math.inf)) for v in lengths]
     return [edge for triple in beside for edge in triple]
 
 
-def _answer(environment: Environment, question: Question) -> tuple[Vector, Violation | None]:
+def _answer(environment: Environment, question: Question) -> Answer:
     """The answer as floats; empty, with the broken promise, if there is none."""
-    axes = len(question.position)
     try:
         force = environment.force(question.position, question.velocity, question.elapsed)
-        fault = force_fault(force, axes)
+        fault = vector_fault(force, len(question.position), "N")
         if fault is None:
             return tuple(float(entry) for entry in force), None
     except (Exception, SystemExit) as error:
-        return (), Violation("answers", "an answer", _raised(error), str(question))
-    expected, _, got = fault.partition("; got ")
-    return (), Violation("shape", expected.removeprefix("expected "), got, str(question))
+        return (), Violation("answers", "an answer", describe_raised(error), str(question))
+    return (), Violation("shape", fault.expected, fault.got, str(question))
 
 
 def _finite_fault(force: Vector, question: Question) -> Violation | None:
@@ -225,12 +193,17 @@ def _finite_fault(force: Vector, question: Question) -> Violation | None:
 
 
 def _rest_faults(
-    environment: Environment, axes: Iterable[int], position: float, wanted: float
+    model: EnvironmentModel, axes: Iterable[int], position: float, wanted: float
 ) -> Iterator[Violation]:
     for count in axes:
         still = (0.0,) * count
         question = Question((position, *still[1:]), still, 1.0)
+        try:
+            environment = open_environment(model, count)
+        except Exception:  # the promise "opens" is broken
+            return
         force, violation = _answer(environment, question)
+        environment.close()
         expected = (wanted, *still[1:])
         if violation is not None or any(
             not math.isclose(f, e, rel_tol=1e-9, abs_tol=1e-12)
@@ -238,48 +211,3 @@ def _rest_faults(
         ):
             got = repr(force) if violation is None else violation.got
             yield Violation("rest", f"{expected} N", got, str(question))
-
-
-def _value_faults(environment: Any) -> Iterator[Violation]:
-    parameters = getattr(environment, "__dataclass_params__", None)
-    if parameters is None or not parameters.frozen:
-        kind = type(environment).__name__
-        yield Violation("value", "@dataclass(frozen=True)", f"class {kind} without it", kind)
-        return
-    done: dict[str, Callable[[], Any]] = {
-        "dataclasses.replace": lambda: _copy(environment),
-        "pickle": lambda: pickle.loads(pickle.dumps(environment)),
-    }
-    for what, make in done.items():
-        try:
-            made = make()
-        except Exception as error:
-            yield Violation("value", "an equal object", _raised(error), what)
-            continue
-        if made != environment:
-            yield Violation("value", f"an equal object, {environment!r}", repr(made), what)
-
-
-def _copy(environment: Any) -> Any:
-    try:
-        return dataclasses.replace(environment)
-    except Exception:  # told by _value_faults
-        return environment
-
-
-def _first_of_each(found: Iterable[Violation]) -> Iterator[Violation]:
-    told = dict.fromkeys(PROMISES, 0)
-    for violation in found:
-        told[violation.promise] += 1
-        if told[violation.promise] <= SHOWN:
-            yield violation
-
-
-def _raised(error: BaseException) -> str:
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} (raised in {last.filename}:{last.lineno})"
-
-
-def _shown(value: object) -> str:
-    text = f"{value!r} of type {type(value).__name__}" if value is not None else "None"
-    return text if len(text) <= 120 else text[:117] + "..."

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from forcebound.analysis.plots import figure
-from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.outcome import Number, Outcome, by_law
 from forcebound.experiments.setup import (
     CERTIFIED,
     HIGH,
@@ -39,7 +40,7 @@ class TimeVaryingWall:
             Number("applied over commanded force, mean in contact", "1", shown(contact), paper, law)
             for (law, contact), paper in zip(contacts.items(), (1.0, None, None), strict=True)
         ]
-        numbers += [_energy(law, contact) for law, contact in contacts.items()]
+        numbers += minimum_energies(contacts)
         unreduced = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
         return Outcome(
             title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {_words(self.law)}",
@@ -69,12 +70,12 @@ class NoLaw:
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
         contacts = {law: runs.wall(law, UNBOUNDED) for law in ("none", *CERTIFIED)}
-        bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
-        numbers = [_energy(law, contact) for law, contact in contacts.items()]
-        numbers += [Number("contact bounces", "1", bounces[law], None, law) for law in contacts]
-        numbers += [
-            Number("largest force", "N", contact.run.summary["peak_force_n"], None, law)
-            for law, contact in contacts.items()
+        bounces = {law: contact.bounces for law, contact in contacts.items()}
+        peaks = {law: contact.run.summary["peak_force_n"] for law, contact in contacts.items()}
+        numbers = [
+            *minimum_energies(contacts),
+            *by_law("contact bounces", "1", bounces),
+            *by_law("largest force", "N", peaks),
         ]
         return Outcome(
             title="wall of 10 N/mm without any law",
@@ -112,9 +113,9 @@ class StiffWall:
                 numbers.append(
                     Number(WORDS[quantity], "N/mm", getattr(contact, quantity), paper, law)
                 )
-        bounces = {law: contact.run.summary["contact_bounces"] for law, contact in contacts.items()}
-        numbers += [Number("contact bounces", "1", bounces[law], None, law) for law in contacts]
-        numbers += [_energy(law, contact) for law, contact in contacts.items()]
+        bounces = {law: contact.bounces for law, contact in contacts.items()}
+        numbers += by_law("contact bounces", "1", bounces)
+        numbers += minimum_energies(contacts)
         return Outcome(
             title=f"wall of 10 N/mm at {self.speed} speed, {_words(self.law)}",
             paper=PAPER_SHOWS[self.law],
@@ -147,8 +148,10 @@ def shown(contact: Contact) -> float:
     return float(np.mean(contact.applied[where] / contact.commanded[where]))
 
 
-def _energy(law: str, contact: Contact) -> Number:
-    return Number("minimum energy (ground truth)", "mJ", contact.lowest_energy, None, law)
+def minimum_energies(contacts: Mapping[str, Contact]) -> list[Number]:
+    """Return the minimum energy of each law's run."""
+    energies = {law: contact.lowest_energy for law, contact in contacts.items()}
+    return by_law("minimum energy (ground truth)", "mJ", energies)
 
 
 def _words(law: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from forcebound.experiments.contacts import minimum_energies
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, Contact, Runs, command
@@ -23,10 +24,7 @@ def run(runs: Runs) -> Outcome:
         first, last = float(peaks[law][0]), float(peaks[law][-1])
         numbers.append(Number("peak force, first second", "N", first, None, law))
         numbers.append(Number("peak force, last second", "N", last, None, law))
-    numbers += [
-        Number("minimum energy (ground truth)", "mJ", contact.lowest_energy, None, law)
-        for law, contact in contacts.items()
-    ]
+    numbers += minimum_energies(contacts)
     some = contacts["more_conservative"]
     growing = [law for law in LAWS if peaks[law][-1] > peaks[law][0] + 0.01]
     return Outcome(

@@ -1,4 +1,4 @@
-"""Equations 41 and 42: displayed stiffness of the saturated more conservative law over depth."""
+"""displayed stiffness of the saturated more conservative law over depth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from forcebound.analysis.metrics import Floats
 from forcebound.bounding import Dissipation
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
-from forcebound.experiments.setup import CERTIFIED, SPEEDS, Contact, Runs, wall_command
+from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
 from forcebound.experiments.traces import dissipation
+
+LAW = "more_conservative"
 
 SHALLOWEST = 0.1e-3  # m; three encoder steps: nearer to the surface the ratio is of two roundings
 
@@ -66,53 +68,16 @@ def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
 def run(runs: Runs) -> Outcome:
     """Compare both equations with runs, and with the measurements of the paper's user study."""
     numbers: list[Number] = []
-    rows: list[Row] = []
-    largest = 0.0
-    for speed, approach in SPEEDS.items():
-        contact = runs.wall("more_conservative", approach)
-        relied_on = dissipation(contact)
-        where, forces = recursion(contact, relied_on)
-        difference = float(np.abs(forces - contact.applied[where]).max())
-        largest = max(largest, difference)
-        numbers.append(
-            Number(
-                f"Eq. 41 against the run, {speed} speed, largest difference over {forces.size} "
-                "samples",
-                "N",
-                difference,
-                None,
-                "more_conservative",
-            )
-        )
-        depth, paper = USER_STUDY[speed]
-        move = contact.contact_speed * relied_on.period
-        numbers.append(
-            Number(
-                f"Eq. 42 at {depth * 1e3:g} mm in even steps of {move * 1e3:.3f} mm "
-                "(paper: mean of its user study)",
-                "N/mm",
-                stiffness_at(depth, move, relied_on),
-                paper,
-                "more_conservative",
-            )
-        )
-        rows.append(Row(f"force over penetration\n(N/mm), {speed} speed", _lines(runs, speed)))
-    capability = relied_on.damping / relied_on.period
-    numbers.append(
-        Number(
-            "Eq. 42 at 1 m, the limit for great depth (2B)",
-            "N/mm",
-            stiffness_at(1.0, 3e-5, relied_on),
-            2.0 * capability * 1e-3,
-            "more_conservative",
-        )
-    )
-    rows = [
-        Row(row.label, row.lines, "penetration (mm)", window=(0.1, 5.0), y_range=(0.4, 12.0))
-        for row in rows
-    ]
+    for speed in SPEEDS:
+        numbers += _numbers(runs, speed)
+    relied_on = dissipation(runs.wall(LAW, HIGH))
+    deep = stiffness_at(1.0, 3e-5, relied_on)
+    two_b = 2.0 * relied_on.damping / relied_on.period * 1e-3
+    label = "Eq. 42 at 1 m, the limit for great depth (2B)"
+    numbers.append(Number(label, "N/mm", deep, two_b, LAW))
+    largest = max(number.ours or 0.0 for number in numbers if number.unit == "N")
     return Outcome(
-        title="Equations 41 and 42: displayed stiffness of the saturated more conservative law",
+        title="displayed stiffness of the saturated more conservative law",
         paper="Depends on penetration: larger when shallow, 2B when deep.",
         finding=(
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
@@ -121,23 +86,44 @@ def run(runs: Runs) -> Outcome:
             "adds friction, so a hand that bounced feels more."
         ),
         numbers=numbers,
-        drawing=draw_rows(rows, height=2.8),
-        commands=[wall_command("more_conservative", approach) for approach in SPEEDS.values()],
+        drawing=draw_rows([_row(runs, speed) for speed in SPEEDS], height=2.8),
+        commands=[wall_command(LAW, approach) for approach in SPEEDS.values()],
     )
+
+
+def _numbers(runs: Runs, speed: str) -> list[Number]:
+    """Eq. 41 against the run, and Eq. 42 against the paper's user study."""
+    contact = runs.wall(LAW, SPEEDS[speed])
+    relied_on = dissipation(contact)
+    where, forces = recursion(contact, relied_on)
+    difference = float(np.abs(forces - contact.applied[where]).max())
+    over = f"largest difference over {forces.size} samples"
+    depth, paper = USER_STUDY[speed]
+    move = contact.contact_speed * relied_on.period
+    steps = f"in even steps of {move * 1e3:.3f} mm (paper: mean of its user study)"
+    stiffness = stiffness_at(depth, move, relied_on)
+    return [
+        Number(f"Eq. 41 against the run, {speed} speed, {over}", "N", difference, None, LAW),
+        Number(f"Eq. 42 at {depth * 1e3:g} mm {steps}", "N/mm", stiffness, paper, LAW),
+    ]
+
+
+def _row(runs: Runs, speed: str) -> Row:
+    label = f"force over penetration\n(N/mm), {speed} speed"
+    lines = _lines(runs, speed)
+    return Row(label, lines, "penetration (mm)", window=(0.1, 5.0), y_range=(0.4, 12.0))
 
 
 def _lines(runs: Runs, speed: str) -> list[Line]:
     approach = SPEEDS[speed]
-    contact = runs.wall("more_conservative", approach)
+    contact = runs.wall(LAW, approach)
     relied_on = dissipation(contact)
     where, forces = recursion(contact, relied_on)
     move = contact.contact_speed * relied_on.period
     depths = np.arange(np.ceil(SHALLOWEST / move), 5e-3 / move) * move
     lines = [
         replace(
-            _over_depth(
-                "more_conservative, run", contact.depth[where], contact.applied[where], "-"
-            ),
+            _over_depth(f"{LAW}, run", contact.depth[where], contact.applied[where], "-"),
             is_wide=True,
         ),
         _over_depth("Eq. 41 on its readings", contact.depth[where], forces, ":"),

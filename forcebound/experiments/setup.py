@@ -135,6 +135,12 @@ class Contact:
         return float((true[first] - true[first - 1]) / (self.time[first] - self.time[first - 1]))
 
     @property
+    def bounces(self) -> int:
+        """How often the hand turned round after contact."""
+        count: int = self.run.summary["contact_bounces"]
+        return count
+
+    @property
     def lowest_energy(self) -> float:
         """Minimum energy (ground truth), in mJ; below zero the hand received energy."""
         return float(self.run.columns.true_energy[self._shown].min()) * 1e3

@@ -71,7 +71,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         recording = read(run)
         document = json.loads(recording.metadata.get("launch", "{}"))
         return Measured(loop_delays(recording.telemetry), document, recording.complete)
-    run_dir = find(run, of_graph=True, option="forcebound delay ")
+    run_dir = find(run, of_graph=True, option="`forcebound delay DIR`")
     with while_running(run_dir):
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
         columns = watch(run_dir, DURATION if duration is None else duration)

@@ -34,7 +34,7 @@ SHORT_TIME = 600.0  # s until the disk is full
 
 
 def examine(seen: Observations) -> list[Finding]:
-    """Return what there is to say about a running graph, problems first."""
+    """Return the findings about a running graph, problems first."""
     findings = [finding for rule in RULES for finding in rule(seen)]
     return sorted(findings, key=lambda finding: finding.severity != "problem")
 
@@ -318,7 +318,7 @@ def _law(seen: Observations) -> Iterator[Finding]:
         "commanded": float(commanded[is_limited].mean()),
         "applied": float(applied[is_limited].mean()),
     }
-    causes = () if LAWS[law].is_certified else (Fact("law_not_certified"),)
+    causes = () if LAWS.is_shipped(law) and LAWS[law].is_certified else (Fact("law_not_certified"),)
     yield Finding("note", "law_limits", "device", data, causes)
 
 

@@ -31,7 +31,7 @@ def find(
     folders: Iterable[Path] | None = None,
     *,
     of_graph: bool = False,
-    option: str = "--run ",
+    option: str = "--run DIR",
 ) -> Path:
     """Return the run directory of one running graph.
 
@@ -67,10 +67,12 @@ def _only(known: Mapping[Path, RunDocument], of_graph: bool, option: str) -> Pat
     launched = [run_dir for run_dir in known if has_control(run_dir, LAUNCHER)]
     candidates = launched or graphs or list(known)
     if not candidates:
-        raise ConfigError("no graph of yours runs on this machine; start one: forcebound launch")
+        raise ConfigError(
+            "no graph of yours runs on this machine; start one with `forcebound launch FILE`"
+        )
     if len(candidates) > 1:
         listed = _list({run_dir: known[run_dir] for run_dir in candidates})
-        raise ConfigError(f"several graphs run; name one: {option}DIR, of{listed}")
+        raise ConfigError(f"several graphs run; name one with {option}, of{listed}")
     return candidates[0]
 
 

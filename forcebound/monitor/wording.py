@@ -303,7 +303,7 @@ NOTES: dict[str, Text] = {
     "another_serves": Text(
         "{serving} serves the graph, and not the environment of this machine, to which the change "
         "was made",
-        "for the one that serves, use forcebound param set on its machine",
+        "for the one that serves, use `forcebound param set` on its machine",
     ),
 }
 

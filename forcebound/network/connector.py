@@ -180,7 +180,7 @@ class Connector:
                 return self._notice("handshake_timeout", f"cannot talk to {self._where}: {why}")
             why = (
                 f"most likely {self._listener[1]} ({self._listener[0]}) is not its public key: ask "
-                "there with forcebound keys show, and correct it here; it may also use no keys"
+                "there with `forcebound keys show NAME`; it may also use no keys"
                 if with_keys
                 else "most likely it uses keys (CURVE), and we do not"
             )

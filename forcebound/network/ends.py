@@ -13,20 +13,23 @@ from forcebound.errors import ConfigError
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
-from forcebound.quantities import CheckedText
+from forcebound.quantities import CheckedText, Range, check_ranges
 
 DEFAULT_PORT = 7410  # queries; replies use the next one
 Role = Literal["graph", "environment"]
 T = TypeVar("T")
 
 _WITHOUT_KEYS = (
-    "without keys a link stays on this machine. Make a key pair on each machine (forcebound keys "
-    "new NAME) and name them under graph_key and environment_keys; or write insecure: true, if "
-    "everybody on that network may feed forces to the hand"
+    "without keys a link stays on this machine. Make a key pair on each machine with "
+    "`forcebound keys new NAME` and name them under graph_key and environment_keys; or write "
+    "insecure: true, if everybody on that network may feed forces to the hand"
 )
 
 
 _NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
+
+
+_PORTS = Range(at_least=1, at_most=65534, hint=" (replies use the next port)")
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,13 @@ class RemoteEnd:
     role: Role
     listens: bool
     address: str
-    port: int = DEFAULT_PORT
+    port: Annotated[int, _PORTS] = DEFAULT_PORT
     key: KeyPair | None = None
     peers: Mapping[str, str] = field(default_factory=dict)
     insecure: bool = False
 
     def __post_init__(self) -> None:
-        _check_port(self.port)
+        check_ranges(self)
         if self.insecure and (self.key is not None or self.peers):
             raise ConfigError(_NOT_BOTH)
         if (self.key is None) != (not self.peers):
@@ -87,32 +90,32 @@ class RemoteSection:
     """
 
     address: Annotated[str, CheckedText(numeric_address)]
-    port: int = DEFAULT_PORT
+    port: Annotated[int, _PORTS] = DEFAULT_PORT
     listens: Role = "graph"
     graph_key: Annotated[str, CheckedText(keys.check_key)] | None = None
     environment_keys: tuple[Annotated[str, CheckedText(keys.check_key)], ...] = ()
     insecure: bool = False
 
     def __post_init__(self) -> None:
-        _check_port(self.port)
+        check_ranges(self)
         known = self.environment_keys
         both = (
-            "keys are used by both ends or by none; make a pair on each machine with forcebound "
-            "keys new NAME"
+            "keys are used by both ends or by none; make a pair on each machine with "
+            "`forcebound keys new NAME`"
         )
         if known and self.graph_key is None:
             raise ConfigError(
-                f"graph_key is missing beside environment_keys: {both}", "environment_keys"
+                f"graph_key is missing beside environment_keys: {both}", field="environment_keys"
             )
         if self.graph_key is not None and not known:
             raise ConfigError(
-                f"environment_keys is missing or empty beside graph_key: {both}", "graph_key"
+                f"environment_keys is missing or empty beside graph_key: {both}", field="graph_key"
             )
         if self.insecure and self.graph_key is not None:
             raise ConfigError(_NOT_BOTH, field="insecure")
         if len(set(known)) < len(known):
             raise ConfigError(
-                f"environment_keys names a key twice: {', '.join(known)}", "environment_keys"
+                f"environment_keys names a key twice: {', '.join(known)}", field="environment_keys"
             )
         if self.listens == "environment" and len(known) > 1:
             raise ConfigError(
@@ -123,7 +126,7 @@ class RemoteSection:
         number = numeric_address(self.address)
         if self._is_open and number is not None and not number.is_loopback:
             raise ConfigError(
-                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", "address"
+                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", field="address"
             )
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
@@ -171,13 +174,6 @@ class RemoteSection:
     @property
     def _is_open(self) -> bool:
         return self.graph_key is None and not self.insecure
-
-
-def _check_port(port: int) -> None:
-    if not 1 <= port <= 65534:
-        raise ConfigError(
-            f"port must be 1 to 65534, since replies use the next one; got {port}", "port"
-        )
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:

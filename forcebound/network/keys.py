@@ -152,8 +152,8 @@ def public_key(key: str, folder: Path | None = None) -> str:
             return key_pair(key, folder).public
         raise ConfigError(
             f"no public key {key!r}: looked for {file}. Copy {key}{PUBLIC} from the machine that "
-            f"made it (forcebound keys new {key}), or write its 40 characters in place of the name "
-            f"(forcebound keys show {key})"
+            f"made it (`forcebound keys new {key}`), or write its 40 characters in place of "
+            f"the name (`forcebound keys show {key}`)"
         )
     return _read(file)["public"]
 
@@ -174,12 +174,14 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
     file = folder / f"{name}{SECRET}"
     if not file.exists():
         raise ConfigError(
-            f"no secret key {name!r}: looked for {file}. Make a pair with: forcebound keys new "
-            f"{name}; if it is another machine's, this end needs a pair of its own"
+            f"no secret key {name!r}: looked for {file}. Make a pair with `forcebound keys new "
+            f"{name}`; if it is another machine's, this end needs a pair of its own"
         )
     keys = _read(file)
     if "secret" not in keys:
-        raise ConfigError(f"{file}: no secret-key in it; make a pair with forcebound keys new")
+        raise ConfigError(
+            f"{file}: no secret-key in it; make a pair with `forcebound keys new NAME`"
+        )
     if zmq.curve_public(keys["secret"].encode("ascii")).decode("ascii") != keys["public"]:
         raise ConfigError(f"{file}: public-key and secret-key are not of one pair")
     return KeyPair(name, keys["public"], keys["secret"])
@@ -285,7 +287,7 @@ def _check_file(file: Path, status: os.stat_result) -> None:
     if file.suffix == SECRET and status.st_mode & 0o077:
         raise ConfigError(
             f"others can read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o})",
-            f"chmod 600 {file}; if they may have done so, make a new one with forcebound keys new",
+            f"chmod 600 {file}; if they may have done so: `forcebound keys new NAME`",
         )
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise ConfigError(f"others can replace the public key {file}", f"chmod 644 {file}")

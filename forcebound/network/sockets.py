@@ -197,9 +197,13 @@ class Network:
         """Open one stream out; see :func:`make_socket` for errors."""
         return Publisher(self._open(zmq.PUB, endpoint, bind=bind))
 
-    def subscriber(self, endpoint: str, *, newest_only: bool, bind: bool = False) -> Subscriber:
-        """Open one stream in; see :func:`make_socket` for errors."""
-        return Subscriber(self._open(zmq.SUB, endpoint, bind=bind), newest_only)
+    def subscriber(self, *endpoints: str, newest_only: bool, bind: bool = False) -> Subscriber:
+        """Open one socket for one or more streams in; see :func:`make_socket` for errors."""
+        first, *others = endpoints
+        socket = self._open(zmq.SUB, first, bind=bind)
+        for endpoint in others:
+            socket.connect(endpoint)
+        return Subscriber(socket, newest_only)
 
     def control_server(self, endpoint: str) -> ControlServer:
         """Open the place where this process answers requests."""

@@ -5,9 +5,12 @@ that reads such a socket, and all but its last frame are lost without a word (tr
 :mod:`forcebound.network.sockets`). So the socket keeps everything, and is emptied here.
 """
 
+from functools import partial
+
 import zmq
 from zmq.backend import Socket as _CompiledSocket
 
+WAIT_MS = 10  # longest sleep in a receiving call
 DRAIN_LIMIT = 1_000  # messages taken at once from a peer that floods; about 3 ms
 
 # Plain integers: arithmetic on Python's enum members costs more than the call that it is for.
@@ -32,7 +35,8 @@ class Subscriber:
 
     def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
         self._socket = socket
-        self._recv = socket.recv
+        socket.set(zmq.RCVTIMEO, WAIT_MS)
+        self._recv = partial(_CompiledSocket.recv, socket)
         # The compiled method: pyzmq's Python one makes an enum member of the name first.
         self._get = _CompiledSocket.get
         self.newest_only = newest_only
@@ -44,6 +48,19 @@ class Subscriber:
     def pending(self) -> bool:
         """Whether a packet is there."""
         return self._malformed > 0 or self._has_message()
+
+    def wait(self) -> bytes | None:
+        """Sleep in the receiving call, for ``WAIT_MS`` at most; return one packet as :meth:`take`.
+
+        Whatever the settings, it may be one for which a newer one is there already.
+        """
+        try:
+            data = self._recv()
+        except zmq.Again:
+            return None
+        if not self._get(self._socket, _RCVMORE):
+            return data
+        return self._receive_rest()
 
     def take(self) -> bytes | None:
         """Return one packet, ``b""`` for a message of several frames, None for nothing.
@@ -98,8 +115,9 @@ class Subscriber:
     def _receive_whole(self) -> bytes:
         """Return a message; ``b""`` in place of one that has several frames."""
         data = self._recv(_DONTWAIT)
-        if not self._get(self._socket, _RCVMORE):
-            return data
+        return data if not self._get(self._socket, _RCVMORE) else self._receive_rest()
+
+    def _receive_rest(self) -> bytes:
         while self._get(self._socket, _RCVMORE):
             self._recv(_DONTWAIT)  # the frames of a message arrive together
         return b""

@@ -4,17 +4,15 @@ A hand is a mass that is fixed to the device's handle and pulled by a spring and
 target that moves along a path. Such a hand is passive around its target, which is what the
 passivity argument asks of a human (``docs/theory.md``, section 1).
 
-To add an operator: write ``my_operator.py`` with a frozen dataclass of its parameters that fulfils
-:class:`Operator`, add one line to ``OPERATORS``; ``tests/test_operators.py`` tests it with all the
-others.
+An operator is a frozen dataclass of its parameters that fulfils :class:`Operator`. To add one:
+write ``my_operator.py`` and one line in ``OPERATORS``; ``tests/test_operators.py`` tests it with
+all the others. Or name a file of one's own (docs/write-your-own-device.md).
 """
 
 from typing import Protocol
 
 from forcebound.messages.packets import Vector
-from forcebound.operators.pressing import PressingHand
-from forcebound.operators.sinusoidal import SinusoidalHand
-from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.parts import Form, Table
 
 
 class Operator(Protocol):
@@ -43,8 +41,12 @@ class Operator(Protocol):
         ...
 
 
-OPERATORS: dict[str, type[Operator]] = {
-    "pressing": PressingHand,
-    "sinusoidal": SinusoidalHand,
-    "trajectory": TrajectoryHand,
-}
+OPERATORS: Table[type[Operator]] = Table(
+    "operators",
+    {
+        "pressing": "forcebound.operators.pressing:PressingHand",
+        "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
+        "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
+    },
+    Form(methods={"target": 1}),
+)

@@ -3,7 +3,7 @@
 One loop for every node: wait, receive, step, publish. Only the waiting differs:
 
 * A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
-  is through on an impaired link, or until its own ``wake_ns``.
+  is through on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.process.inbox`).
 * A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
   microseconds, and takes what is there by then.
 
@@ -11,8 +11,7 @@ Strategy:
 
 1. The path from packet to packet does nothing that could be done before or after it: no exception,
    no logging, no allocation of anything that the collector must visit.
-2. A perfect link costs nothing: only the newest packet is taken, and no link object exists.
-   A link with an impairment drains its socket into its model.
+2. The control socket and the remote link's connections are looked at every 10 ms, between steps.
 3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
 4. Whatever ends the loop, the servo writes zero force before anything else is done: a stop request,
    a signal, the death of the launcher, a programming mistake.
@@ -24,13 +23,13 @@ what happens to it as events.
 
 import logging
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
-from forcebound.errors import ConfigError, PacketError
-from forcebound.messages.codec import decode, encode
+from forcebound.errors import ConfigError
+from forcebound.messages.codec import encode, encode_unchecked
 from forcebound.messages.packets import (
     TOPIC_OF,
     EnvironmentQuery,
@@ -43,7 +42,6 @@ from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
 from forcebound.network.remote import RemoteStreams
 from forcebound.network.sockets import Network
-from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.process.endpoints import (
     control_endpoint,
@@ -51,33 +49,14 @@ from forcebound.process.endpoints import (
     remote_endpoint,
     topic_endpoint,
 )
+from forcebound.process.inbox import LONGEST_WAIT_NS, Inbox
 from forcebound.process.readiness import readiness
 from forcebound.process.stop import Stop
 
-CONTROL_INTERVAL = 8  # steps of a servo between two looks at its control socket
-IDLE_NS = 500_000_000  # longest sleep of a node to which nothing happens
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
 FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
 
 _logger = logging.getLogger(__name__)
-
-
-class _Inlet:
-    """One stream in: socket, codec, and the model of a bad network if there is one."""
-
-    def __init__(
-        self,
-        expected: type[Packet],
-        link: Link[Packet] | None,
-        subscriber: Subscriber,
-        forward: Callable[[bytes], Any] | None = None,
-    ) -> None:
-        self.topic = TOPIC_OF[expected]
-        self.expected = expected
-        self.link = link
-        self.subscriber = subscriber
-        self.forward = forward  # gets what comes from another machine, for those on this one
-        self.count = 0
 
 
 class Runner:
@@ -90,8 +69,8 @@ class Runner:
         links: Impaired links by topic; a topic that is not here has a perfect link.
         network: Where the sockets are opened.
         spin_ns: See :class:`forcebound.realtime.Settings`.
-        configure: Brings node and links up to date with the run's launch document on request, and
-            returns the parameters that it has changed.
+        configure: Brings node and links to the parameters of a request; returns those that it has
+            changed.
         remote: The link to another machine. A controller uses it beside its own sockets, an
             environment instead of them.
 
@@ -107,7 +86,7 @@ class Runner:
         links: Mapping[str, Link[Packet]],
         network: Network,
         spin_ns: int = 0,
-        configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
+        configure: "Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None" = None,
         remote: RemoteStreams | None = None,
     ) -> None:
         self._node = node
@@ -116,26 +95,19 @@ class Runner:
         self._spin_ns = spin_ns
         self._remote = remote
         self._run_dir = run_dir
-        is_away = remote is not None and remote.end.role == "environment"
         self._publish = {
             packet: network.publisher(topic_endpoint(run_dir, TOPIC_OF[packet])).send
             for packet in node.publishes
             if packet is not Event
         }
         self._publish[Event] = network.publisher(event_endpoint(run_dir, name)).send
-        self._inlets = [
-            _Inlet(packet, links.get(topic), self._subscribe(topic, links.get(topic) is None))
-            for packet, topic in ((packet, TOPIC_OF[packet]) for packet in node.subscribes)
-            if not is_away
-        ]
+        self._inbox = Inbox(node.subscribes, links, self._reject)
+        if remote is None or remote.end.role == "graph":
+            self._inbox.listen(network, run_dir)
         if remote is not None:
-            self._reach_out(remote, links)
+            self._connect_remote(remote)
         self._control = network.control_server(control_endpoint(run_dir, name))
-        self._links: list[Link[Packet]]
-        self._descriptors: list[int]
-        self._readable: Collection[int] | None  # None: look at everything
-        self._unsettled: list[Subscriber] = []  # to be asked before their descriptors are
-        self._listen()
+        self._look_ns = 0  # when to look at the control socket, and at the remote link
         self._stop_requested = False
         self._facts: Sequence[realtime.Fact] = ()
         self.steps = 0
@@ -154,13 +126,12 @@ class Runner:
         self._facts = facts
         try:
             if self._node.wakes_on_arrival:
-                self._run_on_perfect_links(stop)  # until they are not, which may be at once
                 self._run_on_arrival(stop)
             else:
                 self._run_on_schedule(stop, engages_itself)
         finally:
             self._node.stop(time.monotonic_ns())
-        self._emit_counts()
+        self._emit_link_counts()
         if not self._node.wakes_on_arrival:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
@@ -178,86 +149,39 @@ class Runner:
         told = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
         self._publish[Event](encode(told))
 
-    def wait(self, stop_descriptor: int) -> int:
-        """Sleep until a node that wakes on arrival may have something to do; return the time.
-
-        It also answers the control socket.
+    def wait(self, stop_descriptor: int) -> None:
+        """Sleep until a node that wakes on arrival has something to do, then let it do that.
 
         Args:
             stop_descriptor: Ends the sleep when it is readable.
         """
-        readable = [s.descriptor for s in self._unsettled if s.pending()]
-        self._unsettled.clear()
-        next_ns = self._next_ns()
-        timeout_ns = IDLE_NS if next_ns is None else min(IDLE_NS, next_ns - time.monotonic_ns())
-        if readable:  # a flood on one stream must not keep the others, and the control, waiting
-            timeout_ns = 0
-        readable += sockets.wait((*self._descriptors, stop_descriptor), timeout_ns)
-        # Now and then everything is looked at, in case a descriptor has kept something to itself.
-        self._readable = None if not readable and timeout_ns == IDLE_NS else readable
-        if self._readable is None or self._control.descriptor in self._readable:
-            self._control.serve(self.answer)
-        if self._remote is not None:
-            self._watch(self._remote, readable)
-        return time.monotonic_ns()
-
-    def _watch(self, remote: RemoteStreams, readable: Collection[int]) -> None:
-        time_ns = time.monotonic_ns()
-        if time_ns >= remote.due_ns or not self._remote_descriptors.isdisjoint(readable):
-            for notice in remote.watch(time_ns):
-                event = f"remote_{notice.kind}"
-                self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
+        self._step(*self._inbox.wait(self._node.wake_ns, stop_descriptor))
 
     def turn(self, time_ns: int) -> None:
-        """Receive, step the node if it has something to do, publish.
+        """Take what has come, step the node if it has something to do, publish."""
+        # On an impaired link the time of arrival counts, so nothing there waits for a later turn.
+        listens = self._node.needs_packets or self._inbox.is_impaired
+        self._step(time_ns, self._inbox.take(time_ns) if listens else ())
 
-        It looks at the streams of which :meth:`wait` has found that something came; without a
-        :meth:`wait` before it, at all of them.
-        """
-        # On an impaired link the time of arrival counts, so nothing waits.
-        listens = self._node.needs_packets or self._links
-        received = self.receive(time_ns) if listens else []
+    def _step(self, time_ns: int, received: Sequence[Packet]) -> None:
         wake_ns = self._node.wake_ns
         if received or (wake_ns is not None and wake_ns <= time_ns):
             publish = self._publish
             for packet in self._node.step(time_ns, received):
-                publish[type(packet)](encode(packet))
+                publish[type(packet)](encode_unchecked(packet))
             self.steps += 1
+        if time_ns >= self._look_ns:
+            self.look(time_ns)
 
-    def receive(self, time_ns: int) -> list[Packet]:
-        """Return the packets that have arrived and are through their links at ``time_ns``."""
-        readable, self._readable = self._readable, None
-        received: list[Packet] = []
-        for inlet in self._inlets:
-            subscriber, link = inlet.subscriber, inlet.link
-            if readable is None:
-                arrived = subscriber.receive()
-                if arrived and not subscriber.emptied and self._node.wakes_on_arrival:
-                    self._unsettled.append(subscriber)
-            elif subscriber.descriptor in readable:
-                arrived = subscriber.receive_ready()
-                if not subscriber.emptied:
-                    self._unsettled.append(subscriber)
-            elif link is None:
-                continue
-            else:
-                arrived = []
-            for data in arrived:
-                try:
-                    packet = decode(data, inlet.expected)
-                except PacketError as error:
-                    self._reject(error.reason)
-                    continue
-                inlet.count += 1
-                if inlet.forward is not None:
-                    inlet.forward(data)
-                if link is None:
-                    received.append(packet)
-                else:
-                    link.accept(time_ns, packet, len(data))
-            if link is not None:
-                received += link.due(time_ns)
-        return received
+    def look(self, time_ns: int) -> None:
+        """Answer the control socket, and look after the remote link."""
+        self._look_ns = time_ns + LONGEST_WAIT_NS
+        self._control.serve(self.answer)
+        remote = self._remote
+        if remote is not None and (time_ns >= remote.due_ns or sockets.wait(remote.descriptors, 0)):
+            for notice in remote.watch(time_ns):
+                event = f"remote_{notice.kind}"
+                self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
 
     def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to one request of the control socket."""
@@ -265,7 +189,7 @@ class Runner:
         if wanted == "status":
             return self.status()
         if wanted == "configure" and self._configure is not None:
-            return self._change()
+            return self._change(request)
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
@@ -282,21 +206,13 @@ class Runner:
 
     def link(self, topic: str) -> Link[Packet] | None:
         """Return the model of the link on which ``topic`` arrives; None if it is perfect."""
-        return next((inlet.link for inlet in self._inlets if inlet.topic == topic), None)
+        return self._inbox.link(topic)
 
     def set_link(self, topic: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
-        for inlet in self._inlets:
-            if inlet.topic == topic:
-                inlet.link = link
-                inlet.subscriber.newest_only = False
-        self._listen()
+        self._inbox.set_link(topic, link)
 
-    def _subscribe(self, topic: str, newest_only: bool) -> Subscriber:
-        endpoint = topic_endpoint(self._run_dir, topic)
-        return self._network.subscriber(endpoint, newest_only=newest_only)
-
-    def _reach_out(self, remote: RemoteStreams, links: Mapping[str, Link[Packet]]) -> None:
+    def _connect_remote(self, remote: RemoteStreams) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
 
         What goes out goes to this machine's sockets, too; what comes in is passed on to them, on
@@ -313,25 +229,13 @@ class Runner:
             here(data)
 
         self._publish[sent] = both
-        link = links.get(TOPIC_OF[came])
-        remote.subscriber.newest_only = link is None
         endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
-        forward = self._network.publisher(endpoint).send
-        self._inlets.append(_Inlet(came, link, remote.subscriber, forward))
+        self._inbox.listen_afar(remote.subscriber, self._network.publisher(endpoint).send)
 
-    def _listen(self) -> None:
-        self._links = [inlet.link for inlet in self._inlets if inlet.link is not None]
-        self._descriptors = [inlet.subscriber.descriptor for inlet in self._inlets]
-        self._descriptors.append(self._control.descriptor)
-        self._remote_descriptors = frozenset(self._remote.descriptors if self._remote else ())
-        self._descriptors += self._remote_descriptors
-        self._readable = None
-        self._unsettled.clear()
-
-    def _change(self) -> dict[str, Any]:
+    def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
         assert self._configure is not None
         try:
-            changed = self._configure(self)
+            changed = self._configure(self, request)
         except ConfigError as error:
             return {"error": str(error)}
         if changed:
@@ -346,94 +250,31 @@ class Runner:
         ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
         ``received``: counts by topic. The node adds its own (:meth:`forcebound.nodes.Node.status`).
         """
-        received = dict.fromkeys((inlet.topic for inlet in self._inlets), 0)
-        for inlet in self._inlets:
-            received[inlet.topic] += inlet.count
         return {
-            **readiness(received),
+            **readiness(self._inbox.received),
             **self._node.status(),
             "steps": self.steps,
-            "links": self._counts(),
+            "links": self._inbox.link_counts(),
             "remote": None if self._remote is None else self._remote.status(),
             "realtime": [{"code": fact.code, "data": dict(fact.data)} for fact in self._facts],
         }
 
-    def _counts(self) -> dict[str, dict[str, int]]:
-        """How many packets had which fate on each impaired link, by topic."""
-        return {inlet.topic: inlet.link.counts for inlet in self._inlets if inlet.link is not None}
-
-    def _emit_counts(self) -> None:
+    def _emit_link_counts(self) -> None:
         """Leave the links' counts in the recording."""
-        for topic, counts in self._counts().items():
+        for topic, counts in self._inbox.link_counts().items():
             event = self._node.events.link_counts(time.monotonic_ns(), topic, counts)
             self._publish[Event](encode(event))
 
-    def _run_on_perfect_links(self, stop: Stop) -> None:
-        """Do as :meth:`_run_on_arrival` in fewer lines: each costs the loop a microsecond, cold."""
-        if self._links or self._remote is not None:
-            return
-        node, publish = self._node, self._publish
-        step, clock = node.step, time.monotonic_ns
-        inlets = {inlet.subscriber.descriptor: inlet for inlet in self._inlets}
-        waiter = sockets.Waiter([*inlets, self._control.descriptor, stop.descriptor])
-        unsettled: list[int] = []  # a flood on one stream must not keep the others waiting
-        with waiter:
-            while not (stop.requested or self._stop_requested):
-                wake_ns = node.wake_ns
-                if unsettled:
-                    ready = list({*unsettled, *waiter.wait(0)})
-                    unsettled.clear()
-                else:
-                    ready = waiter.wait(IDLE_NS if wake_ns is None else wake_ns - clock())
-                for descriptor in ready:
-                    inlet = inlets.get(descriptor)
-                    if inlet is None:
-                        self._control.serve(self.answer)
-                        if self._links:
-                            return
-                        continue
-                    data = inlet.subscriber.take()
-                    if data is None:
-                        continue
-                    try:
-                        packet = decode(data, inlet.expected)
-                    except PacketError as error:
-                        self._reject(error.reason)
-                    else:
-                        for sent in step(clock(), (packet,)):
-                            publish[type(sent)](encode(sent))
-                        inlet.count += 1
-                        self.steps += 1
-                    if not inlet.subscriber.emptied:
-                        unsettled.append(descriptor)
-                if wake_ns is not None and wake_ns <= clock():
-                    for sent in step(clock(), ()):
-                        publish[type(sent)](encode(sent))
-
     def _run_on_arrival(self, stop: Stop) -> None:
-        self.turn(time.monotonic_ns())  # what the run on perfect links has left
         while not (stop.requested or self._stop_requested):
-            self.turn(self.wait(stop.descriptor))
+            self.wait(stop.descriptor)
 
     def _run_on_schedule(self, stop: Stop, engages_itself: bool) -> None:
         while not (stop.requested or self._stop_requested):
             self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-            if self.steps % CONTROL_INTERVAL == 0:
-                self._control.serve(self.answer)
-                if engages_itself and self.status()["ready"]:
-                    self.answer({"request": "engage"})
-                    engages_itself = False
-
-    def _next_ns(self) -> int | None:
-        """Return when the node or a link has something to do, in ns."""
-        next_ns = self._node.wake_ns
-        for link in self._links:
-            due_ns = link.next_due_ns
-            if due_ns is not None and (next_ns is None or due_ns < next_ns):
-                next_ns = due_ns
-        if self._remote is not None:
-            next_ns = self._remote.due_ns if next_ns is None else min(next_ns, self._remote.due_ns)
-        return next_ns
+            if engages_itself and self.status()["ready"]:
+                self.answer({"request": "engage"})
+                engages_itself = False
 
     def _reject(self, reason: str) -> None:
         self._node.reject(reason)
@@ -455,10 +296,10 @@ def run(
     settings: realtime.Settings,
     stop: Stop,
     engages_itself: bool = False,
-    configure: Callable[[Runner], Mapping[str, Any]] | None = None,
+    configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
-    """Run a node until it is asked to stop; return its last status.
+    """Run a node until it is asked to stop, and close it; return its last status.
 
     Args:
         node: What decides.
@@ -476,9 +317,12 @@ def run(
     """
     facts = realtime.enter(settings, name)
     _logger.info("; ".join(fact.sentence for fact in facts))
-    with Network() as network:
-        remote = None if remote_end is None else RemoteStreams(network, remote_end)
-        runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, remote)
-        realtime.freeze_garbage()
-        runner.run(stop, facts, engages_itself)
-        return runner.status()
+    try:
+        with Network() as network:
+            end = None if remote_end is None else RemoteStreams(network, remote_end)
+            runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
+            realtime.freeze_garbage()
+            runner.run(stop, facts, engages_itself)
+            return runner.status()
+    finally:
+        node.close()

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import kind_of, to_document
+from forcebound.controllers.direct import DirectController
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
-from forcebound.nodes.controller import DirectController
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
@@ -84,6 +84,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15
+        or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
         or type(config.controller.model) is not DirectController
@@ -160,6 +161,7 @@ def block_arguments(
 def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
+    assert hand is not None  # a graph without a hand is no case for the kernel
     law = LAWS[servo.law].device(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
@@ -185,6 +187,7 @@ def _constants(config: GraphConfig, environment: str) -> list[float]:
 
 def _path(config: GraphConfig, ticks: int) -> tuple[int, NDArray[np.float64]]:
     operator = config.operator
+    assert operator is not None
     if isinstance(operator, PressingHand):
         return lanes.PRESSING, np.zeros(1)
     if isinstance(operator, SinusoidalHand):

@@ -62,7 +62,7 @@ def read_about(path: Path) -> dict[str, Any]:
         ConfigError: If there is no such file, or it is not a result of a sweep.
     """
     if not path.exists():
-        raise ConfigError(f"there is no file {path}; forcebound sweep makes one")
+        raise ConfigError(f"there is no file {path}; `forcebound sweep` makes one")
     try:
         about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:

@@ -12,12 +12,15 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.cli import main
 from forcebound.config.changes import change
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load, member_of
 from forcebound.config.resolved import member_document, restore, to_document
+from forcebound.environments import open_environment
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import Vector
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples" / "python"
@@ -47,6 +50,11 @@ def own(folder: Path, source: str = SPRING, launch: str = LAUNCH) -> Path:
     return written(folder, launch)
 
 
+def force_of(config: GraphConfig, position: Vector) -> Vector:
+    model = config.environment.model
+    return open_environment(model, len(position)).force(position, (0.0,) * len(position), 0.0)
+
+
 def invoke(*words: str) -> Result:
     return CliRunner().invoke(main, words, catch_exceptions=False)
 
@@ -55,8 +63,8 @@ def invoke(*words: str) -> Result:
 
 
 def test_a_file_beside_the_launch_file_is_an_environment_with_units(tmp_path: Path) -> None:
-    environment = load(own(tmp_path), ["stiffness:=2 N/mm"]).environment
-    assert environment.model.force((0.001, 0.0), (0.0, 0.0), 0.0) == (2.0, 0.0)
+    config = load(own(tmp_path), ["stiffness:=2 N/mm"])
+    assert force_of(config, (0.001, 0.0)) == (2.0, 0.0)
 
 
 def test_the_document_names_file_and_class_and_makes_an_equal_configuration(
@@ -88,7 +96,7 @@ def test_it_runs_in_virtual_time(tmp_path: Path) -> None:
 def test_its_parameters_can_be_changed_as_those_of_any_other(tmp_path: Path) -> None:
     config = load(own(tmp_path))
     changed = change(config, {"environment.stiffness": "3 N/mm"})
-    assert changed.environment.model.force((0.001,), (0.0,), 0.0) == (3.0,)
+    assert force_of(changed, (0.001,)) == (3.0,)
     with pytest.raises(ConfigError, match="must be >= 0 N/m, got -1 N/m"):
         change(config, {"environment.stiffness": -1})
 
@@ -100,7 +108,7 @@ def test_its_code_does_not_run_in_the_process_of_the_device(tmp_path: Path) -> N
         {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},
     ]
     document["environment"] |= {"kind": str(tmp_path / "not_read.py"), "compute_delay": 0.001}
-    config = restore(document, serves=False)
+    config = restore(document, runs=())
     assert type(config.environment.model) is Wall
     assert config.environment.compute_delay == 0.001
     late, soft = config.phases
@@ -158,7 +166,7 @@ def test_an_argument_may_name_the_file_from_the_current_folder(
 
 def test_several_classes_are_told_apart_by_name(tmp_path: Path) -> None:
     two = SPRING + SPRING.replace("MySpring", "Other")
-    assert "my_spring.py has several classes: MySpring, Other; say which one" in problems_of(
+    assert "my_spring.py defines several: MySpring, Other; name one" in problems_of(
         own(tmp_path, two)
     )
     path = own(tmp_path, two, LAUNCH.replace("my_spring.py", "my_spring.py:Other"))
@@ -192,11 +200,19 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         ("$(arg stiffness)", "-5", "stiffness: must be >= 0 N/m, got -5 N/m"),
         ("my_spring.py", "mine.py", "mine.py does not exist; a relative path starts from"),
         ("my_spring.py", "folder.py", "folder.py is not a file"),
-        ("my_spring.py", "my_spring.py:Mine", "has no class 'Mine'; it has: MySpring"),
+        ("my_spring.py", "my_spring.py:Mine", "does not define 'Mine'; it has: MySpring"),
         ("my_spring.py", "'my_spring.py:'", "unknown environment kind 'my_spring.py:'"),
         ("my_spring.py", "my_spring.pyc", "unknown environment kind 'my_spring.pyc'"),
-        ("phantom_premium_1_5", "my_spring.py", "unknown device kind 'my_spring.py'"),
-        ("pressing", "my_spring.py", "unknown operator kind 'my_spring.py'"),
+        (
+            "phantom_premium_1_5",
+            "my_spring.py",
+            "class MySpring of my_spring.py has no method open",
+        ),
+        (
+            "pressing",
+            "my_spring.py",
+            "class MySpring of my_spring.py has no method target",
+        ),
     ],
 )
 def test_a_problem_in_the_launch_file_has_its_place(
@@ -250,12 +266,15 @@ def test_a_problem_in_the_users_file_is_told_with_its_line(
 
 
 def test_an_empty_file_is_told(tmp_path: Path) -> None:
-    assert "my_spring.py has no class" in problems_of(own(tmp_path, ""))
+    assert (
+        "my_spring.py defines no part; expected a frozen dataclass with a method force or open"
+        in problems_of(own(tmp_path, ""))
+    )
 
 
 def test_a_file_can_be_mended_after_an_error(tmp_path: Path) -> None:
     problems_of(own(tmp_path, "import nonsense\n"))
-    assert load(own(tmp_path)).environment.model.force((0.0,), (0.0,), 0.0) == (0.0,)
+    assert force_of(load(own(tmp_path)), (0.0,)) == (0.0,)
 
 
 def test_a_class_that_no_launch_file_can_name_is_refused_with_what_to_do() -> None:
@@ -292,7 +311,7 @@ def test_the_check_prints_one_document(tmp_path: Path) -> None:
     assert document["environment"]["stiffness"] == 1000.0
     assert document["at_rest"][0] == {"position_m": -0.01, "force_n": -10.0}
     assert document["seconds_per_answer"]["median"] > 0
-    assert set(document["promises"]) == {"answers", "shape", "finite", "pure", "value"}
+    assert set(document["promises"]) == {"opens", "answers", "shape", "finite", "pure", "value"}
 
 
 def test_the_check_fails_with_what_was_expected_what_came_and_where(tmp_path: Path) -> None:

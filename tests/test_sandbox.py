@@ -15,8 +15,8 @@ from launch_texts import GOOD, written
 from waiting import until
 
 from forcebound.cli import main
-from forcebound.config.child import in_a_child, nobody_listens
 from forcebound.config.loader import load, load_tried, try_out
+from forcebound.config.sandbox import nobody_listens, run_in_sandbox
 from forcebound.errors import ConfigError
 from forcebound.launch.check import check_here, lines
 
@@ -50,7 +50,7 @@ def own(folder: Path, code: str = "", before: str = ANSWER) -> tuple[Path, Path]
 def error_of(folder: Path, code: str, before: str = ANSWER) -> str:
     path, file = own(folder, code, before)
     with pytest.raises(ConfigError) as caught:
-        in_a_child(try_out, [str(path), []], file, limit=LIMIT, loading=LIMIT)
+        run_in_sandbox(try_out, [str(path), []], [file], limit=LIMIT, loading=LIMIT)
     return str(caught.value)
 
 
@@ -68,7 +68,7 @@ def invoke(*words: object) -> Result:
 )
 def test_what_never_ends_is_told_with_its_line(tmp_path: Path, before: str) -> None:
     message = error_of(tmp_path, FOR_EVER, before)
-    assert "mine.py: loading it and asking for a first force took more than 6 s" in message
+    assert "mine.py: loading it and asking for a first answer took more than 6 s" in message
     assert re.search(rf"in {tmp_path}/mine.py:\d+: {re.escape(FOR_EVER)}", message)
     assert "Does a loop never end?" in message
 
@@ -94,14 +94,14 @@ def test_an_environment_that_ends_its_process_ends_no_other(
 
 def test_what_a_file_prints_does_not_get_into_the_result(tmp_path: Path) -> None:
     path, file = own(tmp_path, "print('[1]', flush=True)")
-    assert in_a_child(try_out, [str(path), []], file) is None
+    assert run_in_sandbox(try_out, [str(path), []], [file]) is None
 
 
 def test_what_the_code_has_started_ends_with_the_child(tmp_path: Path) -> None:
     left = tmp_path / "left"
     code = f"open({str(left)!r}, 'w').write(str(subprocess.Popen(['sleep', '600']).pid))"
     path, file = own(tmp_path, code)
-    in_a_child(try_out, [str(path), []], file)  # although that process has our pipe
+    run_in_sandbox(try_out, [str(path), []], [file])  # although that process has our pipe
     pid = int(left.read_text())
 
     def is_gone() -> bool:
@@ -118,7 +118,7 @@ def test_a_file_of_ones_own_loads_to_the_same_after_it_was_tried(tmp_path: Path)
     assert load_tried(path, ["law:=none"]) == load(path, ["law:=none"])
 
 
-def test_this_process_asks_nothing_of_what_was_asked_in_a_child(tmp_path: Path) -> None:
+def test_this_process_asks_nothing_of_what_was_asked_run_in_sandbox(tmp_path: Path) -> None:
     asked = tmp_path / "asked"
     path, _ = own(tmp_path, f"open({str(asked)!r}, 'a').write('x')")
     load_tried(path)
@@ -137,12 +137,12 @@ def test_a_kind_of_the_package_needs_no_child(monkeypatch: pytest.MonkeyPatch) -
 def test_who_waits_long_is_told_for_what_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("forcebound.config.child.REMARK", 0.0)
+    monkeypatch.setattr("forcebound.config.sandbox.REMARK", 0.0)
     error_of(tmp_path, "os._exit(3)")
     said = [record.getMessage() for record in caplog.records]
     assert said.count("mine.py: beginning takes long; given up after 60 s") == 1
     assert len(said) == len(set(said))
-    monkeypatch.setattr("forcebound.config.child.REMARK", 60.0)
+    monkeypatch.setattr("forcebound.config.sandbox.REMARK", 60.0)
     caplog.clear()
     error_of(tmp_path, "os._exit(3)")
     assert not caplog.records
@@ -153,7 +153,7 @@ def test_the_commands_that_run_a_graph_say_what_the_file_did(tmp_path: Path, com
     path, _ = own(tmp_path, "os._exit(3)")
     result = invoke(command, path, "--check")
     assert result.exit_code == 2
-    assert "mine.py: loading it and asking for a first force ended the process" in result.stderr
+    assert "mine.py: loading it and asking for a first answer ended the process" in result.stderr
 
 
 def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
     assert "force((1000000.0,), (0.0,), 0.0) ended the process (exit status 3)" in result.stderr
     _, file = own(tmp_path, f"if position[0] == 1e6:\n            {FOR_EVER}")
     with pytest.raises(ConfigError, match=r"force\(\(1000000.0,\), .* took more than 6 s"):
-        in_a_child(check_here, [str(file), [], [1], []], file, limit=LIMIT, loading=LIMIT)
+        run_in_sandbox(check_here, [str(file), [], [1], []], [file], limit=LIMIT, loading=LIMIT)
 
 
 def test_a_slow_environment_is_asked_fewer_questions(
@@ -174,7 +174,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     _, file = own(tmp_path, "time.sleep(0.02)")
     document = check_here(nobody_listens, str(file), [], [1, 2], [])
     assert document["passed"]
-    assert 1 <= document["questions"] <= 1.0 / 0.02 / 3
+    assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
     assert document["seconds_per_answer"]["answers"] == 10
     known = document["questions"] + document["left_out"]
     assert f"asked {document['questions']} of {known} questions" in "\n".join(lines(document))

@@ -1,0 +1,194 @@
+"""Parts of the user's own in a launch file: their files, and what is checked of them.
+
+:mod:`forcebound.user_module` loads a file, the tables of :data:`forcebound.config.graph.KINDS` find
+the part in it.
+"""
+
+import json
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from forcebound.bounding import LAWS, ForceBounder
+from forcebound.config.fields import Section, check_fields
+from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
+from forcebound.config.resolved import member_document
+from forcebound.config.tree import Value
+from forcebound.contract import vector_fault
+from forcebound.controllers import ControllerModel
+from forcebound.environments import EnvironmentModel, open_environment
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+from forcebound.nodes.device import dissipation_of
+from forcebound.operators import Operator
+from forcebound.parts import Table
+from forcebound.user_module import describe_user_error, file_of, kind_of, names_file
+
+_logger = logging.getLogger(__name__)
+
+
+def user_files(root: Value) -> list[Path]:
+    """Return the files of the user's own that a launch file names."""
+    places = [(section, "kind") for section in KINDS] + [("device", "law")]
+    found = []
+    for name, key in places:
+        section = root.entries.get(name)
+        kind = None if section is None else section.entries.get(key)
+        if kind is not None and names_file(kind.text):
+            found.append(file_of(kind.text, _beside(kind)))
+    return list(dict.fromkeys(found))
+
+
+def _beside(value: Value) -> Path:
+    """The folder that a relative path starts from: that of the file that says it."""
+    return Path(value.place.name).parent if value.place.line else Path()
+
+
+def find_class(section: Section, value: Value, table: Table[Any], taken: set[str]) -> type | None:
+    """Return the class of a part that does not ship; None with a problem noted if there is none.
+
+    Args:
+        section: Of the launch file.
+        value: The kind that it names.
+        table: Of this section.
+        taken: Names that already mean something in the section.
+    """
+    try:
+        member: type = table[table.resolve(value.text, _beside(value))]
+        check_fields(member, taken)
+    except ConfigError as error:
+        section.add(f"{section.name}: {error}", value)
+        return None
+    return member
+
+
+def find_law(section: Section, value: Value) -> str | None:
+    """Return the absolute kind of a law in a user's file; None with a problem noted."""
+    try:
+        return LAWS.resolve(value.text, _beside(value))
+    except ConfigError as error:
+        section.add(f"law: {error}", value)
+        return None
+
+
+def can_be_written(made: object, section: Section) -> bool:
+    """Return whether the parameters can be written into documents and recordings."""
+    for name, value in member_document(section.name, made).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            section.add_here(f"{section.name}: {name} cannot be written down: {error}")
+            return False
+    return True
+
+
+def check_device(device: DeviceConfig, section: Section, asks: bool) -> bool:
+    """Return whether a device and a law of the user's own can be used; note what is wrong.
+
+    Args:
+        device: With its law.
+        section: Of the device.
+        asks: Whether to call the law, once.
+    """
+    model, law = device.model, device.servo.law
+    try:
+        if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
+            raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {model.axes!r}")
+        dissipation = dissipation_of(model, device.servo)
+        if asks and not LAWS.is_shipped(law):
+            bounder = ForceBounder(law, dissipation, model.axes)
+            bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
+            bounder.settle((0.0,) * model.axes)
+    except (Exception, SystemExit) as error:
+        words = str(error) if isinstance(error, ConfigError) else describe_user_error(error)
+        section.add_here(f"device: {words}")
+        return False
+    return True
+
+
+def check_path(operator: Operator, axes: int, section: Section) -> None:
+    """Note what is wrong with the path of an operator: of a user's own, it is asked once."""
+    try:
+        wanted = len(operator.target(0.0))
+    except (Exception, SystemExit) as error:
+        _add_failure(section, "target(0.0)", describe_user_error(error))
+        return
+    if wanted > axes:
+        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+
+
+def check_environment(model: EnvironmentModel, axes: int, section: Section) -> None:
+    """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
+    still = (0.0,) * axes
+
+    def ask() -> None:
+        opened = open_environment(model, axes)
+        try:
+            fault = vector_fault(opened.force(still, still, 0.0), axes, "N")
+        finally:
+            opened.close()
+        if fault is not None:
+            raise ConfigError(str(fault))
+
+    _check(model, section, f"force({still}, {still}, 0.0)", ask)
+
+
+def check_controller(model: ControllerModel, axes: int, section: Section) -> None:
+    """Note what a user's controller does wrong at the first state and reply."""
+    zero = (0.0,) * axes
+    state = DeviceState(0, 0, 0.0, zero, zero, zero)
+    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, zero, "environment")
+
+    def ask() -> None:
+        opened = model.open(axes)
+        try:
+            forces = [opened.on_state(state, 0)]
+            position, velocity = opened.query(state)
+            forces.append(opened.on_reply(reply, 0))
+        finally:
+            opened.close()
+        vectors = [(position, "m"), (velocity, "m/s")]
+        vectors += [(force, "N") for force in forces if force is not None]
+        for vector, unit in vectors:
+            fault = vector_fault(vector, axes, unit)
+            if fault is not None:
+                raise ConfigError(str(fault))
+
+    _check(model, section, "its first state and reply", ask)
+
+
+def _check(model: object, section: Section, what: str, ask: Callable[[], None]) -> None:
+    if kind_of(type(model)) is None:  # no file of the user's own
+        return
+    try:
+        ask()
+    except ConfigError as error:
+        _add_failure(section, what, str(error))
+    except (Exception, SystemExit) as error:
+        _add_failure(section, what, describe_user_error(error))
+
+
+def _add_failure(section: Section, what: str, words: str) -> None:
+    section.add(f"{section.name}: {what}: {words}", section.value.entries["kind"])
+
+
+def warn_uncertified(config: GraphConfig) -> None:
+    """Log which parts in the device's process, beside the bounder, do not ship with forcebound."""
+    if not LAWS.is_shipped(config.device.servo.law):
+        _warn("law", config.device.servo.law)
+    for section, part in (("device", config.device.model), ("operator", config.operator)):
+        if part is None:
+            continue
+        kind = KINDS[section].kind_of(type(part))
+        if kind is None or not KINDS[section].is_shipped(kind):
+            _warn(section, kind or type(part).__name__)
+
+
+def _warn(section: str, kind: str) -> None:
+    _logger.warning(
+        "%s %s is not certified by forcebound: it runs in the device's process, and the proof of"
+        " passivity does not cover it",
+        section,
+        kind,
+    )

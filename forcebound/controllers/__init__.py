@@ -1,0 +1,69 @@
+"""Controllers: what connects the device with the environment.
+
+A controller is a frozen dataclass of its parameters (:class:`ControllerModel`) whose ``open``
+returns the :class:`Controller` that the controller node calls: for each device state, first
+``on_state``, then ``query``; for each reply of the environment, ``on_reply``. Each force that one
+of them returns is commanded at once, as the answer to that state, or to the state that the reply
+answers. The device takes no answer to an older state than the one it has taken.
+
+The bounder at the device keeps every controller passive. A controller that answers states by itself
+should let its force end when replies stay away: nobody else knows that the environment is gone.
+
+To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
+``tests/test_controllers.py`` tests it with all the others, and launch files know it as
+``controller: {kind: my_controller}``. Or name a file of one's own
+(docs/write-your-own-controller.md).
+"""
+
+from typing import Protocol
+
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.parts import Form, Table
+
+
+class Controller(Protocol):
+    """An open controller, which may keep state.
+
+    The same calls, in the same order from ``open`` on, return the same forces.
+    """
+
+    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
+        """Return position, in m, and velocity, in m/s, to ask the environment about."""
+        ...
+
+    def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
+        """Return the force to command now, in N, one entry per axis; None: no command.
+
+        Args:
+            state: Of the device.
+            time_ns: Now, on the clock of the controller's process, in ns.
+        """
+        ...
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector | None:
+        """Return the force to command now, in N, one entry per axis; None: no command.
+
+        Args:
+            reply: Of the environment; ``reply.force`` is a force on the device, in N.
+            time_ns: As for :meth:`on_state`.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release what ``open`` took; called once."""
+        ...
+
+
+class ControllerModel(Protocol):
+    """Parameters of a kind of controller."""
+
+    def open(self, axes: int) -> Controller:
+        """Return a new controller in its initial state, for vectors of this many entries."""
+        ...
+
+
+CONTROLLERS: Table[type[ControllerModel]] = Table(
+    "controllers",
+    {"direct": "forcebound.controllers.direct:DirectController"},
+    Form(methods={"open": 1}),
+)

@@ -1,0 +1,31 @@
+"""A controller that commands the environment's force as it is."""
+
+from dataclasses import dataclass
+
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+
+
+@dataclass(frozen=True)
+class DirectController:
+    """Asks about the device's own position and passes the environment's force on.
+
+    It keeps no state, so it is its own instance.
+    """
+
+    def open(self, axes: int) -> "DirectController":
+        """Return itself; see :class:`forcebound.controllers.ControllerModel`."""
+        return self
+
+    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
+        """Return position and velocity; see :class:`forcebound.controllers.Controller`."""
+        return state.position, state.velocity
+
+    def on_state(self, state: DeviceState, time_ns: int) -> None:
+        """Return no force: the environment's reply brings it."""
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:
+        """Return the environment's force."""
+        return reply.force
+
+    def close(self) -> None:
+        """Do nothing: it holds no resource."""

@@ -1,0 +1,221 @@
+"""Tables of parts: laws, devices, operators, controllers and environments by their kind.
+
+A part has one of three origins:
+
+* it ships with forcebound: an entry ``"module:NAME"`` of a table, imported when it is first used;
+* an installed package offers it: an entry point of the group ``forcebound.SECTION``, such as
+  ``forcebound.environments``; it cannot replace a part that ships;
+* it stands in a file of the user's own, ``my_spring.py`` or ``my_spring.py:MySpring``
+  (:mod:`forcebound.user_module`).
+"""
+
+import inspect
+import logging
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from forcebound import user_module
+from forcebound.errors import ConfigError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+Part = TypeVar("Part")
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a part of a table must be.
+
+    Attributes:
+        methods: Of a frozen dataclass: it needs one of them. With their numbers of arguments
+            beside ``self``.
+        instance_of: ``"module:NAME"`` of the class that the part is an object of; None: the part is
+            itself a class.
+    """
+
+    methods: Mapping[str, int] = field(default_factory=dict)
+    instance_of: str | None = None
+
+    @property
+    def expected(self) -> str:
+        """The form in words."""
+        if self.instance_of is not None:
+            return f"a {self.instance_of.rpartition(':')[2]}"
+        return f"a frozen dataclass with a method {' or '.join(self.methods)}"
+
+    def fits(self, part: object) -> bool:
+        """Return whether this is meant to be the part, well formed or not."""
+        if self.instance_of is not None:
+            return isinstance(part, _import(self.instance_of))
+        return isinstance(part, type) and any(hasattr(part, name) for name in self.methods)
+
+    def check(self, part: object, name: str) -> None:
+        """Raise ConfigError, with ``name``, if ``part`` does not have this form."""
+        if self.instance_of is not None or not isinstance(part, type):
+            if not self.fits(part):
+                got = type(part).__name__
+                raise ConfigError(f"{name} must be {self.expected}, got an object of type {got}")
+            return
+        parameters = part.__dict__.get("__dataclass_params__")
+        if parameters is None or not parameters.frozen:
+            raise ConfigError(
+                f"class {name} must be a frozen dataclass: write @dataclass(frozen=True) above"
+            )
+        found = [method for method in self.methods if callable(getattr(part, method, None))]
+        if not found:
+            raise ConfigError(f"class {name} has no method {' or '.join(self.methods)}")
+        for method in found:
+            _check_arguments(part, method, self.methods[method], name)
+
+
+class Table(MutableMapping[str, Part], Generic[Part]):
+    """The parts of one section by kind; see the module's page for where they come from.
+
+    Iterating names the parts without importing them. ``table[kind]`` imports one; ``table[kind] =
+    part`` adds one that was made in Python, for this process.
+
+    Args:
+        section: Such as ``"environments"``; the entry points are those of its group.
+        shipped: ``"module:NAME"`` of each part that ships with forcebound.
+        form: What every part must be.
+    """
+
+    def __init__(self, section: str, shipped: Mapping[str, str], form: Form) -> None:
+        self.section = section
+        self.form = form
+        self._shipped = dict(shipped)
+        self._added: dict[str, Part] = {}
+        self._loaded: dict[str, Part] = {}
+
+    def __getitem__(self, kind: str) -> Part:
+        """Return the part of a kind.
+
+        Raises:
+            KeyError: If there is no such kind.
+            ConfigError: If its module or file cannot be imported, or is not of the form.
+        """
+        if kind in self._added:
+            return self._added[kind]
+        if kind not in self._loaded:
+            self._loaded[kind] = self._load(kind)
+        return self._loaded[kind]
+
+    def __setitem__(self, kind: str, part: Part) -> None:
+        self.form.check(part, kind)
+        self._added[kind] = part
+
+    def __delitem__(self, kind: str) -> None:
+        del self._added[kind]
+
+    def __contains__(self, kind: object) -> bool:
+        """Whether a kind is known, or names a file, which is not looked at."""
+        return isinstance(kind, str) and (
+            kind in self._shipped
+            or kind in self._added
+            or user_module.names_file(kind)
+            or kind in self._entry_points
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*self._shipped, *self._added, *self._entry_points)))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def resolve(self, kind: str, beside: Path) -> str:
+        """Return a kind that means the same in every process: of a file ``/PATH/FILE.py:NAME``.
+
+        Args:
+            kind: A name, ``FILE.py`` or ``FILE.py:NAME``.
+            beside: Folder from which a relative path starts.
+
+        Raises:
+            ConfigError: If it names a file that cannot be loaded.
+        """
+        if not user_module.names_file(kind) or user_module.is_absolute(kind):
+            return kind
+        return self.kind_of(self._load_file(kind, beside)) or kind
+
+    def kind_of(self, part: object) -> str | None:
+        """Return the kind under which the table has a part; None if it does not have it."""
+        path = f"{getattr(part, '__module__', '')}:{getattr(part, '__qualname__', '')}"
+        for kind, entry in self._shipped.items():
+            if entry == path or self._loaded.get(kind) is part:
+                return kind
+        for kind, added in self._added.items():
+            if added is part:
+                return kind
+        for kind, point in self._entry_points.items():
+            if point.value == path or self._loaded.get(kind) is part:
+                return kind
+        return user_module.kind_of(part)
+
+    def is_shipped(self, kind: str) -> bool:
+        """Return whether the part of a kind ships with forcebound."""
+        return kind in self._shipped and kind not in self._added
+
+    def usable(self) -> dict[str, Part]:
+        """Return the parts that can be imported; a warning names the others."""
+        found = {}
+        for kind in self:
+            try:
+                found[kind] = self[kind]
+            except ConfigError as error:
+                _logger.warning("%s", error)
+        return found
+
+    @cached_property
+    def _entry_points(self) -> "dict[str, EntryPoint]":
+        from importlib.metadata import entry_points
+
+        return {point.name: point for point in entry_points(group=f"forcebound.{self.section}")}
+
+    def _load(self, kind: str) -> Part:
+        part: Part
+        if kind in self._shipped:
+            part = _import(self._shipped[kind])
+        elif user_module.names_file(kind):
+            part = self._load_file(kind, Path())
+        else:
+            part = self._load_offered(self._entry_points[kind])
+        return part
+
+    def _load_file(self, kind: str, beside: Path) -> Any:
+        part = user_module.load(kind, beside, self.form.fits, self.form.expected)
+        file, _, name = (user_module.kind_of(part) or "").rpartition(":")
+        self.form.check(part, f"{name} of {Path(file).name}")
+        return part
+
+    def _load_offered(self, point: "EntryPoint") -> Any:
+        package = point.dist.name if point.dist is not None else "unknown"
+        offer = f"{point.name!r} of the package {package} (entry point {point.value})"
+        try:
+            part = point.load()
+        except (Exception, SystemExit) as error:
+            words = f"{type(error).__name__}: {error}"
+            raise ConfigError(f"cannot import {offer}: {words}; mend or uninstall it") from error
+        self.form.check(part, offer)
+        return part
+
+
+def _import(entry: str) -> Any:
+    module, _, name = entry.partition(":")
+    return getattr(import_module(module), name)
+
+
+def _check_arguments(part: type, method: str, count: int, name: str) -> None:
+    static = inspect.getattr_static(part, method, None)
+    given = count if isinstance(static, staticmethod | classmethod) else count + 1  # with self
+    call: Callable[..., Any] = getattr(part, method)
+    try:
+        inspect.signature(call).bind(*range(given))
+    except (TypeError, ValueError) as error:
+        message = f"class {name}: {method} must take {count} arguments beside self: {error}"
+        raise ConfigError(message) from None

@@ -1,0 +1,198 @@
+"""Files with code of the user's own, and the parts that they define.
+
+``kind: my_spring.py`` or ``kind: my_spring.py:MySpring`` in a launch file names such a part. Its
+file is read as Python reads a module, once in a process: after a change, start the graph anew.
+Loading it runs its code, as ``python my_spring.py`` would.
+
+Objects of a class that was loaded can be pickled to any process that has forcebound and the file.
+"""
+
+import ast
+import contextlib
+import copyreg
+import dataclasses
+import hashlib
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from forcebound.errors import ConfigError
+from forcebound.files import reason
+
+KIND_PATTERN = r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?"
+_KIND = re.compile(KIND_PATTERN, re.DOTALL)
+
+
+@dataclasses.dataclass(frozen=True)
+class _File:
+    module: ModuleType
+    source: str
+    imported: frozenset[str]  # names that its import statements bind
+
+
+_files: dict[Path, _File] = {}
+_parts: dict[str, object] = {}  # by absolute kind, FILE.py:NAME
+
+
+def names_file(kind: str) -> bool:
+    """Return whether a ``kind`` names a file of the user's own."""
+    return _KIND.fullmatch(kind) is not None
+
+
+def is_absolute(kind: str) -> bool:
+    """Return whether a ``kind`` of a file names the part and an absolute path."""
+    match = _match(kind)
+    return match["name"] is not None and Path(match["file"]).is_absolute()
+
+
+def file_of(kind: str, beside: Path) -> Path:
+    """Return the absolute path of the file that a ``kind`` names.
+
+    Args:
+        kind: ``FILE.py`` or ``FILE.py:NAME``.
+        beside: Folder from which a relative path starts.
+    """
+    return (beside / _match(kind)["file"]).absolute()
+
+
+def load(kind: str, beside: Path, fits: Callable[[object], bool], expected: str) -> Any:
+    """Return the part that ``kind`` names: a class or another object of the file.
+
+    Args:
+        kind: ``FILE.py`` or ``FILE.py:NAME``.
+        beside: Folder from which a relative path starts.
+        fits: Tells the part from helpers that stand beside it.
+        expected: What the file should define, for messages.
+
+    Raises:
+        ConfigError: If there is no such file, its code fails (with the line), or it does not define
+            the name, or no part, or several.
+    """
+    path = file_of(kind, beside)
+    if path not in _files:
+        _files[path] = _load(path)
+    name = _name_in(_files[path], path, _match(kind)["name"], fits, expected)
+    part = vars(_files[path].module)[name]
+    if isinstance(part, type):
+        copyreg.pickle(part, _reduce)
+    _parts[f"{path}:{name}"] = part
+    return part
+
+
+def kind_of(part: object) -> str | None:
+    """Return the ``kind`` of a part that was loaded, its path absolute; None for any other."""
+    return next((kind for kind, known in _parts.items() if known is part), None)
+
+
+def source_of(kind: str) -> str | None:
+    """Return the text of the file of a part that was loaded; None for any other ``kind``."""
+    match = _KIND.fullmatch(kind)
+    file = None if match is None else _files.get(Path(match["file"]).absolute())
+    return None if file is None else file.source
+
+
+def describe_user_error(error: BaseException) -> str:
+    """Return what was raised and, where code of the user's own raised it, its line."""
+    return _describe(error, {str(path) for path in _files})
+
+
+def _match(kind: str) -> re.Match[str]:
+    match = _KIND.fullmatch(kind)
+    assert match is not None, kind
+    return match
+
+
+def _load(path: Path) -> _File:
+    source = _read(path)
+    digest = hashlib.sha256(str(path).encode("utf-8", "replace")).hexdigest()
+    module = ModuleType(f"forcebound_user_{digest[:16]}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # before it runs: dataclasses look it up there
+    try:
+        # What it prints must not get into a --json document.
+        with contextlib.redirect_stdout(sys.stderr):
+            tree = ast.parse(source, str(path))
+            exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
+    except BaseException as error:
+        del sys.modules[module.__name__]
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        raise ConfigError(f"cannot load {path.name}: {_describe(error, {str(path)})}") from error
+    return _File(module, source.decode("utf-8", "replace"), frozenset(_imported(tree.body)))
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.is_file():
+            return path.read_bytes()
+        found = "is not a file" if path.exists() else "does not exist"
+    except (OSError, ValueError) as error:  # ValueError: a path that no file can have
+        raise ConfigError(f"cannot read {path}: {reason(error)}") from None
+    raise ConfigError(f"{path} {found}; a relative path starts from the folder of the launch file")
+
+
+def _imported(statements: Iterable[ast.stmt]) -> list[str]:
+    imports = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [alias.asname or alias.name for node in imports for alias in node.names]
+
+
+def _describe(error: BaseException, files: set[str]) -> str:
+    """What was raised, where in one of these files, and the line itself."""
+    place, text = None, ""
+    words = str(error)
+    if isinstance(error, SyntaxError) and error.filename in files:
+        place, text, words = f"{error.filename}:{error.lineno}", error.text or "", error.msg
+    else:
+        for frame in traceback.extract_tb(error.__traceback__):
+            if frame.filename in files:
+                place, text = f"{frame.filename}:{frame.lineno}", frame.line or ""
+    message = f"{type(error).__name__}: {words}" if words else type(error).__name__
+    return message if place is None else f"{message}\n  in {place}: {text.strip()}"
+
+
+def _name_in(
+    file: _File, path: Path, wanted: str | None, fits: Callable[[object], bool], expected: str
+) -> str:
+    defined = {
+        name: part
+        for name, part in vars(file.module).items()
+        if name not in file.imported and not name.startswith("__") and _is_part(name, part)
+    }
+    if wanted is not None:
+        if wanted not in defined:
+            raise ConfigError(f"{path.name} does not define {wanted!r}; it has: {_list(defined)}")
+        return wanted
+    classes = [name for name, part in defined.items() if isinstance(part, type)]
+    candidates = [name for name, part in defined.items() if fits(part)] or classes
+    if not candidates:
+        raise ConfigError(f"{path.name} defines no part; expected {expected}")
+    if len(candidates) > 1:
+        raise ConfigError(
+            f"{path.name} defines several: {', '.join(candidates)};"
+            f" name one, such as {path.name}:{candidates[0]}"
+        )
+    return candidates[0]
+
+
+def _is_part(name: str, part: object) -> bool:
+    """Whether this may be a part: no second name of a class, no function, no plain value."""
+    if isinstance(part, type):
+        return part.__name__ == name
+    return dataclasses.is_dataclass(part)
+
+
+def _list(names: Mapping[str, object]) -> str:
+    return ", ".join(sorted(names)) or "none"
+
+
+def _reduce(member: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    values = {f.name: getattr(member, f.name) for f in dataclasses.fields(member) if f.init}
+    return _rebuild, (kind_of(type(member)), values)
+
+
+def _rebuild(kind: str, values: dict[str, Any]) -> Any:
+    return load(kind, Path(), lambda part: True, "a class")(**values)

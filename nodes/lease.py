@@ -1,0 +1,81 @@
+"""The lease of environments: one environment serves a graph at a time.
+
+The first one that answers gets the lease: every query names it, and answers of others are rejected.
+The lease ends when its holder has been silent for longer than ``lease_ns``; or, if it is known to
+be dead, for longer than ``dead_lease_ns``. Both are longer than the age limit of a force: so the
+force is zero between two environments, and returns over the engage ramp.
+"""
+
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import EventLog
+
+LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
+REJECTED_INTERVAL_NS = 1_000_000_000  # between two events about rejected environments
+
+
+class Lease:
+    """Which environment serves.
+
+    Args:
+        events: Of the controller's process.
+        lease_ns: Silence after which another environment may serve, in ns.
+        dead_lease_ns: The same if the process of the holder is known to be gone; None: no shorter.
+
+    Attributes:
+        holder: Name of the environment that serves; None: the first that answers will.
+    """
+
+    def __init__(self, events: EventLog, lease_ns: int, dead_lease_ns: int | None) -> None:
+        self._events = events
+        self._lease_ns = lease_ns
+        self._dead_lease_ns = lease_ns if dead_lease_ns is None else dead_lease_ns
+        self._is_dead = False  # whether the holder is known to be
+        self._heard_ns = 0
+        self._emitted_ns: int | None = None
+        self.holder: str | None = None
+
+    def check(self, time_ns: int) -> list[Event]:
+        """End the lease of a holder that has been silent for too long; return what happened."""
+        lease_ns = self._dead_lease_ns if self._is_dead else self._lease_ns
+        if self.holder is None or time_ns - self._heard_ns <= lease_ns:
+            return []
+        environment, self.holder = self.holder, None
+        silence = (time_ns - self._heard_ns) * 1e-9
+        how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
+        self._is_dead = False
+        message = f"environment {environment} {how}; the next that answers will serve"
+        return [self._event(time_ns, "environment_lost", message, environment, is_fault=True)]
+
+    def answer(self, environment: str, time_ns: int) -> tuple[bool, list[Event]]:
+        """Return whether this environment serves, now that it has answered, and what happened."""
+        if environment == self.holder:
+            self._heard_ns = time_ns
+            return True, []
+        if self.holder is None:
+            self.holder = environment
+            self._heard_ns = time_ns
+            message = f"environment {environment} serves now"
+            return True, [self._event(time_ns, "environment_serves", message, environment)]
+        return False, self._reject(environment, time_ns)
+
+    def process_ended(self, process: str) -> None:
+        """Wait no longer than needed for an environment whose process is gone.
+
+        Args:
+            process: Beginning of its name, as far as the launcher knows it.
+        """
+        if self.holder is not None and self.holder.startswith(process):
+            self._is_dead = True
+
+    def _reject(self, environment: str, time_ns: int) -> list[Event]:
+        if self._emitted_ns is not None and time_ns - self._emitted_ns < REJECTED_INTERVAL_NS:
+            return []
+        self._emitted_ns = time_ns
+        message = f"rejected environment {environment}: {self.holder} serves this graph"
+        return [self._event(time_ns, "environment_refused", message, environment, is_fault=True)]
+
+    def _event(
+        self, time_ns: int, event: str, message: str, environment: str, *, is_fault: bool = False
+    ) -> Event:
+        data = {"environment": environment}
+        return self._events.emit(time_ns, event, message, data, is_fault=is_fault)
