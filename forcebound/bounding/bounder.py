@@ -9,7 +9,7 @@ takes over without copying.
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class ForceBounder:
         self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
         self._vector = np.zeros(axes)  # what a compiled call takes in
-        self._view = memoryview(self._vector)  # of it; numpy takes longer to set a number
+        self._view: Any = memoryview(self._vector)  # numpy takes longer to set a number
         self._rows = np.zeros(AXES + AXIS_ROWS * axes)
         self._rows[SATURATION] = dissipation.saturation
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
