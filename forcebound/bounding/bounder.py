@@ -77,7 +77,7 @@ class ForceBounder:
         self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
         self._vector = np.zeros(axes)  # what a compiled call takes in
-        self._view: Any = memoryview(self._vector)  # numpy takes longer to set a number
+        self._view: Any = self._vector.data  # numpy takes longer to set a number
         self._rows = np.zeros(AXES + AXIS_ROWS * axes)
         self._rows[SATURATION] = dissipation.saturation
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
