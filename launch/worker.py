@@ -28,7 +28,7 @@ from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Reloader
 from forcebound.launch.build import build_links, build_node
-from forcebound.launch.holding import hold, is_held
+from forcebound.launch.run_lock import is_held, shared
 from forcebound.launch.live import (
     LAUNCH_FILE,
     RECORDING,
@@ -142,7 +142,7 @@ def _run_by_hand(
         is_temporary=is_alone,
     )
     is_first = not (run_dir / RUN_FILE).exists() or not is_held(run_dir)
-    with hold(run_dir):
+    with shared(run_dir):
         if is_first:  # what those before it have left says nothing of this run
             write_launch_document(run_dir, config)
             run.write(run_dir)

@@ -1,7 +1,7 @@
 """Command line. Heavy imports happen inside the commands that need them.
 
-Exit status: 0 done, 1 the run failed, 2 the input was wrong, 130 Ctrl-C. With ``--json`` a command prints one
-JSON document on standard output and nothing else there.
+Exit status: 0 done, 1 the run failed, 2 the input was wrong, 130 Ctrl-C. With ``--json`` a command
+prints one JSON document on standard output and nothing else there.
 """
 
 import logging

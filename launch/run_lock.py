@@ -1,4 +1,4 @@
-"""Who uses a run directory? Each of its owners holds a lock on a file in it while it lives.
+"""The lock of a run directory: each of its owners holds it, shared with others, while it lives.
 
 The kernel frees the lock with the process, however that ends; a process id would be given to others
 after it. Owners are a launcher, and the nodes that were started by hand; they share the lock.
@@ -14,23 +14,23 @@ LOCK_FILE = "lock"
 
 
 @contextmanager
-def hold(run_dir: Path) -> Iterator[None]:
-    """Be an owner of a run directory meanwhile.
+def shared(run_dir: Path) -> Iterator[None]:
+    """Be an owner of a run directory within the block.
 
     Raises:
         OSError: If the lock's file cannot be made.
     """
     descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH)  # it waits only for a look of seize, microseconds
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits microseconds at most, for exclusive()
         yield
     finally:
         os.close(descriptor)
 
 
 @contextmanager
-def seize(run_dir: Path) -> Iterator[bool]:
-    """Let nobody become an owner meanwhile; give whether that is so: False if there is one."""
+def exclusive(run_dir: Path) -> Iterator[bool]:
+    """Give whether a run directory has no owner; within the block none can come."""
     try:
         descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
     except OSError:
@@ -50,5 +50,5 @@ def seize(run_dir: Path) -> Iterator[bool]:
 
 def is_held(run_dir: Path) -> bool:
     """Return whether a run directory has an owner that lives."""
-    with seize(run_dir) as is_free:
+    with exclusive(run_dir) as is_free:
         return not is_free and (run_dir / LOCK_FILE).exists()
