@@ -56,7 +56,7 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
     """
     import numba
 
-    folder = _cache_folder()
+    folder = _cache_folder() if _is_known_by_name(function) else None
     if folder is not None:
         vars(numba.config)["CACHE_DIR"] = folder  # a module made at run time, unknown to checkers
     allow_in_kernels(_called_by(function))
@@ -64,6 +64,13 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
     )(function)
     return compiled
+
+
+def _is_known_by_name(function: Callable[..., Any]) -> bool:
+    """Whether the name of all that it encloses changes with the source: else a cache goes stale."""
+    enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
+    modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
+    return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)
 
 
 _allowed: set[Callable[..., object]] = set()

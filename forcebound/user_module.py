@@ -108,7 +108,8 @@ def _match(kind: str) -> re.Match[str]:
 
 def _load(path: Path) -> _File:
     source = _read(path)
-    digest = hashlib.sha256(str(path).encode("utf-8", "replace")).hexdigest()
+    # With the source in it, or numba would take compiled code of an earlier text for this one.
+    digest = hashlib.sha256(str(path).encode("utf-8", "replace") + b"\0" + source).hexdigest()
     module = ModuleType(f"forcebound_user_{digest[:16]}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module  # before it runs: dataclasses look it up there
@@ -167,7 +168,10 @@ def _name_in(
             raise ConfigError(f"{path.name} does not define {wanted!r}; it has: {_list(defined)}")
         return wanted
     classes = [name for name, part in defined.items() if isinstance(part, type)]
-    candidates = [name for name, part in defined.items() if fits(part)] or classes
+    fitting = [name for name, part in defined.items() if fits(part)]
+    # The class of an open environment has the methods of a stateless one, and is no dataclass.
+    models = [name for name in fitting if dataclasses.is_dataclass(defined[name])]
+    candidates = models or fitting or classes
     if not candidates:
         raise ConfigError(f"{path.name} defines no part; expected {expected}")
     if len(candidates) > 1:

@@ -3,16 +3,13 @@
 :func:`forcebound.config.changes.change` makes the configuration that holds them.
 """
 
-import json
-from collections.abc import Collection, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from forcebound.config.graph import GraphConfig
-from forcebound.config.parameters import differences
-from forcebound.config.resolved import ALL_CODE, restore
+from forcebound.config.parameters import differences, parameters
+from forcebound.config.resolved import with_parameters
 from forcebound.errors import ConfigError
-from forcebound.files import reason
 from forcebound.launch.build import build_link, change_environment, change_link
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
@@ -32,54 +29,69 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
     Returns:
         What has changed there: names and new values.
     """
-    changed = differences(old, new)
-    done: dict[str, Any] = {}
-    for node in graph.nodes:
-        for topic in (TOPIC_OF[packet] for packet in node.subscribes):
-            here = _beginning(f"links.{topic}.", changed)
-            if here:
-                _change_link(graph, topic, new)
-            done |= here
-        if isinstance(node, EnvironmentNode):
-            here = _beginning("environment.", changed)
-            if here:
-                change_environment(node, new.environment)
-            done |= here
-    return done
+    here = tuple(_prefixes(graph))
+    changed = {
+        name: value for name, value in differences(old, new).items() if name.startswith(here)
+    }
+    _apply(changed, new, graph)
+    return changed
 
 
-class Reloader:
-    """Brings a running process to what the launch document of its run says now.
+class Tuner:
+    """Brings a running process to the parameters that a request of its control socket carries.
+
+    The request has all parameters of the graph (``parameters``, by name, plain values in SI units)
+    and ``time_ns``, when they were written into the launch document: of two requests that overtake
+    each other, the newer one counts.
 
     Args:
-        config: What it was started with.
-        file: The document, which ``forcebound param set`` writes anew.
-        runs: See :func:`forcebound.config.resolved.restore`.
+        config: What the process was started with.
     """
 
-    def __init__(self, config: GraphConfig, file: Path, runs: Collection[str] = ALL_CODE) -> None:
+    def __init__(self, config: GraphConfig) -> None:
         self._config = config
-        self._runs = runs
-        self._file = file
+        self._known = parameters(config)
+        self._time_ns = 0
 
-    def __call__(self, runner: Runner) -> dict[str, Any]:
-        """Read the document again and apply what is new; return what has changed here.
+    def __call__(self, runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Apply what is new; return what has changed here.
 
         Raises:
-            ConfigError: If the document cannot be read.
+            ConfigError: If the request is not of this form.
         """
-        try:
-            document = json.loads(self._file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"cannot read {self._file}: {reason(error)}") from error
-        new = restore(document, self._runs)
-        changed = apply(self._config, new, runner)
-        self._config = new
+        settings, time_ns = request.get("parameters"), request.get("time_ns")
+        if not isinstance(settings, Mapping) or not isinstance(time_ns, int):
+            raise ConfigError("expected parameters (a map) and time_ns (a whole number)")
+        if time_ns < self._time_ns:
+            return {}
+        here = tuple(_prefixes(runner))
+        changed = {
+            name: value
+            for name, value in settings.items()
+            if name.startswith(here) and value != self._known.get(name)
+        }
+        self._config = with_parameters(self._config, changed)
+        _apply(changed, self._config, runner)
+        self._known |= changed
+        self._time_ns = time_ns
         return changed
 
 
-def _beginning(prefix: str, changed: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in changed.items() if name.startswith(prefix)}
+def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
+    """How the names of the parameters begin that belong to the nodes of a graph or process."""
+    for node in graph.nodes:
+        yield from (f"links.{TOPIC_OF[packet]}." for packet in node.subscribes)
+        if isinstance(node, EnvironmentNode):
+            yield "environment."
+
+
+def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
+    places = {name.rpartition(".")[0] for name in changed}
+    for place in sorted(places - {"environment"}):
+        _change_link(graph, place.removeprefix("links."), new)
+    for node in graph.nodes:
+        if "environment" in places and isinstance(node, EnvironmentNode):
+            change_environment(node, new.environment)
 
 
 def _change_link(graph: Runner | Simulation, topic: str, config: GraphConfig) -> None:

@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
-from forcebound.config.changes import Part, timetable
 from forcebound.config.graph import GraphConfig
-from forcebound.config.parameters import differences, holders
+from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
-from forcebound.launch.run_lock import exclusive, shared
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
+from forcebound.launch.run_lock import exclusive, shared
 from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -49,7 +49,7 @@ from forcebound.process import (
 from forcebound.processes import LAUNCHER, PROCESSES
 
 # What an environment's first answer brings.
-FROM_AFAR = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
+REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
@@ -143,7 +143,7 @@ def run_live(
                 duration_ns,
                 limits,
                 script=_script(config, run_dir),
-                from_afar=() if config.remote is None else FROM_AFAR,
+                remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
             )
             interrupted = supervisor.run()
@@ -199,10 +199,9 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
     return steps
 
 
-def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Sequence[str]:
+def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Mapping[str, dict[str, Any]]:
     with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not hold the launcher
-        write_launch_document(run_dir, part.config)
-    return concerned
+        return dict.fromkeys(concerned, write_launch_document(run_dir, part.config))
 
 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
@@ -224,11 +223,21 @@ def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
     return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
 
 
-def write_launch_document(run_dir: Path, config: GraphConfig) -> None:
-    """Leave what runs, for the processes and for those who look into the run or change it."""
+def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
+    """Leave what runs, for processes that start and for those who look into the run or change it.
+
+    Returns:
+        The request that brings a running process to it; see
+        :class:`forcebound.launch.application.Tuner`.
+    """
     partial = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # its own, for others may write, too
     partial.write_text(json.dumps(to_document(config)), encoding="utf-8")
     partial.replace(run_dir / LAUNCH_FILE)
+    return {
+        "request": "configure",
+        "time_ns": time.monotonic_ns(),
+        "parameters": parameters(config),
+    }
 
 
 @contextmanager

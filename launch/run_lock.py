@@ -1,7 +1,7 @@
-"""The lock of a run directory: each of its owners holds it, shared with others, while it lives.
+"""Lock of a run directory: its owners share a lock on a file in it while they live.
 
-The kernel frees the lock with the process, however that ends; a process id would be given to others
-after it. Owners are a launcher, and the nodes that were started by hand; they share the lock.
+The kernel frees the lock with the process, however that ends; a process id could be reused. Owners
+are a launcher, and nodes that were started by hand.
 """
 
 import fcntl
@@ -15,14 +15,14 @@ LOCK_FILE = "lock"
 
 @contextmanager
 def shared(run_dir: Path) -> Iterator[None]:
-    """Be an owner of a run directory within the block.
+    """Own a run directory during the body.
 
     Raises:
         OSError: If the lock's file cannot be made.
     """
     descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits microseconds at most, for exclusive()
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits only microseconds, for `exclusive`
         yield
     finally:
         os.close(descriptor)
@@ -30,11 +30,11 @@ def shared(run_dir: Path) -> Iterator[None]:
 
 @contextmanager
 def exclusive(run_dir: Path) -> Iterator[bool]:
-    """Give whether a run directory has no owner; within the block none can come."""
+    """Keep a run directory without owner during the body; give False if it has one."""
     try:
         descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
     except OSError:
-        yield False  # nobody knows
+        yield False  # unknown
         return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -49,6 +49,6 @@ def exclusive(run_dir: Path) -> Iterator[bool]:
 
 
 def is_held(run_dir: Path) -> bool:
-    """Return whether a run directory has an owner that lives."""
+    """Return whether a run directory has a living owner."""
     with exclusive(run_dir) as is_free:
         return not is_free and (run_dir / LOCK_FILE).exists()

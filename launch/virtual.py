@@ -4,8 +4,8 @@ import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from forcebound.config.changes import timetable
 from forcebound.config.graph import GraphConfig
+from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import RunError
 from forcebound.launch.application import apply

@@ -60,17 +60,24 @@ LONGEST_HOLD = 1e6  # periods
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """How the device node runs its servo."""
+    """Settings of the servo of the device node.
 
-    law: str = "certified"  # a key of forcebound.bounding.LAWS
+    Attributes:
+        law: Bounding law, a key of ``forcebound.bounding.LAWS``.
+        rate: Of the servo.
+        reply_wait: Share of the period between reading and writing.
+        hold_limit: Periods that a force may be held: T_max.
+        age_limit: An answer to an older state gives no force.
+        engage_time: From no force to full force.
+        velocity_cutoff: Of the low-pass on the backward difference.
+    """
+
+    law: str = "certified"
     rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
-    # Share of the period between reading and writing.
     reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
-    # Periods that a force may be held: T_max.
     hold_limit: Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = 1.25
-    age_limit: Annotated[Time, POSITIVE] = 0.1  # an answer to an older state gives no force
-    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1  # from no force to full force
-    # Of the low-pass on the backward difference.
+    age_limit: Annotated[Time, POSITIVE] = 0.1
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
 
     def __post_init__(self) -> None:

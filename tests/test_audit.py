@@ -22,7 +22,7 @@ from forcebound.audit import (
 )
 from forcebound.audit.cases import ADVERSARIES, DIMENSIONS, SENSORS, difficulties, encode
 from forcebound.audit.report import page
-from forcebound.audit.search import NICHES, pain, search
+from forcebound.audit.search import NICHES, objective, search
 from forcebound.bounding import (
     ENERGY_TOLERANCE,
     LAWS,
@@ -155,10 +155,12 @@ def test_the_difficulties_of_a_case_are_named() -> None:
 
 def test_the_search_learns_to_hurt() -> None:
     niche = NICHES.index((ADVERSARIES.index("late_wall"), SENSORS.index("quantised")))
-    pains = [pain(result) for result in search("none", niche, 150, seed=1, seconds=SECONDS)]
-    assert len(pains) == 150
-    assert np.median(pains[-48:]) < np.median(pains[:48])
-    assert min(pains) < -1e-3
+    objectives = [
+        objective(result) for result in search("none", niche, 150, seed=1, seconds=SECONDS)
+    ]
+    assert len(objectives) == 150
+    assert np.median(objectives[-48:]) < np.median(objectives[:48])
+    assert min(objectives) < -1e-3
 
 
 def test_the_search_is_the_same_for_the_same_seed() -> None:
@@ -169,7 +171,7 @@ def test_the_search_is_the_same_for_the_same_seed() -> None:
     assert first != other
 
 
-def test_a_campaign_says_which_law_holds() -> None:
+def test_a_campaign_reports_which_law_is_passive() -> None:
     told: list[tuple[int, int]] = []
     document = run_campaign(
         ["none", "certified"], 40, 48, 1, 0.5, 0, lambda *progress: told.append(progress)

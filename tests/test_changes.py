@@ -15,16 +15,18 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
-from forcebound.config.changes import change, timetable
+from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.application import Reloader
+from forcebound.launch.application import Tuner
 from forcebound.launch.live import RunDocument, updating
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import EnvironmentQuery
 from forcebound.monitor import control, tuning
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.formatting import as_written
@@ -38,6 +40,7 @@ from forcebound.monitor.tuning import (
 )
 from forcebound.monitor.wording import note
 from forcebound.network.impairment import Impairment
+from forcebound.nodes.environment import EnvironmentNode
 
 
 @pytest.fixture(scope="module")
@@ -312,7 +315,7 @@ def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
     answering: Callable[..., Answering], tmp_path: Path, name: str
 ) -> None:
     processes = answering(is_graph=False, environment={"refused_for": None})
-    with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set there"):
+    with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set` there"):
         set_parameters(tmp_path, {f"links.{name}.delay": 0.015, "environment.stiffness": 1})
     assert not processes.configured
     assert not changed_parameters(tmp_path)
@@ -384,9 +387,41 @@ def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
         assert ("launcher", "configure environment") in processes.asked
 
 
-def test_a_reloader_names_a_document_that_is_gone(config: GraphConfig, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"launch\.json"):
-        Reloader(config, tmp_path / "launch.json")(Mock())
+# --- In a running process ------------------------------------------------------------------------
+
+
+def request(config: GraphConfig, time_ns: int, **stiffness: float) -> dict[str, Any]:
+    settings = parameters(config) | {f"environment.{n}": v for n, v in stiffness.items()}
+    return {"request": "configure", "time_ns": time_ns, "parameters": settings}
+
+
+def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
+    config: GraphConfig,
+) -> None:
+    process = Mock(nodes=[EnvironmentNode(config.environment.model)])
+    tuner = Tuner(config)
+    assert tuner(process, request(config, 5, stiffness=400.0)) == {"environment.stiffness": 400.0}
+    assert tuner(process, request(config, 4, stiffness=300.0)) == {}
+    assert tuner(process, request(config, 6, stiffness=400.0)) == {}
+    (reply,) = process.nodes[0].step(5, [EnvironmentQuery(1, 1, 1, 1, 0.0, (0.02,), (0.0,), None)])
+    assert reply.force == (pytest.approx(4.0),)
+
+
+def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:
+    settings = request(config, 5, stiffness=400.0)
+    settings["parameters"]["links.force_command.delay"] = 0.01
+    assert Tuner(config)(Mock(nodes=[]), settings) == {}
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [{}, {"parameters": 3}, {"time_ns": "x"}, {"parameters": {"environment.stiffness": "soft"}}],
+)
+def test_a_damaged_request_changes_nothing(config: GraphConfig, damaged: dict[str, Any]) -> None:
+    process = Mock(nodes=[EnvironmentNode(config.environment.model)])
+    whole = {"time_ns": 5, "parameters": {}} if damaged else {}
+    with pytest.raises(ConfigError, match=r"expected parameters|no parameters of this graph"):
+        Tuner(config)(process, {**whole, **damaged})
 
 
 # --- Phases --------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from live_graph import live_graph
 
-from forcebound.config.changes import timetable
 from forcebound.config.loader import load
+from forcebound.config.phases import timetable
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry

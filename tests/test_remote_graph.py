@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 from click.testing import CliRunner
@@ -146,8 +146,11 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
     assert status["connected"] >= 1
 
 
+Configure: TypeAlias = Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]]
+
+
 def perfect(
-    run_dir: Path, network: Network, configure: Callable[[Runner], Mapping[str, Any]] | None = None
+    run_dir: Path, network: Network, configure: Configure | None = None
 ) -> tuple[Runner, Publisher]:
     node = EnvironmentNode(Wall())
     runner = Runner(node, "environment", run_dir, {}, network, configure=configure)
@@ -183,7 +186,7 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
 def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
     network: Network, run_dir: Path
 ) -> None:
-    runner, _ = perfect(run_dir, network, lambda runner: {"environment.stiffness": 5.0})
+    runner, _ = perfect(run_dir, network, lambda runner, request: {"environment.stiffness": 5.0})
     events = network.subscriber(event_endpoint(run_dir, "environment"), newest_only=False)
     told: list[Packet] = []
 
@@ -219,7 +222,7 @@ def test_a_controller_is_told_that_the_environment_that_served_is_gone(
 def test_a_change_that_cannot_be_read_is_answered_and_the_process_goes_on(
     network: Network, run_dir: Path
 ) -> None:
-    def broken(runner: Runner) -> dict[str, Any]:
+    def broken(runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
         raise ConfigError("no such file")
 
     runner, _ = perfect(run_dir, network, broken)
@@ -265,7 +268,7 @@ def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
         ("{address: '[10.77.0.1]'}", r":3:19: address: .* is no address"),
         ("{address: 10.77.0.1}", r":3:19: address 10.77.0.1 is on a network, and without keys"),
         ("{address: a, graph_key: g}", r":3:33: environment_keys is missing or empty beside"),
-        ("{address: a, graph_key: g, environment_keys: []}", r":3:54: environment_keys is missing"),
+        ("{address: a, graph_key: g, environment_keys: []}", r":3:33: environment_keys is missing"),
         ("{address: a, environment_keys: [e]}", r":3:40: graph_key is missing"),
         ("{address: a, graph_key: 'g g', environment_keys: [e]}", r":3:33: .*'g g' names no key"),
         ("{address: a, graph_key: g, environment_keys: [e, -]}", r":3:58: .*'-' names no key"),

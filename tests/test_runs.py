@@ -16,7 +16,6 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
 from forcebound.launch.live import (
     LAUNCH_FILE,
     RECORDING,
@@ -25,6 +24,7 @@ from forcebound.launch.live import (
     remove_left_over,
     run_directory,
 )
+from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
 from forcebound.monitor import delay, observation
 from forcebound.monitor.runs import find, running, while_running
 

@@ -1,19 +1,19 @@
-r"""Does a bounding law hold? Ground-truth energy under environments that try to break it.
+r"""Audits of bounding laws: ground-truth energy under adversaries.
 
 A run takes a device, a hand, an adversary and a bad clock (:mod:`forcebound.audit.cases`), drawn at
-random or found by a search that learns to hurt (:mod:`forcebound.audit.search`), and integrates
+random or found by a search for the lowest energy (:mod:`forcebound.audit.search`), and integrates
 them with the same plant step (:func:`forcebound.devices.plant.advance`) and the same law functions
 (:data:`forcebound.bounding.LAWS`) as everything else, compiled. Along the way it keeps, at every
 sub-step and out of sight of the law,
 
-* the *hand's energy* :math:`\int F_h v\,dt`: what the paper's Eq. 1 asks to be non-negative;
+* the *hand's energy* :math:`\int F_h v\,dt`: non-negative in the paper's Eq. 1;
 * the *loss plus work*: viscous loss, friction loss and work against the motor. It is the hand's
   energy less the device's kinetic energy, so it is the sharper test, and the certified laws promise
   it too;
 * the *balance* of the plant: work of the hand less the growth of kinetic energy, losses and motor
   work. Below zero by more than rounding, the integrator would make energy, and the audit be void.
 
-The device dissipates exactly what the law is told, so no law has a hidden reserve. One axis.
+The device dissipates exactly the stated minimum, so no law has a hidden reserve. One axis.
 
 ``forcebound audit`` runs a campaign; its status is 1 if a certified law does not hold.
 ``forcebound audit replay LAW CASE`` shows one of its runs again.

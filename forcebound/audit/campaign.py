@@ -1,7 +1,6 @@
-"""Many attacks on many laws: random and learned, on all cores, and the worst of them.
+"""Campaign of attacks on laws: random and by search, on all cores, and the worst of each.
 
-The campaign is cut into tasks that do not depend on each other, so its numbers do not depend on how
-many cores there are.
+The campaign consists of independent tasks, so its numbers do not depend on the number of cores.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,7 +30,7 @@ class Task(NamedTuple):
 
 
 class Extreme(NamedTuple):
-    """The lowest loss plus work of some runs, and of which."""
+    """Lowest loss plus work of some runs, and the run that has it."""
 
     runs: int
     loss_and_work: float  # J
@@ -55,7 +54,7 @@ def results_of(task: Task) -> Iterator[Result]:
 
 
 def tally(task: Task) -> Tally:
-    """Run a task and return what was worst."""
+    """Run a task and return the worst results."""
     worst: Tally = {}
     kind = "random" if task.niche is None else "search"
     for result in results_of(task):
@@ -110,7 +109,7 @@ def run_campaign(
     workers: int | None = None,
     progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
-    """Attack ``laws`` and return what was worst, ready for JSON.
+    """Attack ``laws`` and return the worst results, ready for JSON.
 
     Args:
         laws: Keys of :data:`forcebound.bounding.LAWS`.
@@ -119,7 +118,7 @@ def run_campaign(
         seed: Seed of the first random run, and of the search.
         seconds: Length of each run, in s.
         workers: Processes; None: one for each core; 0: this process.
-        progress: Told how far it is, from this process.
+        progress: Called with the progress, in this process.
 
     Returns:
         ``runs`` in all, ``seed``, ``seconds``, and ``laws``: one entry each with ``law``,

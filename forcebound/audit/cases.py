@@ -1,7 +1,7 @@
-"""What an audit may do to a law: devices, hands, adversaries and clocks, and their names.
+"""Cases of an audit: devices, hands, adversaries and clocks, and their names.
 
-A case has a name from which it is made again: a random one the seed that it was drawn from, one
-that a search has found a code of its parameters (``c`` and base-32 digits).
+A case can be made again from its name: for a random case its seed, for a case of a search a code of
+its parameters (``c`` and base-32 digits).
 """
 
 import math
@@ -33,7 +33,7 @@ NOISES = 32  # sequences of random numbers that a code can name
 
 
 class Case(NamedTuple):
-    """All that defines a run besides its law."""
+    """Definition of a run, without the law."""
 
     name: str  # see the top of this page
     seed: int  # of noise, faults and clock
@@ -117,7 +117,7 @@ def decode(code: str, seconds: float) -> Case:
     """Return the case of a code of :func:`encode`; its ranges are those of :func:`draw_case`.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not such a code.
     """
     digits = [DIGITS.find(digit) for digit in code[1:]]
     if (
@@ -140,12 +140,12 @@ def decode(code: str, seconds: float) -> Case:
     def logarithmic(low: float, high: float) -> float:
         return float(low * (high / low) ** next(point))
 
-    def perhaps(absent: float, low: float, high: float) -> float:
-        """Return 0 in the ``absent`` share of the range; else evenly up to ``high``."""
+    def zero_or_uniform(absent: float, low: float, high: float) -> float:
+        """Return 0 in the ``absent`` share of the range; else uniform, ``low`` to ``high``."""
         u = next(point)
         return 0.0 if u < absent else low + (high - low) * (u - absent) / (1.0 - absent)
 
-    def perhaps_logarithmic(absent: float, low: float, high: float) -> float:
+    def zero_or_logarithmic(absent: float, low: float, high: float) -> float:
         u = next(point)
         return 0.0 if u < absent else low * (high / low) ** ((u - absent) / (1.0 - absent))
 
@@ -156,13 +156,13 @@ def decode(code: str, seconds: float) -> Case:
         mass=logarithmic(0.02, 0.5),
         damping=logarithmic(0.01, 3.0),
         friction=logarithmic(0.003, 1.0),
-        resolution=perhaps_logarithmic(0.1, 1e-6, 2e-4),
+        resolution=zero_or_logarithmic(0.1, 1e-6, 2e-4),
         sensor=sensor,
         saturation=uniform(3.0, 30.0),
-        hold_limit=_nanoseconds(PERIOD * (1.0 + perhaps(0.2, 0.0, 1.5))),
+        hold_limit=_nanoseconds(PERIOD * (1.0 + zero_or_uniform(0.2, 0.0, 1.5))),
         hand_mass=logarithmic(0.01, 1.0),
         hand_stiffness=logarithmic(10.0, 2000.0),
-        hand_damping=perhaps_logarithmic(0.3, 0.1, 10.0),
+        hand_damping=zero_or_logarithmic(0.3, 0.1, 10.0),
         amplitude=logarithmic(1e-5, 0.05),
         slow=logarithmic(0.2, 3.0),
         fast=logarithmic(3.0, 30.0),
@@ -171,11 +171,11 @@ def decode(code: str, seconds: float) -> Case:
         environment_damping=logarithmic(1.0, 100.0),
         magnitude=uniform(0.5, 30.0),
         surface=uniform(-0.01, 0.02),
-        delay=round(perhaps(0.3, 0.0, 60.0)),
-        loss=perhaps(0.4, 0.0, 0.5),
-        corruption=perhaps(0.5, 0.0, 0.1),
-        jitter=perhaps(0.4, 0.0, 1.0),
-        overruns=perhaps(0.5, 0.0, 0.2),
+        delay=round(zero_or_uniform(0.3, 0.0, 60.0)),
+        loss=zero_or_uniform(0.4, 0.0, 0.5),
+        corruption=zero_or_uniform(0.5, 0.0, 0.1),
+        jitter=zero_or_uniform(0.4, 0.0, 1.0),
+        overruns=zero_or_uniform(0.5, 0.0, 0.2),
     )
 
 
@@ -197,7 +197,7 @@ def case_of(name: str | int, seconds: float) -> Case:
 
 
 def dissipation_of(case: Case) -> Dissipation:
-    """Return what the law of a run is told: exactly what the device does."""
+    """Return the dissipation stated to the law: exactly that of the device."""
     return Dissipation(
         damping=case.damping,
         friction=case.friction,
@@ -209,7 +209,7 @@ def dissipation_of(case: Case) -> Dissipation:
 
 
 def difficulties(case: Case) -> dict[str, str]:
-    """Return how hard a case is on each axis of difficulty, in words for a table."""
+    """Return the difficulty of a case on each axis, in words for a table."""
     faulty = case.loss > 0.0 or case.corruption > 0.0
     if case.jitter > 0.0 or case.overruns > 0.0:
         clock = "unsteady clock"

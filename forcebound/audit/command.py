@@ -1,4 +1,4 @@
-"""What ``forcebound audit`` does: a campaign with progress on standard error, or one run again."""
+"""Command ``forcebound audit``: a campaign with progress on standard error, or one run again."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -70,7 +70,7 @@ def run(
 
 
 def run_again(law: str, case: str, seconds: float, picture: Path | None) -> dict[str, Any]:
-    """Run one case again, draw it if asked, and return what it is and what it showed.
+    """Run one case again, draw it on request, and return its description and result.
 
     Raises:
         ConfigError: If the law or the case is not known.

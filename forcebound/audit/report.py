@@ -1,4 +1,4 @@
-"""What an audit has found: as a page, as lines for a terminal, and one run of it as a picture."""
+"""Report of an audit: a page, lines for a terminal, and the plot of one run."""
 
 import platform
 import re
@@ -12,28 +12,28 @@ from forcebound.audit.run import TRACE_COLUMNS, Floats, Result
 from forcebound.bounding import ENERGY_TOLERANCE
 
 INTRODUCTION = """\
-# The audit: can the laws be broken?
+# Audit of the laws
 
-{runs:,} attacks on the laws, some drawn at random, some by a search that learns to hurt. Each runs
-a simulated device with a hand, under an adversary in place of an environment, over a bad network
-and with a bad clock, for {seconds:g} s, and keeps the *loss plus work*: what the device has
-dissipated, plus the work done against its motor. That is the energy which the hand has put in, less
-the kinetic energy of the device. A passive device keeps it at or above zero; rounding is
-{tolerance:.0e} J. The device dissipates exactly what the law is told, so no law has a reserve that
-it does not know.
+{runs:,} attacks on the laws, some drawn at random, some by a search for the lowest energy. Each
+runs a simulated device with a hand, under an adversary in place of an environment, over a bad
+network and with a bad clock, for {seconds:g} s, and records the *loss plus work*: the energy that
+the device has dissipated, plus the work done against its motor. It equals the energy that the hand
+has put in, less the kinetic energy of the device. A passive device keeps it at or above zero;
+rounding is {tolerance:.0e} J. The device dissipates exactly the minimum that is stated to the law,
+so no law has a hidden reserve.
 
     {command}
 
-made this page (forcebound {version}, {processor}). Any run is shown again by its name:
+made this page (forcebound {version}, {processor}). Any run can be repeated by its name:
 
     forcebound audit replay LAW CASE --out run.png
 
 A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the 21 continuous
 parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the same budget
-for each law; its cases are named by a code of their parameters. Where nothing leaks it drives down
-the *share left*: the least part, at any moment, of all that had been lost and worked before.
+for each law; its cases are named by a code of their parameters. Without a leak it minimises the
+*share left*: the smallest part, at any moment, of the loss plus work up to then.
 
-What is drawn: moving mass 0.03 to 1.5 kg, b 0.01 to 3 N s/m, f_c 3 mN to 1 N, resolution none or
+Ranges: moving mass 0.03 to 1.5 kg, b 0.01 to 3 N s/m, f_c 3 mN to 1 N, resolution none or
 1 um to 0.2 mm, readings wrong by up to half of it in any way, saturation 3 to 30 N, hold limit 1 to
 2.5 T, hand 10 to 2000 N/m moving up to 50 mm at up to 30 Hz; walls and active walls to 30 N/mm,
 negative dampers to 100 N s/m, random forces and forces along the velocity to 30 N, all up to 60
@@ -50,7 +50,7 @@ def page(document: dict[str, Any], command: str) -> str:
 
     Args:
         document: The result.
-        command: That made it, for the reader.
+        command: Command that made it.
     """
     return "\n".join(_page(document, command)) + "\n"
 
@@ -133,9 +133,9 @@ def _share(row: dict[str, Any]) -> str:
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """Return what the campaign says of a law."""
+    """Return the verdict of the campaign on a law."""
     if row["is_certified"]:
-        return "holds" if row["holds"] else "BROKEN"
+        return "passive" if row["holds"] else "BROKEN"
     leaks = row["loss_and_work_min_j"] < -ENERGY_TOLERANCE
     return "leaks" if leaks else "no leak found, none excluded"
 

@@ -25,13 +25,13 @@ from forcebound.environments.wall import wall_force
 from forcebound.errors import ConfigError
 
 SUBSTEPS = 8  # plant steps in a hold
-EARNED = 1e-5  # J; a run that has not earned this much says nothing about how much was given back
+EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning
 
 Floats: TypeAlias = NDArray[np.float64]
 
 
 class Result(NamedTuple):
-    """What a run showed."""
+    """Result of a run."""
 
     law: str
     energy_min: float  # J, lowest energy of the hand
@@ -75,7 +75,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
 
     Args:
         law: A key of :data:`forcebound.bounding.LAWS`.
-        case: What to run.
+        case: The case to run.
 
     Returns:
         The result, and a trace of shape ``(samples, len(TRACE_COLUMNS))``.
@@ -163,7 +163,7 @@ def command(case: Case, answer: float, fault: int, chance: float, before: float)
 
 
 def target_at(case: Case, time: float) -> float:
-    """Return where the hand wants to be, in m."""
+    """Return the target of the hand, in m."""
     slow = 1.0 - math.cos(2.0 * math.pi * case.slow * time)
     fast = 1.0 - math.cos(2.0 * math.pi * case.fast * time)
     return case.amplitude * (0.5 * slow + 0.1 * fast)

@@ -1,4 +1,4 @@
-"""A search that learns to hurt: CMA-ES over the parameters of a case.
+"""CMA-ES search for the lowest energy over the parameters of a case.
 
 The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
 tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those that
@@ -20,12 +20,11 @@ GENERATION = 12  # cases that are compared with each other; Hansen's 4 + 3 ln(21
 SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
 
-def pain(result: Result) -> float:
-    """Return what the search makes as small as it can.
+def objective(result: Result) -> float:
+    """Return the value that the search minimises.
 
-    A leak counts by its energy, in J. Where nothing leaks there would be nothing to learn from, so
-    there it is the share that was left, at the worst moment, of all that had been lost and worked:
-    a law that is driven to zero by less and less is about to leak.
+    With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
+    loss plus work up to then: the smaller it is, the closer the law is to a leak.
     """
     leak = result.loss_and_work_min
     return leak if leak < -ENERGY_TOLERANCE else max(result.share_left, 0.0)
@@ -75,4 +74,4 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
             yield from results
             left -= len(results)
             if len(results) == len(points):
-                strategy.tell(points, [pain(result) for result in results])
+                strategy.tell(points, [objective(result) for result in results])

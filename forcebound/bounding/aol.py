@@ -1,9 +1,9 @@
-"""The adjusting output-limiter (AOL) that the paper compares with, reconstructed.
+"""The adjusting output-limiter (AOL), reconstructed; the paper compares with it.
 
 Lee and Lee (IEEE Transactions on Control Systems Technology 17(4), 2009) is the source of the idea;
-the paper does not print its equations. What the paper says of it - the same information as the less
-conservative law, no causality problem, 5.9 % more force on the trace of Fig. 18 - is what the exact
-causal bound gives, so this is that bound and not a transcription.
+the paper does not print its equations. The paper's description (the same information as the less
+conservative law, no causality problem, 5.9 % more force on the trace of Fig. 18) fits the exact
+causal bound, so this is that bound and not a transcription.
 """
 
 import math

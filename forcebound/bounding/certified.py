@@ -1,8 +1,8 @@
-r"""The certified law: a bound that holds for the physical energy, whatever force is asked for.
+r"""The certified law: a bound on the physical energy, for any commanded force.
 
 It relies on the stated b, f_c, the resolution Δ = 2r of the reading (\|x(t_n) - q(n)\| <= r), the
-measured period dt, and a device that by itself drops a force older than T_max. The state is the
-ledger A. Between samples, with e = x - q and y the play operator, it keeps the invariant
+measured sample interval dt, and a device that by itself drops a force older than T_max. The state
+is the ledger A. Between samples, with e = x - q and y the play operator, it keeps the invariant
 
     loss + work at t_n  >=  A + F(n-1)·e(n) + f_c |x(n) - y(n)|
 
@@ -20,15 +20,15 @@ ledger A. Between samples, with e = x - q and y the play operator, it keeps the 
    samples (:func:`~forcebound.bounding.sample.squared_velocity_integral`). The ledger gets b times
    its increase. One sample alone loses 2r each time: a hand at 35 mm/s moves 0.035 mm a
    millisecond, and with 2r = 0.03 mm a fiftieth of its loss is left.
-5. *In deficit* \|F\| <= f_c: friction eats all that such a force could give.
-6. *The memoryless variant* only gives energy up, so its A is a lower bound as well.
+5. *In deficit* \|F\| <= f_c: friction dissipates all that such a force could give.
+6. *The memoryless variant* only discards energy, so its A is a lower bound as well.
 
-What is easily missed: after an overrun (dt > T_max) the play operator must *start again* at the
+Note: after an overrun (dt > T_max) the play operator must *start again* at the
 reading, for the price f_c r √axes of a start. Letting it follow the reading without credit is not
-enough. The friction of the cut hold is already used up in step 1, but \|x - y\| may have grown by
-2r in it, and step 3 would credit that path a second time: f_c Δ for each overrun
+enough. The friction of the cut hold is part of step 1 already, but \|x - y\| may have grown by 2r
+in it, and step 3 would credit that path a second time: f_c Δ for each overrun
 (``tests/test_certified_law.py`` walks the path on which this leaks). The anchors start again too,
-for no price: the damping's loss in the cut hold is used up in step 1, and no window may reach
+for no price: the damping's loss in the cut hold is accounted for in step 1, and no window may reach
 across it. The factor √axes is the length of a vector of n errors of at most r.
 """
 
@@ -96,7 +96,7 @@ def cut_loss(sample: Sample, device: DeviceConstants) -> float:
     which is concave in s, so the worst s is known too. Readings may stand for positions: the error
     of :math:`\bar s F \Delta q` and the F·e(n-1) of the invariant are together
     :math:`F ((1 - \bar s) e(n-1) + \bar s e(n)) \ge -r \sum_i |F_i|`, the price paid anyway.
-    A hand at rest that is let go for a moment so costs a quarter of what the first bound says.
+    A hand at rest that is released for a moment thus costs a quarter of the first bound.
 
     :math:`|\Delta x|` is at least :math:`(|\Delta q| - 2r\sqrt{axes})_+`.
 

@@ -1,8 +1,8 @@
 """The paper's less conservative law: all energy dissipated so far may be spent.
 
-It remembers what free motion has dissipated, and can give it back at contact: stiff walls, and
-oscillation after contact (the paper's memory effect). What it does not cover is measured in
-``docs/theory.md``: friction is counted twice, once in E1 and once as a guess of the future, and
+It remembers the energy dissipated in free motion, and can give it back at contact: stiff walls, and
+oscillation after contact (the paper's memory effect). Its leaks are explained in
+``docs/theory.md``: friction is counted twice, once in E1 and once as an estimate of the future, and
 readings are taken for positions.
 """
 
@@ -43,7 +43,7 @@ LESS_CONSERVATIVE_VISCOUS = BoundingLaw(
 
 
 def less_conservative_noncausal(
-    positions: Sequence[float], asked: Sequence[float], dissipation: Dissipation
+    positions: Sequence[float], commanded: Sequence[float], dissipation: Dissipation
 ) -> list[float]:
     r"""Return the force of the non-causal original of the law on a recorded trace, one axis.
 
@@ -54,7 +54,7 @@ def less_conservative_noncausal(
 
     Args:
         positions: Position at each sample, in m, shape ``(n,)``.
-        asked: Force asked for at each sample, in N, shape ``(n,)``.
+        commanded: Commanded force at each sample, in N, shape ``(n,)``.
         dissipation: The device.
 
     Returns:
@@ -65,13 +65,13 @@ def less_conservative_noncausal(
 
     Source: Eq. 11 to 13 of the paper.
     """
-    if len(positions) != len(asked):
-        raise ValueError(f"got {len(positions)} positions but {len(asked)} forces")
+    if len(positions) != len(commanded):
+        raise ValueError(f"got {len(positions)} positions but {len(commanded)} forces")
     stiffness = dissipation.damping / dissipation.period
     moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
     energy = force = 0.0
     forces: list[float] = []
-    for n, wanted in enumerate(asked):
+    for n, wanted in enumerate(commanded):
         energy += stiffness * moves[n] ** 2 + dissipation.friction * abs(moves[n])
         energy += force * moves[n]
         budget = energy + dissipation.friction * abs(moves[n + 1])

@@ -1,4 +1,4 @@
-"""The paper's more conservative law: what was dissipated before and not needed is given up.
+"""The paper's more conservative law: energy dissipated before and not needed is discarded.
 
 The state is β, the share of the dissipation capability B = b/T that the last force needed, in N/m.
 Because nothing is remembered beyond one sample, a wall does not oscillate after contact; it is
@@ -80,7 +80,7 @@ MORE_CONSERVATIVE_VISCOUS = BoundingLaw(
 
 
 def more_conservative_noncausal(
-    positions: Sequence[float], asked: Sequence[float], dissipation: Dissipation
+    positions: Sequence[float], commanded: Sequence[float], dissipation: Dissipation
 ) -> list[float]:
     r"""Return the force of the non-causal original of the law on a recorded trace, one axis.
 
@@ -90,7 +90,7 @@ def more_conservative_noncausal(
 
     Args:
         positions: Position at each sample, in m, shape ``(n,)``.
-        asked: Force asked for at each sample, in N, shape ``(n,)``.
+        commanded: Commanded force at each sample, in N, shape ``(n,)``.
         dissipation: The device.
 
     Returns:
@@ -101,13 +101,13 @@ def more_conservative_noncausal(
 
     Source: Eq. 26 to 30 of the paper.
     """
-    if len(positions) != len(asked):
-        raise ValueError(f"got {len(positions)} positions but {len(asked)} forces")
+    if len(positions) != len(commanded):
+        raise ValueError(f"got {len(positions)} positions but {len(commanded)} forces")
     capability = dissipation.damping / dissipation.period
     moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
     beta, force = capability, 0.0
     forces: list[float] = []
-    for n, wanted in enumerate(asked):
+    for n, wanted in enumerate(commanded):
         wanted = max(-dissipation.saturation, min(dissipation.saturation, wanted))
         gamma = 2.0 * beta * moves[n] + force
         rho = 4.0 * beta * dissipation.friction * abs(moves[n + 1])

@@ -1,7 +1,7 @@
-"""No bound: what the others are compared with (paper, Fig. 7).
+"""No bound, for comparison (paper, Fig. 7).
 
 The force passes within the saturation. The state is the energy observer of the paper's Eq. 6, so
-that a recording shows what a law would have seen.
+that a recording shows the energy that a law would have observed.
 """
 
 import math

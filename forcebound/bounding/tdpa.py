@@ -1,11 +1,11 @@
-"""Time-domain passivity control, the comparator that the field knows.
+"""Time-domain passivity control, for comparison.
 
-A passivity observer adds up the energy of the environment alone, without the device's friction;
+A passivity observer adds up the energy of the environment only, without the device's friction;
 when it is negative, the passivity controller adds damping. Its known weakness, chatter at low
 speed, is part of the comparison.
 
-This is the one law that may apply *more* than was asked for, and a force against the one asked for:
-the damping is a force of its own. So of the promises in :mod:`forcebound.bounding` only the
+This is the only law that may apply *more* than the commanded force, or a force against it: the
+damping is a force of its own. So of the promises in :mod:`forcebound.bounding` only the
 saturation holds for it (``adds_damping``).
 
 Source: B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE
@@ -26,7 +26,7 @@ MIN_SPEED = 1e-3
 
 
 def limit(state: State, sample: Sample, device: DeviceConstants) -> tuple[State, float, float]:
-    r"""Observe, and ask for damping in deficit.
+    r"""Observe the energy; in deficit, add damping.
 
     .. math::
 

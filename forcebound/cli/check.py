@@ -1,4 +1,4 @@
-"""Commands that check what a user wrote."""
+"""Commands that check a user's own parts."""
 
 import time
 
@@ -14,24 +14,24 @@ from forcebound.errors import RunError
 
 
 class Progress:
-    """Says every two seconds on standard error how far a check has come."""
+    """Progress of a check, on standard error, every two seconds."""
 
     EVERY = 2.0  # s
 
     def __init__(self) -> None:
-        self._said = time.monotonic()
+        self._shown_at = time.monotonic()
 
     def show(self, doing: str, done: int, total: int) -> None:
-        """Say it, if it is time: the answers until now and all of them, or else what begins."""
-        if time.monotonic() - self._said < self.EVERY:
+        """Print the progress if it is due: answers so far and in all, or the step that begins."""
+        if time.monotonic() - self._shown_at < self.EVERY:
             return
-        self._said = time.monotonic()
+        self._shown_at = time.monotonic()
         click.echo(f"{done} of {total} answers" if total else doing, err=True)
 
 
 @click.group()
 def check() -> None:
-    """Check a part that you wrote against what the graph expects of it."""
+    """Check a part of your own against its contract."""
 
 
 @check.command("environment")
@@ -41,7 +41,7 @@ def check() -> None:
     "--axes",
     type=click.IntRange(1, 6),
     multiple=True,
-    help="Number of axes to ask with; repeat for several; 1 to 6 by default.",
+    help="Number of axes; repeat for several; 1 to 6 by default.",
 )
 @click.option(
     "--rest",
@@ -58,11 +58,11 @@ def check_environment(
     rest: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Check an environment: a file of yours, or a kind that comes with forcebound.
+    """Check an environment: a file of your own, or a kind that comes with forcebound.
 
-    Asks it some thousand questions, at random and at its limits; tells each promise that it breaks.
-    Exit status 1: it breaks one; 2: there is no such environment, or it does not come back. How
-    fast it answers is told, never judged; a slow one is asked fewer questions.
+    Sends some thousand queries, at random and at the limits, and reports each broken promise. Exit
+    status 1: a promise is broken; 2: there is no such environment, or it does not return. The time
+    per answer is reported, not judged; a slow environment gets fewer queries.
     """
     from forcebound.launch.check import check_environment, lines
 

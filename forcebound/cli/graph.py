@@ -108,7 +108,7 @@ def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
 @json_option
 @reports_errors
 def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
-    """Show parameters, such as environment.stiffness, or a whole section: links."""
+    """Show parameters, e.g. environment.stiffness, or a whole section, e.g. links."""
     _show_parameters(names, run_dir, as_json)
 
 
@@ -117,7 +117,7 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 @run_option
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
-    """Change parameters of a running graph, such as links.environment_query.delay:="20 ms"."""
+    """Change parameters of a running graph, e.g. links.environment_query.delay:="20 ms"."""
     from forcebound.monitor import tuning, wording
     from forcebound.monitor.runs import find, while_running
 

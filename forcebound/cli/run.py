@@ -150,8 +150,14 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
 
 @click.command()
-def schema() -> None:
+@click.option("--page", is_flag=True, help="The reference page of all keys instead (Markdown).")
+def schema(page: bool) -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
+    if page:
+        from forcebound.config.reference import reference_page
+
+        click.echo(reference_page(), nl=False)
+        return
     from forcebound.config.schema import json_schema
 
     print_json(json_schema())

@@ -1,22 +1,19 @@
-"""Other parameters for a graph that runs: by ``forcebound param set``, or in its phases.
+"""Change of parameters by ``forcebound param set``, checked as a launch file is.
 
-:func:`change` makes a new configuration, checked as a launch file is;
 :mod:`forcebound.launch.application` brings running nodes and links to it.
 """
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document
 from forcebound.config.parameters import (
-    describe,
     parameters,
     unknown_parameter,
 )
-from forcebound.config.resolved import restore, to_document
+from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
 
 
@@ -50,31 +47,3 @@ def _with(config: GraphConfig, settings: Mapping[str, Any]) -> dict[str, Any]:
             section = section.setdefault(step, {})
         section[last] = value
     return document
-
-
-@dataclass(frozen=True)
-class Part:
-    """A phase of a run with its beginning."""
-
-    name: str
-    start_ns: int  # since the force engaged
-    config: GraphConfig  # that holds in it
-    message: str
-
-    @property
-    def data(self) -> dict[str, str]:
-        """Of the event that reports its beginning."""
-        return {"name": self.name}
-
-
-def timetable(config: GraphConfig) -> list[Part]:
-    """Return the phases of a graph with their beginnings."""
-    parts: list[Part] = []
-    plain = replace(config, phases=())
-    start_ns = 0
-    for phase in config.phases:
-        told = describe(phase.settings) or "as the launch file says"
-        message = f"phase {phase.name}: {told}"
-        parts.append(Part(phase.name, start_ns, restore(_with(plain, phase.settings)), message))
-        start_ns += round(phase.duration * 1e9)
-    return parts

@@ -52,13 +52,21 @@ class ControllerConfig:
 class EnvironmentConfig:
     """The virtual environment, and the time that it computes on top of what its code needs.
 
+    Attributes:
+        compute_delay: Time for an answer, during which it answers nothing else.
+        compute_jitter: Scale of the deviation from it, as of a link's delay.
+        compute_distribution: Of the deviation.
+        compute_correlation: Of a time with the one before.
+        compute_distribution_file: Table of the deviation, instead of a distribution.
+        compute_trace: File of recorded times, instead of delay and jitter.
+
     Raises:
         ConfigError: If the settings of that time do not go together or a file cannot be read.
     """
 
     model: EnvironmentModel
-    compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0  # s
-    compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0  # s; all as the delay of a link
+    compute_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
+    compute_jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
     compute_distribution: Literal["uniform", "normal", "pareto", "paretonormal"] = "uniform"
     compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
     compute_distribution_file: Path | None = None
@@ -83,19 +91,30 @@ COMPUTATION = tuple(
 
 @dataclass(frozen=True)
 class RealtimeConfig:
-    """How punctual the processes of a live run are asked to be; see :mod:`forcebound.realtime`."""
+    """Scheduling of the processes of a live run; see :mod:`forcebound.realtime`.
+
+    Attributes:
+        policy: Scheduling class: ``fifo`` goes before ordinary processes.
+        cores: Core of the chain of nodes: one that is chosen, none in particular, or its number.
+        lock_memory: Whether no page of memory may be moved to disk.
+        spin: Time before an instant at which sleeping turns into spinning.
+    """
 
     policy: Literal["fifo", "other"] = "fifo"
-    cores: Literal["auto", "none"] | Annotated[int, NOT_NEGATIVE] = "auto"  # of the chain of nodes
+    cores: Literal["auto", "none"] | Annotated[int, NOT_NEGATIVE] = "auto"
     lock_memory: bool = True
-    spin: Annotated[Time, NOT_NEGATIVE] = 30e-6  # s before an instant that sleep turns to spinning
+    spin: Annotated[Time, NOT_NEGATIVE] = 30e-6
 
 
 @dataclass(frozen=True)
 class RemoteConfig(RemoteSection):
-    """An environment on another machine: where the two meet, and who may; see docs/remote.md."""
+    """An environment on another machine: where the two meet, and who may; see docs/remote.md.
 
-    local: bool = False  # whether the launcher starts the environment here, too
+    Attributes:
+        local: Whether the launcher starts the environment here, too.
+    """
+
+    local: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,16 +128,24 @@ class Phase:
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """Everything that a run is made of."""
+    """Everything that a run is made of.
+
+    Attributes:
+        description: In a sentence.
+        seed: Of everything random.
+        duration: From the moment when the force engages; with phases, theirs together.
+        links: Impairments by topic; a topic that is not named has a perfect link.
+        phases: One after the other, from the moment when the force engages.
+    """
 
     seed: Annotated[int, NOT_NEGATIVE]
-    duration: Annotated[Time, POSITIVE]  # s from the moment when the force engages
+    duration: Annotated[Time, POSITIVE]
     device: DeviceConfig
     operator: Operator | None  # None: nobody holds the device
     environment: EnvironmentConfig
     controller: ControllerConfig
     description: str = ""
-    links: Mapping[str, Impairment] = field(default_factory=dict)  # by topic; not named: perfect
+    links: Mapping[str, Impairment] = field(default_factory=dict)
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     remote: RemoteConfig | None = None
-    phases: tuple[Phase, ...] = ()  # one after the other, from the moment when the force engages
+    phases: tuple[Phase, ...] = ()

@@ -51,6 +51,7 @@ from forcebound.config.user_parts import (
 )
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
+from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
@@ -215,6 +216,8 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     }
     if "remote" in root.entries:
         made["remote"] = sections["remote"].make(RemoteConfig, knows_all=True)
+        if made["remote"] is None:  # whatever is wrong with the address, the rest is checked
+            sections["remote"].make(RemoteConfig, address="127.0.0.1", port=DEFAULT_PORT)
     _check_together(made, sections, asks)
     problems.raise_if_any()
     assert values is not None  # what could not be read was a problem

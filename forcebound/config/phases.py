@@ -18,8 +18,9 @@ from typing import Annotated
 
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import GraphConfig, Phase
-from forcebound.config.parameters import differences, parameters, unknown_parameter
+from forcebound.config.parameters import describe, differences, parameters, unknown_parameter
 from forcebound.config.problems import Problems
+from forcebound.config.resolved import with_parameters
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
 from forcebound.quantities import POSITIVE, Time
@@ -105,3 +106,31 @@ def _placed(tree: Value, path: Sequence[str], value: Value) -> Value:
         return value
     inner = tree.entries.get(path[0], Value({}, value.place, value.key))
     return replace(tree, content={**tree.entries, path[0]: _placed(inner, path[1:], value)})
+
+
+@dataclass(frozen=True)
+class Part:
+    """A phase of a run with its beginning."""
+
+    name: str
+    start_ns: int  # since the force engaged
+    config: GraphConfig  # that holds in it
+    message: str
+
+    @property
+    def data(self) -> dict[str, str]:
+        """Of the event that reports its beginning."""
+        return {"name": self.name}
+
+
+def timetable(config: GraphConfig) -> list[Part]:
+    """Return the phases of a graph with their beginnings."""
+    parts: list[Part] = []
+    plain = replace(config, phases=())
+    start_ns = 0
+    for phase in config.phases:
+        told = describe(phase.settings) or "as the launch file says"
+        message = f"phase {phase.name}: {told}"
+        parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
+        start_ns += round(phase.duration * 1e9)
+    return parts

@@ -46,7 +46,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
 
     :func:`restore` reads it back to an equal configuration.
     """
-    device, environment = config.device, config.environment
+    device = config.device
     document: dict[str, Any] = {
         "forcebound": FORMAT,
         "description": config.description,
@@ -54,10 +54,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "duration": config.duration,
         "device": {**member_document("device", device.model), **plain(device.servo)},
         "controller": member_document("controller", config.controller.model),
-        "environment": {
-            **member_document("environment", environment.model),
-            **{name: _json(getattr(environment, name)) for name in COMPUTATION},
-        },
+        "environment": environment_document(config.environment),
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
@@ -71,6 +68,12 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
             for phase in config.phases
         ]
     return document
+
+
+def environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
+    """Return the section of an environment in plain JSON types."""
+    computation = {name: _json(getattr(environment, name)) for name in COMPUTATION}
+    return {**member_document("environment", environment.model), **computation}
 
 
 def kind_of(section: str, member: object) -> str:
@@ -128,8 +131,37 @@ def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> Gr
         raise ConfigError(f"this is no resolved launch document: {error!r}") from error
 
 
+def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration with other parameters, checked before.
+
+    Args:
+        config: What has other values.
+        settings: Plain JSON values in SI units, by the names of
+            :func:`forcebound.config.parameters.parameters`.
+
+    Raises:
+        ConfigError: If there is no such parameter, or a file that one names is gone.
+    """
+    links, environment = dict(config.links), config.environment
+    new: dict[str, dict[str, Any]] = {}
+    for name, value in settings.items():
+        place, _, entry = name.rpartition(".")
+        new.setdefault(place, {})[entry] = value
+    try:
+        for place, entries in new.items():
+            if place == "environment":
+                environment = _environment(environment_document(environment) | entries)
+            else:
+                topic = place.removeprefix("links.")
+                link = plain(links.get(topic, Impairment())) | entries
+                links[topic] = _restored(Impairment, link)
+    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
+    return dataclasses.replace(config, links=links, environment=environment)
+
+
 def _graph(document: Mapping[str, Any]) -> GraphConfig:
-    device, environment = document["device"], document["environment"]
+    device = document["device"]
     remote = document.get("remote")
     return GraphConfig(
         description=document["description"],
@@ -138,10 +170,7 @@ def _graph(document: Mapping[str, Any]) -> GraphConfig:
         device=DeviceConfig(_part("device", device), _restored(ServoSettings, device)),
         operator=_part("operator", document["operator"]) if "operator" in document else None,
         controller=ControllerConfig(_part("controller", document["controller"])),
-        environment=EnvironmentConfig(
-            _part("environment", environment),
-            **_values(EnvironmentConfig, environment, COMPUTATION),
-        ),
+        environment=_environment(document["environment"]),
         links={topic: _restored(Impairment, link) for topic, link in document["links"].items()},
         realtime=_restored(RealtimeConfig, document["realtime"]),
         remote=None if remote is None else _restored(RemoteConfig, remote),
@@ -150,6 +179,11 @@ def _graph(document: Mapping[str, Any]) -> GraphConfig:
             for phase in document.get("phases", ())
         ),
     )
+
+
+def _environment(document: Mapping[str, Any]) -> EnvironmentConfig:
+    computation = _values(EnvironmentConfig, document, COMPUTATION)
+    return EnvironmentConfig(_part("environment", document), **computation)
 
 
 def _part(section: str, document: Mapping[str, Any]) -> Any:

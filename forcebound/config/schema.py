@@ -24,23 +24,18 @@ from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
-_SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
+SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
 _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
-    servo = _properties(fields_of(ServoSettings))
-    servo["law"] = {
-        "anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND, _SUBSTITUTION],
-        "default": "certified",
-    }
     beside: dict[str, dict[str, Any]] = {
-        "device": servo,
-        "environment": _properties(fields_of(EnvironmentConfig, COMPUTATION)),
+        "device": properties(fields_of(ServoSettings)),
+        "environment": properties(fields_of(EnvironmentConfig, COMPUTATION)),
     }
-    link = _mapping(_properties(fields_of(Impairment)))
+    link = _mapping(properties(fields_of(Impairment)))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "forcebound launch file",
@@ -49,11 +44,11 @@ def json_schema() -> dict[str, Any]:
                 "forcebound": {"const": FORMAT, "description": "version of the format"},
                 "include": {"type": "string", "description": "launch file to lie beneath this one"},
                 "arguments": {"type": ["object", "null"], "additionalProperties": _argument()},
-                **_properties(fields_of(GraphConfig, RUN_KEYS)),
+                **properties(fields_of(GraphConfig, RUN_KEYS)),
                 **{name: _kinds(name, beside.get(name, {})) for name in KINDS},
                 "links": _mapping(dict.fromkeys(LINKS, link)),
-                "realtime": _mapping(_properties(fields_of(RealtimeConfig))),
-                "remote": _mapping(_properties(fields_of(RemoteConfig))),
+                "realtime": _mapping(properties(fields_of(RealtimeConfig))),
+                "remote": _mapping(properties(fields_of(RemoteConfig))),
                 "phases": {"type": "array", "items": _phase()},
             }
         ),
@@ -81,7 +76,7 @@ def _argument() -> dict[str, Any]:
 
 
 def _phase() -> dict[str, Any]:
-    phase = _mapping(_properties(fields_of(PhaseHead)))
+    phase = _mapping(properties(fields_of(PhaseHead)))
     phase["properties"]["set"] = {"type": ["object", "null"]}
     return phase
 
@@ -90,15 +85,16 @@ def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
     """One alternative for each kind; the kind itself may come from an included file."""
     alternatives = []
     for name, kind in sorted(KINDS[section].usable().items()):
-        chosen = {"kind": {"anyOf": [{"const": name}, _SUBSTITUTION]}}
-        alternatives.append(_mapping({**chosen, **_properties(fields_of(kind)), **beside}))
+        chosen = {"kind": {"anyOf": [{"const": name}, SUBSTITUTION]}}
+        alternatives.append(_mapping({**chosen, **properties(fields_of(kind)), **beside}))
     # In a user's file any parameters: only that file knows them.
-    properties = {"kind": _FILE_KIND, **beside}
-    alternatives.append({"type": "object", "properties": properties, "required": ["kind"]})
+    known = {"kind": _FILE_KIND, **beside}
+    alternatives.append({"type": "object", "properties": known, "required": ["kind"]})
     return {"anyOf": alternatives}
 
 
-def _properties(fields: Mapping[str, Field]) -> dict[str, Any]:
+def properties(fields: Mapping[str, Field]) -> dict[str, Any]:
+    """Return the schema of each of some fields, by name."""
     return {name: _property(field) for name, field in fields.items()}
 
 
@@ -116,7 +112,9 @@ def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
 def _property(field: Field) -> dict[str, Any]:
     schema = adapter(field).json_schema()
     schema = _inlined(schema["properties"][field.name], schema.get("$defs", {}))
-    described: dict[str, Any] = {"anyOf": [schema, _SUBSTITUTION]}
+    if field.name == "law":
+        schema = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
+    described: dict[str, Any] = {"anyOf": [schema, SUBSTITUTION]}
     if not field.required and isinstance(field.default, str | int | float):
         described["default"] = field.default
     return described

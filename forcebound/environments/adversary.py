@@ -1,6 +1,6 @@
-"""Environments that try to hurt: each one gives energy to the hand whenever it is let.
+"""Adversaries: environments that give energy to the hand.
 
-They exist for audits (``forcebound.audit``) and for showing what a bounder is for.
+They serve audits (``forcebound.audit``) and demonstrations of the bounder.
 """
 
 from dataclasses import dataclass
@@ -102,8 +102,8 @@ def _uniform(seed: int, step: int, axis: int) -> float:
     """Return a number in [0, 1) that looks random and depends on its arguments alone.
 
     The finaliser of SplitMix64: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number
-    generators", OOPSLA 2014. A generator object would make the force depend on how often it is
-    asked, and so on the network.
+    generators", OOPSLA 2014. A generator object would make the force depend on the number of
+    queries, and so on the network.
     """
     mask = (1 << 64) - 1
     z = (seed * 0x9E3779B97F4A7C15 + step * 0xD1342543DE82EF95 + axis * 0xA0761D6478BD642F) & mask

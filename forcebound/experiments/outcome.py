@@ -10,6 +10,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def label(name: str) -> str:
+    """Return the name of an experiment as the paper writes it: ``Fig. 7`` for ``fig7``."""
+    if name.startswith("fig"):
+        return f"Fig. {name[3:]}"
+    return {"table1": "Table 1", "eq41_42": "Eq. 41 and 42"}.get(name, name)
+
+
 @dataclass(frozen=True)
 class Number:
     """One number, with the paper's if it prints one."""
@@ -41,7 +48,7 @@ class Outcome:
     """The result of one experiment.
 
     Attributes:
-        title: Subject of the figure.
+        title: Subject of the figure, without its label.
         paper: Result of the paper.
         finding: Result of this reproduction.
         numbers: The numbers, in reading order.

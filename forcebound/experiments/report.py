@@ -6,7 +6,7 @@ import platform
 from collections.abc import Mapping
 from importlib.metadata import version
 
-from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.outcome import Number, Outcome, label
 from forcebound.experiments.setup import HAND, SPEEDS
 from forcebound.experiments.table1 import COLUMNS, WORDS, Row
 
@@ -67,7 +67,7 @@ def _text(text: object) -> str:
 
 def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
     contents = "\n".join(
-        f'<li><a href="#{name}">{_text(_label(name))}: {_text(_title(outcome))}</a></li>'
+        f'<li><a href="#{name}">{_text(label(name))}: {_text(outcome.title)}</a></li>'
         for name, outcome in outcomes.items()
     )
     hand = f"{HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m (not Fig. 19)"
@@ -114,18 +114,8 @@ rules that out; the certified laws do.</p>
 </ol></nav>"""
 
 
-def _label(name: str) -> str:
-    if name.startswith("fig"):
-        return f"Fig. {name[3:]}"
-    return {"table1": "Table 1", "eq41_42": "Eq. 41 and 42"}.get(name, name)
-
-
-def _title(outcome: Outcome) -> str:
-    return outcome.title.split(": ", 1)[-1]
-
-
 def _section(name: str, outcome: Outcome, picture: bytes) -> str:
-    label = _label(name)
+    heading = f"{_text(label(name))}: {_text(outcome.title)}"
     image = base64.b64encode(picture).decode("ascii")
     commands = "\n".join(outcome.commands)
     table = outcome.document.get("table1")
@@ -135,9 +125,9 @@ def _section(name: str, outcome: Outcome, picture: bytes) -> str:
         else _table1([Row(**row) for row in [*table, *outcome.document["table1_certified"]]])
     )
     return f"""<section id="{name}">
-<h2>{_text(label)}: {_text(_title(outcome))}</h2>
+<h2>{heading}</h2>
 <dl><dt>Paper</dt><dd>{_text(outcome.paper)}</dd><dt>Here</dt><dd>{_text(outcome.finding)}</dd></dl>
-<img src="data:image/png;base64,{image}" alt="{_text(label)}: {_text(_title(outcome))}">
+<img src="data:image/png;base64,{image}" alt="{heading}">
 <div class="wide">{numbers}</div>
 <details><summary>Run it yourself</summary>
 <pre>forcebound reproduce {name}

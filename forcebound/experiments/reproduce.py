@@ -11,7 +11,7 @@ from typing import Any
 from forcebound.analysis.plots import save
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS
-from forcebound.experiments.outcome import Outcome
+from forcebound.experiments.outcome import Outcome, label
 from forcebound.experiments.report import report, show
 from forcebound.experiments.setup import Runs
 
@@ -102,11 +102,7 @@ def tables(done: Reproduction) -> Iterator[Any]:
     from rich.table import Table
 
     for name, outcome in done.outcomes.items():
-        title = (
-            outcome.title
-            if outcome.title.startswith(("Table", "Eq"))
-            else (f"{name}: {outcome.title}")
-        )
+        title = f"{label(name)}: {outcome.title}"
         table = Table(title=title, title_justify="left", box=None, pad_edge=False)
         table.add_column("quantity")
         table.add_column("law")

@@ -1,4 +1,4 @@
-"""Equations 41 and 42: displayed stiffness of the saturated more conservative law over depth."""
+"""displayed stiffness of the saturated more conservative law over depth."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def run(runs: Runs) -> Outcome:
     numbers.append(Number(label, "N/mm", deep, two_b, LAW))
     largest = max(number.ours or 0.0 for number in numbers if number.unit == "N")
     return Outcome(
-        title="Equations 41 and 42: displayed stiffness of the saturated more conservative law",
+        title="displayed stiffness of the saturated more conservative law",
         paper="Depends on penetration: larger when shallow, 2B when deep.",
         finding=(
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "

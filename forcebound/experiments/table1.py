@@ -134,7 +134,7 @@ def run(runs: Runs) -> Outcome:
         "contact_speed_m_per_s": contact_speeds,
     }
     return Outcome(
-        title="Table 1: rate-hardness and displayed stiffness of every law",
+        title="rate-hardness and displayed stiffness of every law",
         paper="Five laws at a high and a low approach speed, wall of 10 N/mm.",
         finding=_finding(errors, contact_speeds, exchanged),
         numbers=numbers,

@@ -34,7 +34,7 @@ SHORT_TIME = 600.0  # s until the disk is full
 
 
 def examine(seen: Observations) -> list[Finding]:
-    """Return what there is to say about a running graph, problems first."""
+    """Return the findings about a running graph, problems first."""
     findings = [finding for rule in RULES for finding in rule(seen)]
     return sorted(findings, key=lambda finding: finding.severity != "problem")
 

@@ -1,4 +1,4 @@
-"""Values of parameters as one writes them in a launch file, with the unit that their type names."""
+"""Parameters as text for a launch file, with the unit that their type names."""
 
 import dataclasses
 import json
@@ -13,7 +13,7 @@ from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Unit
 
-# YAML takes it for text as it stands, also within { } and [ ].
+# YAML reads it as text without quotes, also within { } and [ ].
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
 
 
@@ -49,8 +49,8 @@ def _text(value: Any, hint: Any) -> str:
         inner = [part for part in _parts(hint) if get_origin(part) in (tuple, list)]
         entries = get_args(inner[0]) if inner else ()
         hints = [entry for entry in entries if entry is not Ellipsis] or [None]
-        told = [_text(entry, hints[min(i, len(hints) - 1)]) for i, entry in enumerate(value)]
-        return f"[{', '.join(told)}]"
+        texts = [_text(entry, hints[min(i, len(hints) - 1)]) for i, entry in enumerate(value)]
+        return f"[{', '.join(texts)}]"
     if isinstance(value, Mapping):
         classes = [part for part in _parts(hint) if dataclasses.is_dataclass(part)]
         fields = fields_of(classes[0]) if classes and isinstance(classes[0], type) else {}
@@ -65,7 +65,7 @@ def _text(value: Any, hint: Any) -> str:
 
 
 def _parts(hint: Any) -> Iterator[Any]:
-    """All that a type is made of at its top: members of unions, annotations, the type itself."""
+    """Give the parts of a type at its top: members of unions, annotations, the type itself."""
     origin = get_origin(hint)
     if origin is Annotated or origin in (Union, UnionType):
         for part in get_args(hint):

@@ -6,6 +6,7 @@ late is a problem: a live run is correct on any machine, and punctual on a good 
 
 import os
 import platform
+import shutil
 import sys
 import tempfile
 import time
@@ -28,7 +29,7 @@ SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")  # microseconds 
 
 @dataclass(frozen=True)
 class Machine:
-    """What a machine says of itself.
+    """Properties of a machine that matter to a live run.
 
     Attributes:
         permits_fifo: Whether SCHED_FIFO is permitted.
@@ -38,7 +39,7 @@ class Machine:
         rt_runtime: Share of a second that SCHED_FIFO may use a core, 0 to 1; None: not known.
         timer_slack_ns: How much later than asked the kernel may wake an ordinary process, in ns.
         clock_resolution: Of the monotonic clock, in s.
-        clock_source: What the kernel's clock counts, such as ``tsc``; empty: not known.
+        clock_source: Of the kernel's clock, such as ``tsc``; empty: not known.
         governor: Of the frequency of the cores, such as ``powersave``; empty: not known.
         has_preempt_rt: Whether the kernel is built with PREEMPT_RT.
         kernel: Its release.
@@ -72,11 +73,11 @@ class Machine:
 
 
 def look() -> Machine:
-    """Return what this machine says of itself."""
+    """Return the properties of this machine."""
     folder = keys.key_folder()
     try:
         temporary = Path(tempfile.gettempdir())
-    except OSError:  # it has tried all there are
+    except OSError:  # none of the usual ones can be used
         temporary = Path("/tmp")
     version, has_curve = sockets.library()
     slack = _read("/proc/self/timerslack_ns")
@@ -104,7 +105,7 @@ def look() -> Machine:
 
 
 def examine(machine: Machine) -> list[Finding]:
-    """Return what there is to say about a machine, what prevents live runs first."""
+    """Return the findings about a machine, first what prevents live runs."""
     order = ("problem", "note", "fine")
     findings = [*_scheduling(machine), *_clocks(machine), *_software(machine)]
     return sorted(findings, key=lambda finding: order.index(finding.severity))
@@ -172,12 +173,9 @@ def _rt_runtime() -> float | None:
 
 def _free(folder: Path) -> int | None:
     try:
-        if not os.access(folder, os.W_OK | os.X_OK):
-            return None
-        disk = os.statvfs(folder)
+        return shutil.disk_usage(folder).free if os.access(folder, os.W_OK | os.X_OK) else None
     except OSError:
         return None
-    return disk.f_bavail * disk.f_frsize
 
 
 def _key_problems(folder: Path) -> tuple[tuple[str, str], ...]:

@@ -5,6 +5,7 @@ besides counts. Nothing here judges; that is :mod:`forcebound.monitor.doctor`.
 """
 
 import os
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -202,10 +203,9 @@ def _size(path: str) -> int:
 
 def _free(path: str) -> int | None:
     try:
-        disk = os.statvfs(Path(path).parent)
+        return shutil.disk_usage(Path(path).parent).free
     except OSError:
         return None
-    return disk.f_bavail * disk.f_frsize
 
 
 def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:

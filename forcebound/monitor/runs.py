@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_lock import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
+from forcebound.launch.run_lock import is_held
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
 

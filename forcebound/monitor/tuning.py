@@ -1,7 +1,7 @@
 """Parameters of a running graph: reading and changing them.
 
-The launch document in the run directory holds the present values. A change writes it anew and lets
-the nodes read it, so that a node that starts later has the change, too.
+The launch document in the run directory holds the present values. A change writes it anew and sends
+the values to the nodes; a node that starts later reads the document.
 
 Not every parameter in the document belongs to this machine: with an environment elsewhere, each
 machine has a document of its own, which the nodes there read.
@@ -42,7 +42,7 @@ class Change:
 
     Attributes:
         values: The parameters that are new, by name, in SI units.
-        notes: What there is to know of it: a node that has it later, or does not serve.
+        notes: Facts about it: a node that has it later, or does not serve.
     """
 
     values: Mapping[str, Any]
@@ -88,7 +88,7 @@ def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) ->
 
 
 def changed_parameters(run_dir: Path) -> dict[str, Any]:
-    """Return the parameters of a graph that are not as it was started, with their values.
+    """Return the parameters of a graph that were changed since its launch, with their values.
 
     Raises:
         ConfigError: If the run directory does not say.
@@ -143,11 +143,13 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
         old = configuration(run_dir)
         new = change(old, settings)
         _check_reach(settings, here)
-        write_launch_document(run_dir, new)
-    # Also those whose document has the values already: they may not have read it.
+        request = write_launch_document(run_dir, new)
+    # Also those for which the document has the values already: they may not have had the request.
     concerned = sorted(holders(settings))
-    down = {node for node in concerned if here.states.get(node) in DOWN or node not in here.asked}
-    _configure(run_dir, [node for node in concerned if node not in down], here)
+    down = {
+        node for node in concerned if here.states.get(node) in DOWN or node not in here.reachable
+    }
+    _configure(run_dir, [node for node in concerned if node not in down], request, here)
     notes = [_why_down(node, here) for node in concerned if node in down]
     if ENVIRONMENT in concerned and here.serving is not None:
         code = "another_serves" if here.is_graph else "environment_waits"
@@ -155,9 +157,11 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
     return Change(differences(old, new), tuple(notes))
 
 
-def _configure(run_dir: Path, nodes: Collection[str], here: Present) -> None:
-    """Let nodes read what the launch document says now."""
-    answers = ask_all(run_dir, nodes, {"request": "configure"}, ANSWER_TIMEOUT)
+def _configure(
+    run_dir: Path, nodes: Collection[str], request: Mapping[str, Any], here: Present
+) -> None:
+    """Bring nodes to what the launch document says now."""
+    answers = ask_all(run_dir, nodes, request, ANSWER_TIMEOUT)
     for node, answer in answers.items():
         if answer is not None and "error" in answer:
             raise RunError(f"{node} did not take the change: {answer['error']}")
@@ -168,7 +172,7 @@ def _configure(run_dir: Path, nodes: Collection[str], here: Present) -> None:
     if LAUNCHER not in here.answers:
         raise RunError(f"{who} did not answer and does not have the change; is it suspended?")
     for node in silent:
-        ask_all(run_dir, [LAUNCHER], {"request": "configure", "node": node}, ANSWER_TIMEOUT)
+        ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)
     raise RunError(
         f"{who} did not answer; the change is kept until it continues (if it is suspended) or"
         " restarts"

@@ -8,7 +8,7 @@ import msgpack
 import zmq
 
 _EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
-_MAX_ITEMS = 64  # in a list or map of a request or its answer
+_MAX_ITEMS = 256  # in a list or map of a request or its answer
 
 
 class ControlServer:

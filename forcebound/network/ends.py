@@ -13,7 +13,7 @@ from forcebound.errors import ConfigError
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
-from forcebound.quantities import CheckedText
+from forcebound.quantities import CheckedText, Range, check_ranges
 
 DEFAULT_PORT = 7410  # queries; replies use the next one
 Role = Literal["graph", "environment"]
@@ -27,6 +27,9 @@ _WITHOUT_KEYS = (
 
 
 _NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
+
+
+_PORTS = Range(at_least=1, at_most=65534, hint=" (replies use the next port)")
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,13 @@ class RemoteEnd:
     role: Role
     listens: bool
     address: str
-    port: int = DEFAULT_PORT
+    port: Annotated[int, _PORTS] = DEFAULT_PORT
     key: KeyPair | None = None
     peers: Mapping[str, str] = field(default_factory=dict)
     insecure: bool = False
 
     def __post_init__(self) -> None:
-        _check_port(self.port)
+        check_ranges(self)
         if self.insecure and (self.key is not None or self.peers):
             raise ConfigError(_NOT_BOTH)
         if (self.key is None) != (not self.peers):
@@ -87,14 +90,14 @@ class RemoteSection:
     """
 
     address: Annotated[str, CheckedText(numeric_address)]
-    port: int = DEFAULT_PORT
+    port: Annotated[int, _PORTS] = DEFAULT_PORT
     listens: Role = "graph"
     graph_key: Annotated[str, CheckedText(keys.check_key)] | None = None
     environment_keys: tuple[Annotated[str, CheckedText(keys.check_key)], ...] = ()
     insecure: bool = False
 
     def __post_init__(self) -> None:
-        _check_port(self.port)
+        check_ranges(self)
         known = self.environment_keys
         both = (
             "keys are used by both ends or by none; make a pair on each machine with "
@@ -171,13 +174,6 @@ class RemoteSection:
     @property
     def _is_open(self) -> bool:
         return self.graph_key is None and not self.insecure
-
-
-def _check_port(port: int) -> None:
-    if not 1 <= port <= 65534:
-        raise ConfigError(
-            f"port must be 1 to 65534, since replies use the next one; got {port}", field="port"
-        )
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:

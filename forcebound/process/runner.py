@@ -69,8 +69,8 @@ class Runner:
         links: Impaired links by topic; a topic that is not here has a perfect link.
         network: Where the sockets are opened.
         spin_ns: See :class:`forcebound.realtime.Settings`.
-        configure: Brings node and links up to date with the run's launch document on request, and
-            returns the parameters that it has changed.
+        configure: Brings node and links to the parameters of a request; returns those that it has
+            changed.
         remote: The link to another machine. A controller uses it beside its own sockets, an
             environment instead of them.
 
@@ -86,7 +86,7 @@ class Runner:
         links: Mapping[str, Link[Packet]],
         network: Network,
         spin_ns: int = 0,
-        configure: "Callable[[Runner], Mapping[str, Any]] | None" = None,
+        configure: "Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None" = None,
         remote: RemoteStreams | None = None,
     ) -> None:
         self._node = node
@@ -187,7 +187,7 @@ class Runner:
         if wanted == "status":
             return self.status()
         if wanted == "configure" and self._configure is not None:
-            return self._change()
+            return self._change(request)
         if wanted == "stop":
             self._stop_requested = True
             return {"stopping": True}
@@ -230,10 +230,10 @@ class Runner:
         endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
         self._inbox.listen_afar(remote.subscriber, self._network.publisher(endpoint).send)
 
-    def _change(self) -> dict[str, Any]:
+    def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
         assert self._configure is not None
         try:
-            changed = self._configure(self)
+            changed = self._configure(self, request)
         except ConfigError as error:
             return {"error": str(error)}
         if changed:
@@ -294,7 +294,7 @@ def run(
     settings: realtime.Settings,
     stop: Stop,
     engages_itself: bool = False,
-    configure: Callable[[Runner], Mapping[str, Any]] | None = None,
+    configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
     """Run a node until it is asked to stop, and close it; return its last status.

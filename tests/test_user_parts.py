@@ -1,0 +1,319 @@
+"""Laws, devices, operators and controllers of the user's own, as the pages show them."""
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from forcebound.config.loader import load, load_tried
+from forcebound.config.resolved import restore, to_document
+from forcebound.environments.contract import check
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.launch.results import RunResult, run_metadata
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
+from forcebound.network.impairment import Impairment
+from forcebound.nodes.environment import EnvironmentNode
+
+DOCS = Path(__file__).parent.parent / "docs"
+PAGES = ("law", "controller", "device")
+
+HAND = """\
+from dataclasses import dataclass
+
+from forcebound.messages.packets import Vector
+
+
+@dataclass(frozen=True)
+class StillHand:
+    mass: float = 0.3
+    stiffness: float = 500.0
+    damping: float = 3.0
+
+    def target(self, elapsed: float) -> Vector:
+        return (0.012,)
+"""
+
+
+def block(page: str, language: str) -> str:
+    """The first block of code in this language on a page."""
+    text = (DOCS / f"write-your-own-{page}.md").read_text(encoding="utf-8")
+    found = re.search(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def write_page(page: str, folder: Path) -> Path:
+    """The files of a page, as written there; the path of the launch file."""
+    (folder / f"my_{page}.py").write_text(block(page, "python"), encoding="utf-8")
+    path = folder / f"my_{page}.yaml"
+    path.write_text(block(page, "yaml"), encoding="utf-8")
+    return path
+
+
+def simulate_page(page: str, folder: Path, seconds: float = 1.0) -> RunResult:
+    return run_virtual(load(write_page(page, folder)), duration=seconds)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_page_runs_in_virtual_time_twice_the_same(page: str, tmp_path: Path) -> None:
+    one, other = (simulate_page(page, tmp_path) for _ in range(2))
+    assert (one.columns.position == other.columns.position).all()
+    assert (one.columns.applied_force == other.columns.applied_force).all()
+
+
+def test_the_law_of_the_page_lets_less_through_than_the_exact_bound(tmp_path: Path) -> None:
+    reserved = simulate_page("law", tmp_path).summary["peak_force_n"]
+    exact = run_virtual(load("stiff_wall", ["law:=aol"]), duration=1.0).summary["peak_force_n"]
+    assert 0.0 < reserved < exact
+
+
+def test_the_controller_of_the_page_holds_the_hand_at_the_wall(tmp_path: Path) -> None:
+    summary = simulate_page("controller", tmp_path, seconds=2.0)
+    assert summary.columns.commanded_force[-1, 0] > 0.5
+    assert summary.columns.position[-1, 0] > 0.010  # the coupling is soft, the proxy at the wall
+
+
+def test_the_device_of_the_page_slides_to_rest(tmp_path: Path) -> None:
+    path = write_page("device", tmp_path)
+    path.write_text(path.read_text() + "environment: {position: 1 m}\n")
+    columns = run_virtual(load(path), duration=3.0).columns
+    assert columns.position[-1, 0] == pytest.approx(0.2 * 0.2 / 0.5, rel=0.01)  # m v / b
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_recording_holds_the_text_of_the_file_and_processes_restore_it(
+    page: str, tmp_path: Path
+) -> None:
+    config = load(write_page(page, tmp_path))
+    assert run_metadata(config)[f"{page}_source"] == block(page, "python")
+    document = json.loads(json.dumps(to_document(config)))
+    assert restore(document) == config
+
+
+def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
+    (tmp_path / "my_hand.py").write_text(HAND)
+    path = tmp_path / "graph.yaml"
+    launch = "forcebound: 1\ninclude: stiff_wall.yaml\noperator: {kind: my_hand.py, mass: 0.2}\n"
+    path.write_text(launch)
+    config = load(path)
+    assert config.operator is not None
+    assert config.operator.mass == 0.2
+    result = run_virtual(config, duration=1.0)
+    assert result.summary["peak_force_n"] > 0.0
+
+
+@pytest.mark.parametrize(("page", "part"), [("law", "law"), ("device", "device")])
+def test_what_is_not_certified_is_logged(
+    page: str, part: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    load_tried(write_page(page, tmp_path))
+    (message,) = [r.getMessage() for r in caplog.records if "not certified" in r.getMessage()]
+    assert message.startswith(f"{part} {tmp_path}/my_{page}.py:")
+
+
+def test_what_ships_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
+    load_tried("stiff_wall")
+    assert "not certified" not in caplog.text
+
+
+def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
+    tmp_path: Path,
+) -> None:
+    document = to_document(load(write_page("controller", tmp_path)))
+    document["controller"]["kind"] = str(tmp_path / "gone.py:Gone")
+    restored = restore(document, runs={"device", "operator"})
+    assert to_document(restored)["controller"] == {"kind": "direct"}
+    with pytest.raises(ConfigError, match=r"gone\.py does not exist"):
+        restore(document)
+
+
+# Environments with state
+
+
+def sprung_mass(folder: Path) -> Path:
+    text = (DOCS / "write-your-own-environment.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    (stateful,) = [block for block in blocks if "class SprungMass" in block]
+    (folder / "my_mass.py").write_text(stateful)
+    path = folder / "graph.yaml"
+    launch = "forcebound: 1\ninclude: stiff_wall.yaml\nenvironment: {kind: my_mass.py}\n"
+    path.write_text(launch)
+    return path
+
+
+def test_the_environment_with_state_of_the_page_keeps_the_contract(tmp_path: Path) -> None:
+    model = load(sprung_mass(tmp_path)).environment.model
+    assert check(model, axes=(1, 3), rounds=30).violations == ()
+
+
+def test_the_mass_of_the_page_gives_way_where_a_wall_would_not(tmp_path: Path) -> None:
+    config = load(sprung_mass(tmp_path))
+    one, other = (run_virtual(config, duration=2.0).columns for _ in range(2))
+    assert (one.position == other.position).all()
+    assert one.position[-1, 0] == pytest.approx(0.0136, abs=0.0003)
+    assert one.commanded_force[-1, 0] > 0.4
+
+
+def answer_of(node: EnvironmentNode, position: float, elapsed: float) -> float:
+    query = EnvironmentQuery(0, 0, 0, 0, elapsed, (position,), (0.0,), None)
+    (reply,) = [p for p in node.step(0, [query]) if isinstance(p, EnvironmentReply)]
+    return reply.force[0]
+
+
+@pytest.mark.parametrize("has_change", [True, False])
+def test_a_change_of_parameters_keeps_the_state_or_opens_anew(
+    has_change: bool, tmp_path: Path
+) -> None:
+    path = sprung_mass(tmp_path)
+    if not has_change:
+        source = tmp_path / "my_mass.py"
+        source.write_text(source.read_text().replace("def change", "def another"))
+    model = load(path).environment.model
+    node = EnvironmentNode(model)
+    first = answer_of(node, 0.02, 0.0)
+    moved = [answer_of(node, 0.02, 0.01 * k) for k in range(1, 201)][-1]
+    assert moved < first
+    node.change(model, Impairment(delay=0.0))  # another computation time: the same instance
+    assert answer_of(node, 0.02, 2.0) == pytest.approx(moved, rel=1e-3)
+    node.change(dataclasses.replace(model, damping=5.0), Impairment())  # type: ignore[type-var]  # a dataclass
+    after = answer_of(node, 0.02, 2.0)
+    assert (after < 0.9 * first) == has_change
+
+
+# Devices that fail, and nobody at the device
+
+
+def failing_device(folder: Path, method: str, code: str) -> Path:
+    """The launch file of the page's device, one method of which begins with ``code``."""
+    path = write_page("device", folder)
+    source = folder / "my_device.py"
+    text, count = re.subn(
+        rf'(    def {method}\(self.*?\n        """.*?"""\n)',
+        rf"\1        {code}\n",
+        source.read_text(),
+        count=1,
+        flags=re.DOTALL,
+    )
+    assert count == 1
+    source.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("method", "code", "message"),
+    [
+        ("read", "if time_ns > 5_000_000: raise DeviceError('unplugged')", "in read: unplugged"),
+        ("read", "if time_ns > 5_000_000: return (float('nan'),)", "expected 1 finite numbers"),
+        ("read", "if time_ns > 5_000_000: return ()", "expected 1 finite numbers in m, got"),
+        ("write", "if time_ns > 5_000_000: return 1 / 0", "in write: ZeroDivisionError"),
+        ("engage", "self.nothing", "in engage: AttributeError"),
+    ],
+)
+def test_a_device_that_fails_ends_the_simulation_with_one_sentence_and_is_closed(
+    method: str, code: str, message: str, tmp_path: Path
+) -> None:
+    path = failing_device(tmp_path, method, code)
+    log = tmp_path / "closed"
+    source = tmp_path / "my_device.py"
+    source.write_text(
+        source.read_text().replace(
+            'zero."""\n        self.force = 0.0',
+            f'zero."""\n        with open({str(log)!r}, "a") as log: log.write("closed ")',
+        )
+    )
+    with pytest.raises(DeviceError, match=message):
+        run_virtual(load(path), duration=0.1)
+    assert log.read_text() == "closed "
+
+
+@pytest.mark.live
+def test_a_device_that_fails_ends_a_live_graph_in_order(tmp_path: Path) -> None:
+    path = failing_device(tmp_path, "write", "if force[0] != 0.0: raise DeviceError('unplugged')")
+    path.write_text(
+        path.read_text() + "environment: {kind: damper, damping: 5 N s/m}\n", encoding="utf-8"
+    )
+    words = [sys.executable, "-m", "forcebound", "launch", str(path), "--duration", "20 s"]
+    out = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert out.returncode == 1, out.stderr
+    assert "the device failed in write: unplugged" in out.stderr
+    assert "Traceback" not in out.stderr
+
+
+@pytest.mark.live
+def test_the_controller_of_the_page_runs_live(tmp_path: Path) -> None:
+    path = write_page("controller", tmp_path)
+    words = [sys.executable, "-m", "forcebound", "launch", str(path), "--duration", "500 ms"]
+    out = subprocess.run([*words, "--json"], capture_output=True, text=True, timeout=120)
+    assert out.returncode == 0, out.stderr
+    assert json.loads(out.stdout)["samples"] > 0
+
+
+def test_without_an_operator_nobody_moves_the_device(tmp_path: Path) -> None:
+    path = tmp_path / "graph.yaml"
+    path.write_text("forcebound: 1\ninclude: stiff_wall.yaml\noperator: null\n")
+    config = load(path)
+    assert config.operator is None
+    assert "operator" not in to_document(config)
+    columns = run_virtual(config, duration=0.5).columns
+    assert (columns.position == 0.0).all()
+    assert (columns.true_energy == 0.0).all()
+
+
+# Packages of other people
+
+
+def package(folder: Path, section: str, entry: str, source: str) -> dict[str, str]:
+    """An installed package with one entry point; the environment variables that find it."""
+    (folder / "lab_parts.py").write_text(source)
+    info = folder / "lab_parts-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-parts\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[forcebound.{section}]\n{entry}\n")
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "PYTHONPATH": path}
+
+
+def run_python(code: str, environ: dict[str, str]) -> str:
+    words = [sys.executable, "-c", code]
+    out = subprocess.run(words, capture_output=True, text=True, env=environ, timeout=120)
+    assert out.returncode == 0, out.stderr
+    return out.stdout.strip()
+
+
+RUN = """
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
+print(run_virtual(load({path!r}), duration=0.3).summary["samples"])
+"""
+
+
+def test_a_package_offers_a_law_through_an_entry_point(tmp_path: Path) -> None:
+    environ = package(tmp_path, "laws", "reserved = lab_parts:RESERVED", block("law", "python"))
+    path = tmp_path / "graph.yaml"
+    path.write_text("forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {law: reserved}\n")
+    assert int(run_python(RUN.format(path=str(path)), environ)) > 0
+
+
+def test_a_package_that_cannot_be_imported_is_named_and_breaks_nothing_else(
+    tmp_path: Path,
+) -> None:
+    environ = package(tmp_path, "environments", "sand = lab_parts:Sand", "import nonsense\n")
+    code = """
+from forcebound.environments import ENVIRONMENTS
+from forcebound.errors import ConfigError
+print("sand" in ENVIRONMENTS, "sand" in ENVIRONMENTS.usable(), "wall" in ENVIRONMENTS.usable())
+try:
+    ENVIRONMENTS["sand"]
+except ConfigError as error:
+    print(error)
+"""
+    told, error = run_python(code, environ).splitlines()
+    assert told == "True False True"
+    assert error.startswith("cannot import 'sand' of the package lab-parts")
+    assert "No module named 'nonsense'" in error
