@@ -1,34 +1,48 @@
-"""What the supervisor does when: a machine that turns events into actions and touches nothing.
+"""Lifecycle of a run: a state machine that turns events into actions, without side effects.
 
 ::
 
-    STARTING --all ready--> ENGAGING --device says so--> RUNNING --time is over--> STOPPING --> OVER
+    STARTING --all ready--> ENGAGING --confirmed------> RUNNING --time is over--> STOPPING --> OVER
         |                       |                           |                        ^
         +--- a node ended, an interrupt, too slow ----------+------------------------+
 
 While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
-started anew (:mod:`forcebound.launch.restarts`), and the device shows zero force meanwhile. They
-may also be stopped and started on request; a node that was stopped so stays away until it is asked
-for again. The end of the run waits for none of this.
+restarted (:mod:`forcebound.launch.restarts`), with zero force meanwhile. They may also be stopped
+and started on request; a node that was stopped so stays away until a start request. The end of the
+run waits for none of this.
 
 Stopping goes group by group (:mod:`forcebound.processes`): the device first, the recorder last. A
-process that does not stop in time is killed. The first failure is reported; what follows from it is
-not.
+process that does not stop in time is killed. Only the first failure is reported.
 """
 
 import signal
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import TypeAlias
 
+from forcebound.launch.actions import (
+    Action,
+    Announce,
+    Ended,
+    Engage,
+    Engaged,
+    Event,
+    Interrupted,
+    Kill,
+    Reported,
+    Start,
+    StartRequested,
+    StopRequested,
+    Terminate,
+    describe_status,
+)
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
 from forcebound.processes import PROCESSES, RESTARTED, STOP_GROUPS
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How long things may take, in ns."""
+    """Time limits, in ns."""
 
     start_ns: int = 60_000_000_000  # a first start compiles the plant, and there may be one core
     engage_ns: int = 2_000_000_000
@@ -37,91 +51,8 @@ class Limits:
     kill_ns: int = 2_000_000_000  # from SIGKILL to being gone
 
 
-@dataclass(frozen=True)
-class Reported:
-    """A node answered a request for its status."""
-
-    node: str
-    waiting_for: tuple[str, ...]  # topics on which nothing has come; none: it is ready
-
-
-@dataclass(frozen=True)
-class Engaged:
-    """The device has confirmed that the force engages."""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A process is gone; ``status`` is its exit status, or minus the signal that ended it."""
-
-    node: str
-    status: int
-
-
-@dataclass(frozen=True)
-class Interrupted:
-    """Somebody wants the run to end: Ctrl-C, SIGTERM, a closed terminal."""
-
-
-@dataclass(frozen=True)
-class StopRequested:
-    """Somebody wants a node to stop and to stay away; see :meth:`Lifecycle.refusal`."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class StartRequested:
-    """Somebody wants a node that was stopped to run again; see :meth:`Lifecycle.refusal`."""
-
-    node: str
-
-
-Event: TypeAlias = Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested
-
-
-@dataclass(frozen=True)
-class Engage:
-    """Ask the device to let the force engage."""
-
-
-@dataclass(frozen=True)
-class Terminate:
-    """Ask a node to stop (SIGTERM)."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Kill:
-    """End a node that does not stop (SIGKILL)."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start a node that is not there."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Tell:
-    """Tell everybody what happened to a process."""
-
-    event: str  # "process_ended", "process_started", "environment_awaited"
-    node: str
-    message: str
-    is_fault: bool = False
-    status: str = ""  # with which it ended, in words
-
-
-Action: TypeAlias = Engage | Terminate | Kill | Start | Tell
-
-
 class Phase(Enum):
-    """Where a run is."""
+    """Phase of a run."""
 
     STARTING = auto()
     ENGAGING = auto()
@@ -132,7 +63,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run failed; ``node`` is whom to blame, if it is one."""
+    """Failure of a run; ``node`` is the node that caused it, if one did."""
 
     message: str
     node: str | None = None
@@ -143,17 +74,17 @@ class Lifecycle:
 
     Args:
         nodes: The processes, all started at ``time_ns``.
-        duration_ns: How long to run with an engaged force; None: until interrupted.
+        duration_ns: Duration with an engaged force; None: until interrupted.
         time_ns: Now, in ns.
-        limits: How long things may take.
-        from_afar: Topics that come only when an environment on another machine answers. While
-            nothing else is missing, the start takes as long as it takes.
+        limits: Time limits.
+        remote_topics: Topics that come only when an environment on another machine answers. The
+            start has no time limit while only these are missing.
 
     Attributes:
-        phase: Where the run is.
-        failure: Why it failed; None if it has not.
-        interrupted: Whether somebody ended it.
-        restarts: Who was started anew, and who will be.
+        phase: Present phase.
+        failure: First failure; None without one.
+        interrupted: Whether the run was ended on request.
+        restarts: Restarts done and planned.
     """
 
     def __init__(
@@ -162,10 +93,10 @@ class Lifecycle:
         duration_ns: int | None,
         time_ns: int,
         limits: Limits,
-        from_afar: Collection[str] = (),
+        remote_topics: Collection[str] = (),
     ) -> None:
         self.phase = Phase.STARTING
-        self._from_afar = frozenset(from_afar)
+        self._remote_topics = frozenset(remote_topics)
         self.failure: Failure | None = None
         self.interrupted = False
         self._phase_end_ns: int | None = time_ns + limits.start_ns
@@ -173,10 +104,10 @@ class Lifecycle:
         self._duration_ns = duration_ns
         self._alive = set(nodes)
         self._waiting: dict[str, tuple[str, ...] | None] = dict.fromkeys(nodes)  # None: silent
-        self._stopping: list[list[str]] = []  # groups that are left
+        self._stopping: list[list[str]] = []  # remaining groups
         self._killed: set[str] = set()
-        self._held: set[str] = set()  # stopped on request, and not to be started anew
-        self._leaving: dict[str, int] = {}  # told to stop on request; killed at this time, in ns
+        self._held: set[str] = set()  # stopped on request, not to be restarted
+        self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
         self.restarts = Restarts()
 
     @property
@@ -190,11 +121,11 @@ class Lifecycle:
 
     @property
     def silent(self) -> list[str]:
-        """The nodes that live and have not said a word since they were started."""
+        """The living nodes that have not answered since they were started."""
         return [node for node in sorted(self._alive) if self._waiting[node] is None]
 
     def state(self, node: str) -> str:
-        """Return how a node is doing, in one word."""
+        """Return the state of a node, in one word."""
         if node in self._alive:
             if node in self._leaving:
                 return "stopping"
@@ -223,7 +154,7 @@ class Lifecycle:
         return [node for node, waiting in self._waiting.items() if waiting != ()]
 
     def advance(self, time_ns: int, event: Event | None = None) -> list[Action]:
-        """Take an event, or the passing of time; return what to do, in this order."""
+        """Take an event, or the passing of time; return the actions, in order."""
         match event:
             case Reported(node, waiting_for):
                 self._waiting[node] = waiting_for
@@ -243,24 +174,27 @@ class Lifecycle:
             self.phase = Phase.ENGAGING
             self._phase_end_ns = time_ns + self._limits.engage_ns
             return [Engage()]
-        if self.phase is Phase.STARTING and self._phase_end_ns is not None and self._awaits_afar():
+        if (
+            self.phase is Phase.STARTING
+            and self._phase_end_ns is not None
+            and self._awaits_remote()
+        ):
             self._phase_end_ns = None
             message = (
-                "all is ready but for an environment on another machine; there: forcebound node"
-                " environment FILE"
+                "waiting for a remote environment; on its machine: forcebound node environment FILE"
             )
-            return [Tell("environment_awaited", "environment", message)]
+            return [Announce("environment_awaited", "environment", message)]
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
         if self.phase is Phase.RUNNING:
             return [*self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
 
-    def _awaits_afar(self) -> bool:
-        """Whether nothing is missing but what follows from an answer of another machine."""
+    def _awaits_remote(self) -> bool:
+        """Whether only packets that depend on a remote environment are missing."""
         waiting = [self._waiting[node] for node in self.not_ready]
-        return bool(self._from_afar) and all(
-            topics is not None and self._from_afar.issuperset(topics) for topics in waiting
+        return bool(self._remote_topics) and all(
+            topics is not None and self._remote_topics.issuperset(topics) for topics in waiting
         )
 
     def _on_stop_request(self, time_ns: int, node: str) -> list[Action]:
@@ -290,35 +224,35 @@ class Lifecycle:
     def _start(self, node: str) -> list[Action]:
         self._alive.add(node)
         self._waiting[node] = None
-        return [Start(node), Tell("process_started", node, f"{node} was started anew")]
+        return [Start(node), Announce("process_started", node, f"{node} was restarted")]
 
     def _on_death(self, time_ns: int, node: str, status: int) -> list[Action]:
-        """Start a node that ended by itself while running anew, or give up."""
+        """Restart a node that ended while running, or give up."""
         words = describe_status(status)
-        message = f"{node} ended by itself, with {words}"
-        death = Tell("process_ended", node, message, is_fault=True, status=words)
+        message = f"{node} ended unexpectedly, with {words}"
+        death = Announce("process_ended", node, message, is_fault=True, status=words)
         if self.restarts.plan(node, time_ns):
             return [death, *self._start_due(time_ns)]
         often = f"{GIVE_UP_DEATHS} times within {GIVE_UP_NS * 1e-9:g} s"
-        self._fail(f"{node} ended by itself {often}, the last time with {words}", node)
+        self._fail(f"{node} ended unexpectedly {often}, the last time with {words}", node)
         return [death, *self._stop(time_ns)]
 
     def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
-        """Let a node go that was asked to; start it if it has been asked for again meanwhile."""
+        """Take the end of a node that was stopped; start it if that was requested meanwhile."""
         words = describe_status(status)
         message = f"{node} stopped on request, with {words}"
         is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
-        if node in self._killed:  # suspended, or in a loop without an end: who asked may know
+        if node in self._killed:  # suspended or hung; the request expected that
             message = f"{node} did not stop in time on request and was killed"
             is_fault = False
         del self._leaving[node]
         self._killed.discard(node)
-        gone = Tell("process_ended", node, message, is_fault, words)
+        gone = Announce("process_ended", node, message, is_fault, words)
         return [gone] if node in self._held else [gone, *self._start(node)]
 
     def _on_end(self, time_ns: int, node: str, status: int) -> list[Action]:
         self._alive.discard(node)
-        is_early = self._waiting[node] is None  # not far enough to listen to a signal, perhaps
+        is_early = self._waiting[node] is None  # possibly too early to handle a signal
         stopping = self.phase is Phase.STOPPING
         if self.phase is Phase.RUNNING and node in RESTARTED:
             if node in self._leaving:
@@ -329,7 +263,7 @@ class Lifecycle:
         elif node in self._killed:
             self._fail(f"{node} did not stop in time and was killed", node)
         elif not stopping:
-            self._fail(f"{node} ended by itself, with {describe_status(status)}", node)
+            self._fail(f"{node} ended unexpectedly, with {describe_status(status)}", node)
         elif status == -signal.SIGTERM and is_early:
             pass
         elif status != 0:
@@ -340,7 +274,7 @@ class Lifecycle:
         if self.phase is not Phase.STOPPING:
             self.interrupted = True
             return self._stop(time_ns)
-        # Impatience: nobody gets more time, except the device, which is about to write zero.
+        # A second interrupt kills all at once, except the device, which is about to write zero.
         return [self._kill(node) for node in sorted(self._alive - {"device"} - self._killed)]
 
     def _on_deadline(self, time_ns: int) -> list[Action]:
@@ -355,7 +289,7 @@ class Lifecycle:
         if self.phase is Phase.RUNNING:
             return self._stop(time_ns)
         late = [node for node in self._stopping[0] if node in self._alive]
-        if all(node in self._killed for node in late):  # not even SIGKILL helps: leave it
+        if all(node in self._killed for node in late):  # not even SIGKILL helps: give it up
             self._alive -= set(late)
             for node in late:
                 self._fail(f"{node} cannot be killed", node)
@@ -373,7 +307,7 @@ class Lifecycle:
         return self._stop_next(time_ns)
 
     def _stop_next(self, time_ns: int) -> list[Action]:
-        """Go on to the next group if the present one is gone."""
+        """Stop the next group if the present one has ended."""
         if self._alive.intersection(self._stopping[0]):
             return []
         while self._stopping and not self._alive.intersection(self._stopping[0]):
@@ -404,13 +338,3 @@ class Lifecycle:
         if waiting is None:
             return f"{node} does not answer"
         return f"{node} has received nothing on {', '.join(waiting)}"
-
-
-def describe_status(status: int) -> str:
-    """Return an exit status, or minus the number of a signal, in words."""
-    if status >= 0:
-        return f"exit status {status}"
-    try:
-        return f"signal {signal.Signals(-status).name}"
-    except ValueError:
-        return f"signal {-status}"

@@ -27,9 +27,9 @@ from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
-from forcebound.launch.holding import hold, seize
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
+from forcebound.launch.run_lock import exclusive, shared
 from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -49,7 +49,7 @@ from forcebound.process import (
 from forcebound.processes import LAUNCHER, PROCESSES
 
 # What an environment's first answer brings.
-FROM_AFAR = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
+REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
 TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
 
@@ -135,7 +135,7 @@ def run_live(
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
         commands = {name: node_command(name, run_dir) for name in names}
-        cores = realtime.stand_aside(core)
+        cores = realtime.leave_core(core)
         try:
             supervisor = Supervisor(
                 commands,
@@ -143,7 +143,7 @@ def run_live(
                 duration_ns,
                 limits,
                 script=_script(config, run_dir),
-                from_afar=() if config.remote is None else FROM_AFAR,
+                remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
             )
             interrupted = supervisor.run()
@@ -298,7 +298,7 @@ def run_directory() -> Iterator[Path]:
         os.rmdir(folder)
         folder = tempfile.mkdtemp(prefix=PREFIX, dir=SHORTEST)
     try:
-        with hold(Path(folder)):
+        with shared(Path(folder)):
             yield Path(folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -312,7 +312,7 @@ def run_folders() -> set[Path]:
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     """Remove the run directories of this user that a crash has left; return them.
 
-    Only those that were made for one run, whose owners are all dead (:mod:`.holding`), and that
+    Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
     hold no recording: after a crash somebody may want to see it.
     """
     removed = []
@@ -325,7 +325,7 @@ def remove_left_over(folders: Iterable[Path]) -> list[Path]:
                 continue
         except (OSError, ConfigError):
             continue  # no run, one that just begins or ends
-        with seize(run_dir) as is_free:
+        with exclusive(run_dir) as is_free:
             if is_free:
                 shutil.rmtree(run_dir, ignore_errors=True)
                 removed.append(run_dir)

@@ -1,18 +1,18 @@
-"""When is a process that ended by itself started anew? At once, then later and later, then not."""
+"""Restart policy: back off, then give up."""
 
 from collections import Counter, deque
 
 BACK_OFF_NS = (0, 200_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)  # the last one repeats
 GIVE_UP_DEATHS = 5  # of one node ...
-GIVE_UP_NS = 10_000_000_000  # ... within this time; and who lives longer begins anew
+GIVE_UP_NS = 10_000_000_000  # ... within this time; a longer life resets the back-off
 
 
 class Restarts:
-    """The deaths of a run's processes, and when each of them starts again.
+    """Deaths and planned restarts of a run's processes.
 
     Attributes:
         due_ns: When a process that is down starts again, in ns, by name.
-        counts: How often each process was started anew.
+        counts: Restarts of each process.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class Restarts:
         self._in_a_row: Counter[str] = Counter()
 
     def plan(self, node: str, time_ns: int) -> bool:
-        """Note a death and plan the next start; return False if this was one death too many."""
+        """Record a death and plan the restart; return False to give up."""
         deaths = self._deaths.setdefault(node, deque(maxlen=GIVE_UP_DEATHS))
         if deaths and time_ns - deaths[-1] >= GIVE_UP_NS:
             self._in_a_row[node] = 0
@@ -35,7 +35,7 @@ class Restarts:
         return True
 
     def take_due(self, time_ns: int) -> list[str]:
-        """Return the processes whose time to start has come, and count them."""
+        """Return the processes that are due for a restart, and count them."""
         due = [node for node, due_ns in self.due_ns.items() if due_ns <= time_ns]
         for node in due:
             del self.due_ns[node]

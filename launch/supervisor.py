@@ -1,23 +1,18 @@
-"""How the processes of a run are started, watched and ended.
+"""Supervisor: starts, watches and ends the processes of a run.
 
-What to do when is decided by :mod:`forcebound.launch.lifecycle`; here it is done. One loop, no
+:mod:`forcebound.launch.lifecycle` decides, this module acts. One loop, no
 thread: it sleeps until a process writes a line, ends, or answers, until a signal comes, or until
 the lifecycle's next deadline.
 
 No process survives the launcher, however it ends: each asks the kernel for a signal at its death
 (:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
-reaches the launcher alone, which then stops them in order.
+reaches only the launcher, which then stops them in order.
 
 The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
-``configure``, ``stop_node`` and ``start_node``; and publishes, as every process does, what happens.
+``configure``, ``stop_node`` and ``start_node``; and publishes events, as every process does.
 """
 
-import os
 import selectors
-import signal
-import socket
-import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,125 +22,37 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import RunError
-from forcebound.launch.lifecycle import (
+from forcebound.launch.actions import (
     Action,
+    Announce,
     Ended,
     Engage,
     Engaged,
     Event,
     Interrupted,
     Kill,
-    Lifecycle,
-    Limits,
-    Phase,
     Reported,
     Start,
     StartRequested,
     StopRequested,
-    Tell,
     Terminate,
 )
+from forcebound.launch.children import Child, Signals, name_begins, show_on_stderr
+from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.process import SignalPipe, control_endpoint, event_endpoint
-from forcebound.processes import LAUNCHER, PROCESSES
+from forcebound.process import control_endpoint, event_endpoint
+from forcebound.processes import LAUNCHER
 
-ASK_INTERVAL_NS = 20_000_000  # between two requests to a node that has not answered as hoped
-LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
-TAIL_LINES = 20  # of a node's log, in the message of a failure
-CHUNK = 65_536  # bytes
-MAX_LINE = 65_536  # bytes without a line end that are kept
+REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
 NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
-
-
-def name_begins(pid: int) -> str:
-    """Return what the name of an environment in a process of this machine begins with."""
-    return f"{socket.gethostname()[:32]}/{pid}/"
-
-
-class Signals(SignalPipe):
-    """Catches what ends a run, and the death of children, as bytes on a descriptor."""
-
-    ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-    def __init__(self) -> None:
-        super().__init__((*self.ENDING, signal.SIGCHLD))
-
-    def take(self) -> bool:
-        """Forget what has come; return whether something that ends the run was among it."""
-        try:
-            numbers = os.read(self.descriptor, CHUNK)
-        except BlockingIOError:
-            return False
-        return any(number in self.ENDING for number in numbers)
-
-
-class Child:
-    """One process of the run, and what it says."""
-
-    def __init__(self, name: str, command: Sequence[str], say: Callable[[str, str], None]) -> None:
-        self.name = name
-        self.tail: deque[str] = deque(maxlen=TAIL_LINES)
-        self._say = say
-        self._partial = b""
-        self.process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        assert self.process.stdout is not None
-        self.descriptor = self.process.stdout.fileno()
-        os.set_blocking(self.descriptor, False)
-
-    def read(self) -> bool:
-        """Pass on the whole lines that have come; return False at the end of the stream."""
-        try:
-            data = os.read(self.descriptor, CHUNK)
-        except BlockingIOError:
-            return True
-        *lines, self._partial = (self._partial + data).split(b"\n")
-        if not data or len(self._partial) > MAX_LINE:
-            lines, self._partial = [*lines, *filter(None, [self._partial])], b""
-        for line in lines:
-            text = line.decode(errors="replace").rstrip()
-            self.tail.append(text)
-            self._say(self.name, text)
-        return bool(data)
-
-    def end(self) -> None:
-        """End the process if it lives, which it does only after a mistake of ours; let go."""
-        if self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(LAST_CHANCE)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-
-def say_on_stderr(name: str, line: str) -> None:
-    """Write one line of a process to standard error, with its name in front.
-
-    If nobody reads standard error any more, the run goes on in silence.
-    """
-    prefix = f"[{name}]"
-    if sys.stderr.isatty():
-        colour = PROCESSES[name].colour if name in PROCESSES else 0
-        prefix = f"\033[{colour}m{prefix}\033[0m"
-    with suppress(OSError):
-        sys.stderr.write(f"{prefix} {line}\n")
 
 
 @dataclass(frozen=True)
 class Step:
-    """Something to do at a time of the run: the beginning of a phase."""
+    """Action at a time of the run: the beginning of a phase."""
 
     start_ns: int  # since the force engaged
     act: Callable[[], Mapping[str, Mapping[str, Any]]]  # does it; returns requests by process
@@ -159,11 +66,11 @@ class Supervisor:
     Args:
         commands: The command line of each process by name, in the order in which they start.
         run_dir: Directory of the run's sockets.
-        duration_ns: How long to run with an engaged force, in ns; None: until interrupted.
-        limits: How long things may take.
-        say: Called with the name and each line of a process.
-        script: What happens when, in order.
-        from_afar: See :class:`forcebound.launch.lifecycle.Lifecycle`.
+        duration_ns: Duration with an engaged force, in ns; None: until interrupted.
+        limits: Time limits.
+        show: Called with the name and each line of a process.
+        script: Steps of a scripted run, in order.
+        remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
         changes: Returns the parameters of a node that were changed since the run began.
     """
 
@@ -173,32 +80,32 @@ class Supervisor:
         run_dir: Path,
         duration_ns: int | None,
         limits: Limits | None = None,
-        say: Callable[[str, str], None] = say_on_stderr,
+        show: Callable[[str, str], None] = show_on_stderr,
         script: Sequence[Step] = (),
-        from_afar: Collection[str] = (),
+        remote_topics: Collection[str] = (),
         changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
     ) -> None:
         self._commands = commands
         self._changes = changes
-        self._from_afar = from_afar
+        self._remote_topics = remote_topics
         self._script = deque(script)
         self._began_ns: int | None = None  # when the force engaged
         self._run_dir = run_dir
         self._duration_ns = duration_ns
         self._limits = limits or Limits()
-        self._say = say
+        self._show = show
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
         self._not_started: list[str] = []
         self._events = EventLog(LAUNCHER)
 
     def run(self) -> bool:
-        """Start, watch and end the processes; return whether somebody interrupted the run.
+        """Start, watch and end the processes; return whether the run was interrupted.
 
         Raises:
-            RunError: If a process ended by itself (a controller or environment: too often), did not
-                become ready, or did not stop; the message holds its last lines. All processes are
-                gone then, too.
+            RunError: If a process ended unexpectedly (a controller or environment: too often), was
+                not ready in time, or did not stop; the message has its last lines. All processes
+                have ended then, too.
         """
         with ExitStack() as stack:
             network = stack.enter_context(Network())
@@ -217,15 +124,15 @@ class Supervisor:
             }
             now_ns = time.monotonic_ns()
             lifecycle = Lifecycle(
-                list(self._commands), self._duration_ns, now_ns, self._limits, self._from_afar
+                list(self._commands), self._duration_ns, now_ns, self._limits, self._remote_topics
             )
             self._loop(lifecycle, signals, control)
         if lifecycle.failure is not None:
-            raise RunError(self._tell_failure(lifecycle))
+            raise RunError(self._failure_message(lifecycle))
         return lifecycle.interrupted
 
     def _loop(self, lifecycle: Lifecycle, signals: Signals, control: ControlServer) -> None:
-        asked_ns = 0
+        requested_ns = 0
 
         def advance(event: Event | None) -> None:
             for action in lifecycle.advance(time.monotonic_ns(), event):
@@ -236,8 +143,8 @@ class Supervisor:
 
         while lifecycle.phase is not Phase.OVER:
             now_ns = time.monotonic_ns()
-            if now_ns - asked_ns >= ASK_INTERVAL_NS:
-                asked_ns = now_ns
+            if now_ns - requested_ns >= REQUEST_INTERVAL_NS:
+                requested_ns = now_ns
                 self._ask(lifecycle)
             for key, _ in self._selector.select(self._timeout(lifecycle, now_ns)):
                 if key.data is not None and not key.data.read():
@@ -249,7 +156,7 @@ class Supervisor:
             for event in events or [None]:
                 advance(event)
                 if isinstance(event, Reported) and event.node in awaited:
-                    self._tell_changes(event.node)
+                    self._announce_changes(event.node)
             control.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._follow_script(time.monotonic_ns())
@@ -262,24 +169,24 @@ class Supervisor:
             for name, request in step.act().items():
                 if name in self._clients:  # one that is down reads the document when it starts
                     self._clients[name].ask(request)
-            told = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
-            self._publish(encode(told))
+            event = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
+            self._publish(encode(event))
 
     def _start(self, name: str) -> None:
-        child = Child(name, self._commands[name], self._say)
+        child = Child(name, self._commands[name], self._show)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)
 
-    def _start_anew(self, name: str) -> None:
+    def _restart(self, name: str) -> None:
         former = self._children[name]
         with suppress(KeyError):  # it is there if the stream's end has not been read
             self._selector.unregister(former.descriptor)
         former.end()
         try:
             self._start(name)
-        except OSError as error:  # no memory, no process: a death like any other
-            self._say(name, f"cannot be started: {error.strerror}")
+        except OSError as error:  # no memory, no process: treated as a death
+            self._show(name, f"cannot be started: {error.strerror}")
             self._not_started.append(name)
 
     def _end_children(self) -> None:
@@ -291,7 +198,7 @@ class Supervisor:
         if self._not_started:
             return 0.0
         if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING) or self._awaited(lifecycle):
-            return ASK_INTERVAL_NS * 1e-9
+            return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
         if self._script and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
             ends_ns.append(self._began_ns + self._script[0].start_ns)
@@ -307,7 +214,7 @@ class Supervisor:
             self._clients[name].ask({"request": "status"})
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
-        """Who was started anew and has not said a word yet."""
+        """Restarted nodes that have not answered yet."""
         return lifecycle.silent if lifecycle.phase is Phase.RUNNING else []
 
     def _answer(
@@ -326,7 +233,7 @@ class Supervisor:
         elif wanted == "configure":
             if node not in self._clients:
                 return {"error": f"the launcher of this graph does not run {node!r}"}
-            # This request waits for a node that is suspended; that of who asks us goes with him.
+            # This request waits for a suspended node; one of the client's own ends with it.
             self._clients[node].ask({key: request[key] for key in request if key != "node"})
         elif wanted != "status":
             known = "status, configure, stop_node, start_node"
@@ -363,7 +270,7 @@ class Supervisor:
             status = child.process.poll()
             if status is not None:
                 self._running.discard(name)
-                child.read()  # what it said last, before the failure is told
+                child.read()  # its last lines, for the message of the failure
                 if name == "environment" and "controller" in self._clients:
                     died = {"process": name_begins(child.process.pid)}
                     self._clients["controller"].ask({"request": "environment_died", **died})
@@ -379,29 +286,29 @@ class Supervisor:
             case Terminate(name):
                 self._children[name].process.terminate()
             case Start(name):
-                self._start_anew(name)
-            case Tell():
-                self._tell(action)
+                self._restart(name)
+            case Announce():
+                self._announce(action)
 
-    def _tell(self, told: Tell) -> None:
-        data = {"node": told.node} | ({"status": told.status} if told.status else {})
+    def _announce(self, action: Announce) -> None:
+        data = {"node": action.node} | ({"status": action.status} if action.status else {})
         event = self._events.emit(
-            time.monotonic_ns(), told.event, told.message, data, is_fault=told.is_fault
+            time.monotonic_ns(), action.event, action.message, data, is_fault=action.is_fault
         )
         self._publish(encode(event))
 
-    def _tell_changes(self, node: str) -> None:
-        """Tell what a node that was started anew has read: nobody told it while it was away."""
+    def _announce_changes(self, node: str) -> None:
+        """Publish the changed parameters that a restarted node has read."""
         changed = {name: str(value) for name, value in self._changes(node).items()}
         if changed:
-            told = ", ".join(f"{name} = {value}" for name, value in changed.items())
-            message = f"{node} was started with what has been changed: {told}"
+            values = ", ".join(f"{name} = {value}" for name, value in changed.items())
+            message = f"{node} was restarted with changed parameters: {values}"
             event = self._events.emit(time.monotonic_ns(), "parameter_set", message, changed)
             self._publish(encode(event))
 
-    def _tell_failure(self, lifecycle: Lifecycle) -> str:
+    def _failure_message(self, lifecycle: Lifecycle) -> str:
         failure = lifecycle.failure
         assert failure is not None
         tail = self._children[failure.node].tail if failure.node is not None else ()
-        said = "".join(f"\n  {line}" for line in tail)
-        return f"{failure.message}{'; its last lines:' if said else ''}{said}"
+        last = "".join(f"\n  {line}" for line in tail)
+        return f"{failure.message}{'; its last lines:' if last else ''}{last}"

@@ -1,12 +1,11 @@
-"""What runs inside one process of a graph: build the node, drive it, and die when told.
+"""One process of a graph: builds the node and drives it to its end.
 
-A supervised process dies with its launcher, however that ends. The kernel sends it a signal when
-the launcher is gone: SIGTERM to the device and the recorder, which have something to finish (force
-zero; the recording), SIGKILL to the others. Whoever of the former goes then removes the run
-directory.
+A supervised process ends with its launcher, however that ends. The kernel sends it a signal when
+the launcher is gone: SIGTERM to the device and the recorder, which have work to finish (zero force;
+the recording), SIGKILL to the others. The device or the recorder then removes the run directory.
 
-Nor does it wait for its launcher: what it says goes into a pipe, and when nobody empties that, what
-it says is dropped.
+A process never waits for its launcher: its output goes into a pipe, and is dropped when the pipe is
+full.
 """
 
 import json
@@ -28,7 +27,7 @@ from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_links, build_node
-from forcebound.launch.holding import hold, is_held
+from forcebound.launch.children import name_begins
 from forcebound.launch.live import (
     RECORDING,
     RUN_FILE,
@@ -38,7 +37,7 @@ from forcebound.launch.live import (
     write_launch_document,
 )
 from forcebound.launch.results import run_metadata
-from forcebound.launch.supervisor import name_begins
+from forcebound.launch.run_lock import is_held, shared
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
@@ -61,10 +60,10 @@ def run_node(
         kind: ``"device"``, ``"controller"``, ``"environment"`` or ``"recorder"``.
         file: Supervised: the resolved launch document; by hand: any launch file.
         run_dir: Directory of the run's sockets; every process of a run names the same. None, for
-            an environment alone: it serves a graph on another machine, as ``remote`` of the launch
-            file says.
-        supervised: Whether a launcher started it, which says when the force engages and with which
-            it dies. By hand, the device engages when the first command has come.
+            an environment alone: it serves the graph on another machine that ``remote`` of the
+            launch file names.
+        supervised: Whether a launcher started it, which lets the force engage and with which it
+            ends. By hand, the device engages when the first command has come.
         arguments: Of a launch file that is run by hand.
 
     Raises:
@@ -72,15 +71,15 @@ def run_node(
             in use, or a key is missing.
         DeviceError: If the device failed; its last force is zero, if it still took it.
     """
-    told = " ".join((str(file), *arguments))
+    description = " ".join((str(file), *arguments))
     with process.Stop() as stop:
         if run_dir is None:
-            _serve_remotely(kind, load_tried(file, arguments), told, stop)
+            _serve_remotely(kind, load_tried(file, arguments), description, stop)
             return 0
         if not supervised:
             config = load_tried(file, arguments)
             check_run_directory(run_dir)
-            _run_by_hand(kind, config, told, run_dir, stop)
+            _run_by_hand(kind, config, description, run_dir, stop)
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
@@ -101,7 +100,7 @@ def run_node(
         return 0
 
 
-def _serve_remotely(kind: str, config: GraphConfig, told: str, stop: process.Stop) -> None:
+def _serve_remotely(kind: str, config: GraphConfig, description: str, stop: process.Stop) -> None:
     if kind != "environment":
         raise ConfigError(
             f"a {kind} meets the other nodes in a run directory: name it with --run-dir"
@@ -114,13 +113,13 @@ def _serve_remotely(kind: str, config: GraphConfig, told: str, stop: process.Sto
     config.remote.check_here("environment")
     end = config.remote.end("environment")
     with run_directory() as run_dir:
-        _run_by_hand(kind, config, told, run_dir, stop, end)
+        _run_by_hand(kind, config, description, run_dir, stop, end)
 
 
 def _run_by_hand(
     kind: str,
     config: GraphConfig,
-    told: str,
+    description: str,
     run_dir: Path,
     stop: process.Stop,
     remote_end: RemoteEnd | None = None,
@@ -136,13 +135,13 @@ def _run_by_hand(
         str(run_dir / RECORDING),
         streams,
         metadata,
-        told,
+        description,
         is_graph=not is_alone,
         is_temporary=is_alone,
     )
     is_first = not (run_dir / RUN_FILE).exists() or not is_held(run_dir)
-    with hold(run_dir):
-        if is_first:  # what those before it have left says nothing of this run
+    with shared(run_dir):
+        if is_first:  # files of former owners do not describe this run
             write_launch_document(run_dir, config)
             run.write(run_dir)
         _run(kind, config, run, run_dir, stop, kind == "device", remote_end)
@@ -157,11 +156,11 @@ def never_wait_for_a_reader() -> None:
     """
     for stream in (sys.stdout, sys.stderr):
         os.set_blocking(stream.fileno(), False)
-    logging.raiseExceptions = False  # its traceback, of a line that was dropped, would be next
+    logging.raiseExceptions = False  # else a dropped line would cause a traceback
 
 
 def check_run_directory(run_dir: Path) -> None:
-    """Refuse a run directory that others may enter: its sockets have no other lock.
+    """Reject a run directory that others may enter: only its permissions protect its sockets.
 
     Raises:
         ConfigError: If it is another user's, or open to others.
@@ -208,7 +207,7 @@ def _run(
     )
     if isinstance(node, EnvironmentNode):
         _logger.info("%s has answered %d queries", node.name, node.answered)
-    _tell_refused(status)
+    _log_rejected(status)
 
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
@@ -221,16 +220,16 @@ def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
         status = process.record(recorder, "recorder", run_dir, streams, run.core, stop)
         is_complete = status["recording"] == process.COMPLETE
     finally:
-        with suppress(OSError):  # a full disk: it has been said, and what is there can be read
+        with suppress(OSError):  # a full disk, which was reported; the file stays readable
             recorder.close() if is_complete else recorder.abandon()
-    _tell_refused(status)
+    _log_rejected(status)
 
 
-def _tell_refused(status: Mapping[str, Any]) -> None:
+def _log_rejected(status: Mapping[str, Any]) -> None:
     reasons = status["rejected"]
     if reasons:
-        told = ", ".join(f"{reason.replace('_', ' ')} {n}" for reason, n in reasons.items())
-        _logger.warning("refused packets, by reason: %s", told)
+        counts = ", ".join(f"{reason.replace('_', ' ')} {n}" for reason, n in reasons.items())
+        _logger.warning("rejected packets, by reason: %s", counts)
 
 
 def environment_name() -> str:

@@ -16,11 +16,12 @@ from forcebound.monitor import wording
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path(forcebound.__file__).parent
 
-QUOTED = re.compile(r"`forcebound ([^`]+)`")
+QUOTED = re.compile(r"`forcebound ([^`|>&]+)[^`]*`")
 COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})\b")
 
 # Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
 NO_SENTENCES = {
+    "network/notices.py",
     "audit/command.py",
     "audit/report.py",
     "config/schema.py",

@@ -50,8 +50,8 @@ def test_a_node_killed_in_contact_is_started_anew_and_the_force_returns(victim: 
     assert death.data == {"node": victim, "status": "signal SIGKILL"}
     [start] = ended.events("process_started")
     assert not start.is_fault
-    assert f"{victim} ended by itself, with signal SIGKILL" in ended.log
-    assert f"{victim} was started anew" in ended.log
+    assert f"{victim} ended unexpectedly, with signal SIGKILL" in ended.log
+    assert f"{victim} was restarted" in ended.log
 
 
 @pytest.mark.parametrize("victim", ["environment", "controller"])

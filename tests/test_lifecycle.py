@@ -2,25 +2,23 @@
 
 import pytest
 
-from forcebound.launch.lifecycle import (
+from forcebound.launch.actions import (
     Action,
+    Announce,
     Ended,
     Engage,
     Engaged,
     Event,
     Interrupted,
     Kill,
-    Lifecycle,
-    Limits,
-    Phase,
     Reported,
     Start,
     StartRequested,
     StopRequested,
-    Tell,
     Terminate,
     describe_status,
 )
+from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 
 NODES = ("environment", "controller", "device", "recorder")
 LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)
@@ -79,11 +77,11 @@ HISTORIES: dict[str, tuple[list[tuple[int, Event | None, list[Action]]], str | N
             (502, Ended("environment", 0), []),
             (503, Ended("controller", 0), []),
         ],
-        "recorder ended by itself, with signal SIGKILL",
+        "recorder ended unexpectedly, with signal SIGKILL",
     ),
     "a controller that dies before the force engages ends the run": (
         [*RUNNING[:-1], (3, Ended("controller", -9), [Terminate("device")])],
-        "controller ended by itself, with signal SIGKILL",
+        "controller ended unexpectedly, with signal SIGKILL",
     ),
     "the device dies, and then the others are stopped": (
         [
@@ -91,7 +89,7 @@ HISTORIES: dict[str, tuple[list[tuple[int, Event | None, list[Action]]], str | N
             (500, Ended("device", 1), [Terminate("controller"), Terminate("environment")]),
             *STOPPED[1:],
         ],
-        "device ended by itself, with exit status 1",
+        "device ended unexpectedly, with exit status 1",
     ),
     "a node dies while starting": (
         [
@@ -100,11 +98,11 @@ HISTORIES: dict[str, tuple[list[tuple[int, Event | None, list[Action]]], str | N
             *STOPPED[:2],
             (1012, Ended("controller", 0), []),
         ],
-        "recorder ended by itself, with exit status 2",
+        "recorder ended unexpectedly, with exit status 2",
     ),
     "a node that ends by itself without an error is missed all the same": (
         [*RUNNING, (500, Ended("recorder", 0), [Terminate("device")])],
-        "recorder ended by itself, with exit status 0",
+        "recorder ended unexpectedly, with exit status 0",
     ),
     "only the first failure is told": (
         [
@@ -112,7 +110,7 @@ HISTORIES: dict[str, tuple[list[tuple[int, Event | None, list[Action]]], str | N
             (500, Ended("recorder", 3), [Terminate("device")]),
             (501, Ended("device", 1), [Terminate("controller"), Terminate("environment")]),
         ],
-        "recorder ended by itself, with exit status 3",
+        "recorder ended unexpectedly, with exit status 3",
     ),
     "a device that does not stop is killed, and only then the others are stopped": (
         [
@@ -230,18 +228,18 @@ def running(duration_ns: int | None = None) -> Lifecycle:
     return lifecycle
 
 
-def died(node: str, words: str) -> Tell:
-    message = f"{node} ended by itself, with {words}"
-    return Tell("process_ended", node, message, is_fault=True, status=words)
+def died(node: str, words: str) -> Announce:
+    message = f"{node} ended unexpectedly, with {words}"
+    return Announce("process_ended", node, message, is_fault=True, status=words)
 
 
 def started(node: str) -> list[Action]:
-    return [Start(node), Tell("process_started", node, f"{node} was started anew")]
+    return [Start(node), Announce("process_started", node, f"{node} was restarted")]
 
 
-def left(node: str, words: str = "exit status 0", *, is_fault: bool = False) -> Tell:
+def left(node: str, words: str = "exit status 0", *, is_fault: bool = False) -> Announce:
     message = f"{node} stopped on request, with {words}"
-    return Tell("process_ended", node, message, is_fault, words)
+    return Announce("process_ended", node, message, is_fault, words)
 
 
 @pytest.mark.parametrize("node", ["controller", "environment"])
@@ -315,7 +313,7 @@ def test_five_deaths_within_ten_seconds_end_the_run() -> None:
     assert lifecycle.failure is not None
     assert lifecycle.failure.node == "environment"
     assert lifecycle.failure.message == (
-        "environment ended by itself 5 times within 10 s, the last time with exit status 3"
+        "environment ended unexpectedly 5 times within 10 s, the last time with exit status 3"
     )
 
 
@@ -380,7 +378,7 @@ def test_who_does_not_stop_on_request_is_killed_and_that_is_no_fault_either() ->
     assert lifecycle.advance(521) == []
     message = "controller did not stop in time on request and was killed"
     assert lifecycle.advance(522, Ended("controller", -9)) == [
-        Tell("process_ended", "controller", message, is_fault=False, status="signal SIGKILL")
+        Announce("process_ended", "controller", message, is_fault=False, status="signal SIGKILL")
     ]
     assert lifecycle.phase is Phase.RUNNING
     assert lifecycle.advance(530, StartRequested("controller")) == started("controller")
@@ -448,14 +446,14 @@ def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
 
 # An environment on another machine
 
-FROM_AFAR = ("environment_reply", "force_command")
+REMOTE_TOPICS = ("environment_reply", "force_command")
 LOCAL = ("controller", "device", "recorder")
 
 
 def waiting_for_afar() -> tuple[Lifecycle, list[Action]]:
     """A run whose own processes are ready but for what an environment far away brings."""
-    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
-    lifecycle.advance(1, Reported("recorder", FROM_AFAR))
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, REMOTE_TOPICS)
+    lifecycle.advance(1, Reported("recorder", REMOTE_TOPICS))
     lifecycle.advance(2, Reported("device", ("force_command",)))
     return lifecycle, lifecycle.advance(3, Reported("controller", ("environment_reply",)))
 
@@ -463,7 +461,7 @@ def waiting_for_afar() -> tuple[Lifecycle, list[Action]]:
 def test_a_graph_waits_for_a_remote_environment_as_long_as_it_takes_and_says_so_once() -> None:
     lifecycle, actions = waiting_for_afar()
     (told,) = actions
-    assert isinstance(told, Tell)
+    assert isinstance(told, Announce)
     assert told.event == "environment_awaited"
     assert not told.is_fault
     assert lifecycle.deadline_ns is None
@@ -474,7 +472,7 @@ def test_a_graph_waits_for_a_remote_environment_as_long_as_it_takes_and_says_so_
 
 
 def test_what_is_missing_on_this_machine_is_not_waited_for_without_end() -> None:
-    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, FROM_AFAR)
+    lifecycle = Lifecycle(LOCAL, 1000, 0, LIMITS, REMOTE_TOPICS)
     lifecycle.advance(1, Reported("controller", ("environment_reply", "device_state")))
     lifecycle.advance(2, Reported("device", ("force_command",)))
     lifecycle.advance(3, Reported("recorder", ()))

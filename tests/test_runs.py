@@ -16,7 +16,6 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.launch.holding import LOCK_FILE, hold, is_held
 from forcebound.launch.live import (
     LAUNCH_FILE,
     RECORDING,
@@ -25,6 +24,7 @@ from forcebound.launch.live import (
     remove_left_over,
     run_directory,
 )
+from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
 from forcebound.monitor import delay, observation
 from forcebound.monitor.runs import find, running, while_running
 
@@ -42,7 +42,7 @@ def make_run() -> Iterator[MakeRun]:
             run = RunDocument(os.getpid(), None, "", [], **document)
             run.write(run_dir)
             with ExitStack() as own:
-                own.enter_context(hold(run_dir))
+                own.enter_context(shared(run_dir))
                 if is_alive:
                     stack.push(own.pop_all())
             return run_dir.resolve()
@@ -118,7 +118,7 @@ def test_a_run_elsewhere_is_found_by_its_directory(tmp_path: Path) -> None:
     run_dir = tmp_path / "by-hand"
     run_dir.mkdir()
     RunDocument(os.getpid(), None, "", []).write(run_dir)
-    with hold(run_dir):
+    with shared(run_dir):
         assert find(run_dir, [tmp_path / "empty"]) == run_dir.resolve()
 
 
@@ -181,8 +181,8 @@ def test_what_is_wrong_with_a_graph_that_goes_on_is_said_as_it_is(
 
 
 def test_a_run_directory_may_have_several_owners(tmp_path: Path) -> None:
-    with hold(tmp_path):
-        with hold(tmp_path):
+    with shared(tmp_path):
+        with shared(tmp_path):
             assert is_held(tmp_path)
         assert is_held(tmp_path)
     assert not is_held(tmp_path)

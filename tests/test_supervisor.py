@@ -97,13 +97,15 @@ def test_processes_are_started_engaged_and_stopped(run_dir: Path) -> None:
 
 @pytest.mark.live
 def test_the_message_of_a_death_holds_the_last_words(run_dir: Path) -> None:
-    with pytest.raises(RunError, match=r"(?s)controller ended by itself.*status 3.*out of order"):
+    with pytest.raises(
+        RunError, match=r"(?s)controller ended unexpectedly.*status 3.*out of order"
+    ):
         supervise(run_dir, {"device": "good", "controller": "dies"})
 
 
 @pytest.mark.live
 def test_who_dies_again_and_again_ends_the_run_with_its_last_words(run_dir: Path) -> None:
-    message = r"(?s)environment ended by itself 5 times within 10 s.*status 3.*out of order"
+    message = r"(?s)environment ended unexpectedly 5 times within 10 s.*status 3.*out of order"
     # Slower than five deaths in ten seconds it may be on a machine that hangs; not for ever.
     with pytest.raises(RunError, match=message):
         supervise(run_dir, {"device": "good", "environment": "dies later"}, duration_ns=None)
@@ -349,7 +351,7 @@ def test_a_device_or_recorder_that_dies_ends_the_run_and_is_named(
     os.kill(pids[victim], signal.SIGKILL)
     out, err = launched.process.communicate(timeout=PATIENCE)
     assert launched.process.returncode == 1
-    assert f"{victim} ended by itself, with signal SIGKILL" in err
+    assert f"{victim} ended unexpectedly, with signal SIGKILL" in err
     assert "Traceback" not in err
     assert out == ""
     assert not any(map(is_alive, pids.values()))

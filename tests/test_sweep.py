@@ -106,7 +106,7 @@ def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> Non
     [
         ("law: [", "lwa: [", 8, "did you mean 'law'?"),
         ("count: 3", "cuont: 3", 9, "did you mean 'count'?"),
-        ("scale: log", "scale: lgo", 9, "linear or log"),
+        ("scale: log", "scale: lgo", 9, "expected 'linear' or 'log'"),
         ("to: 4 N/mm", "to: 4 N/m", 9, "one unit"),
         ("from: 1 N/mm", "from: 0 N/mm", 9, "no place for zero"),
         ("from: 1 N/mm", "from: soft", 9, "expected a number"),

@@ -92,11 +92,28 @@ def check_fields(kind: type, taken: Collection[str]) -> None:
 class Section:
     """One mapping of a launch file, such as ``device:``."""
 
-    def __init__(self, value: Value | None, name: str, parent: Value, problems: Problems) -> None:
-        """Open the section ``name``, given as ``value``; problems with its absence go to parent."""
+    def __init__(
+        self,
+        value: Value | None,
+        name: str,
+        parent: Value,
+        problems: Problems,
+        any_value: bool = False,
+    ) -> None:
+        """Open the section ``name``, given as ``value``; problems with its absence go to parent.
+
+        Args:
+            value: None: it is absent.
+            name: For messages.
+            parent: What it stands in.
+            problems: What is wrong is added to it.
+            any_value: Whether it may be something else than a mapping, too.
+        """
         self.name = name
         self.problems = problems
         self.value = value if value is not None else Value({}, parent.place, parent.key)
+        if any_value:
+            return
         if self.value.content is None:
             self.value = dataclasses.replace(self.value, content={})
         elif not isinstance(self.value.content, Mapping) and not self.value.is_broken:

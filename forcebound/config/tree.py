@@ -50,6 +50,11 @@ class Value:
         return self.content if isinstance(self.content, Mapping) else {}
 
     @property
+    def is_scalar(self) -> bool:
+        """Whether this is a single value, other than nothing."""
+        return not isinstance(self.content, Mapping | tuple) and self.content is not None
+
+    @property
     def plain(self) -> Any:
         """The content as plain Python values."""
         if isinstance(self.content, Mapping):

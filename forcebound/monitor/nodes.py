@@ -25,9 +25,9 @@ class Present:
 
     Attributes:
         nodes: Those that belong to this machine, whether they run or not.
-        asked: Those of them that can be asked: they have a control socket, or a launcher.
+        reachable: Those of them that have a control socket, or a launcher.
         states: What the launcher says of them, see ``docs/protocol.md``; of nodes that were started
-            by hand, :data:`UNKNOWN` if they can be asked.
+            by hand, :data:`UNKNOWN` if they are reachable.
         answers: The status of those that answered, the launcher included.
         is_graph: Whether a graph is here, and not only an environment for one elsewhere.
         serving: Name of the environment that serves in place of the one here; None if that is not
@@ -35,7 +35,7 @@ class Present:
     """
 
     nodes: frozenset[str]
-    asked: frozenset[str]
+    reachable: frozenset[str]
     states: Mapping[str, str]
     answers: Mapping[str, Mapping[str, Any]]
     is_graph: bool = True
@@ -51,20 +51,20 @@ def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
             does not matter.
     """
     is_graph = _is_graph(run_dir)
-    asked_now = statuses(run_dir, (*NODES, LAUNCHER))
-    answers = {name: answer for name, answer in asked_now.items() if answer is not None}
+    found = statuses(run_dir, (*NODES, LAUNCHER))
+    answers = {name: answer for name, answer in found.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
     if launched is not None:
         states = {name: str(node["state"]) for name, node in launched.items()}
-        nodes = asked = frozenset(NODES) & states.keys()
+        nodes = reachable = frozenset(NODES) & states.keys()
     else:
-        asked = frozenset(asked_now.keys() - {LAUNCHER})
-        states = dict.fromkeys(asked, UNKNOWN)
+        reachable = frozenset(found.keys() - {LAUNCHER})
+        states = dict.fromkeys(reachable, UNKNOWN)
         nodes = frozenset(NODES if is_graph else {ENVIRONMENT})
         if is_graph and config is not None and config.remote is not None:
-            nodes -= {ENVIRONMENT} - asked
+            nodes -= {ENVIRONMENT} - reachable
     serving = _serving(run_dir, states, answers, is_graph)
-    return Present(nodes, asked, states, answers, is_graph, serving)
+    return Present(nodes, reachable, states, answers, is_graph, serving)
 
 
 def _serving(

@@ -2,7 +2,7 @@
 
 A run directory is named ``forcebound-...``, lies in the folder for temporary files, belongs to the
 user, has a run's document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher
-or by nodes that were started by hand (:mod:`forcebound.launch.holding`).
+or by nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.holding import is_held
 from forcebound.launch.live import PREFIX, RunDocument, run_folders
+from forcebound.launch.run_lock import is_held
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
 

@@ -146,7 +146,9 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
         request = write_launch_document(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
     concerned = sorted(holders(settings))
-    down = {node for node in concerned if here.states.get(node) in DOWN or node not in here.asked}
+    down = {
+        node for node in concerned if here.states.get(node) in DOWN or node not in here.reachable
+    }
     _configure(run_dir, [node for node in concerned if node not in down], request, here)
     notes = [_why_down(node, here) for node in concerned if node in down]
     if ENVIRONMENT in concerned and here.serving is not None:

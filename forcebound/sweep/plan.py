@@ -20,29 +20,67 @@ that combinations differ in nothing else.
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 from forcebound.config.document import MAX_BYTES, find
-from forcebound.config.fields import Section
+from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import reason
-from forcebound.quantities import parse_quantity, split_quantity
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_quantity
 
 MAX_CASES = 2_000_000
 
 KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
-RANGE_KEYS = ("from", "to", "count", "scale")
 MAP_KEYS = ("x", "y", "value", "per", "limits", "title", "scale")
 
 SHIPPED = Path(__file__).parent
+
+_Draw: TypeAlias = tuple[random.Random, int]  # what draws, and how many
+
+
+class _NumberAndUnit:
+    """Lets pydantic read an end of a range."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(lambda v: split_quantity(str(v)))
+
+
+_COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
+_END = Annotated[Any, _NumberAndUnit()]
+_RANGE = {
+    "from": Field("from", _END, True, None),
+    "to": Field("to", _END, True, None),
+    "count": Field("count", _COUNT, True, None),
+    "scale": Field("scale", Literal["linear", "log"], False, "linear"),
+}
+_REPEAT = {
+    "repeat": Field("repeat", _COUNT, True, None),
+    "from": Field("from", Annotated[int, NOT_NEGATIVE], False, 1),
+}
+_MAP = [Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS if name != "limits"]
+
+
+@dataclass(frozen=True)
+class _Head:
+    launch: str
+    description: str = ""
+    duration: Annotated[Time, POSITIVE] = 0.0
+
+
+@dataclass(frozen=True)
+class _Draws:
+    count: _COUNT
+    seed: Annotated[int, NOT_NEGATIVE]
 
 
 @dataclass(frozen=True)
@@ -117,228 +155,152 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
     root = parse(text, str(file), problems)
     if root is None:
         raise problems.error()
-    return _Reader(root, file, problems).sweep(overrides)
+    return _sweep(root, file, overrides, problems)
 
 
-class _Reader:
-    def __init__(self, root: Value, file: Path, problems: Problems) -> None:
-        self._root = root
-        self._file = file
-        self._problems = problems
-        self._known: set[str] = set()
+def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
+    """What the tree of a sweep file says."""
+    top = Section(root, "the sweep file", root, problems)
+    top.check_keys(KEYS)
+    version = root.entries.get("forcebound")
+    if version is None or version.content is True or version.content != FORMAT:
+        message = f"the sweep file needs 'forcebound: {FORMAT}', the version of its format"
+        problems.add(message, root.place if version is None else version.place)
+    head = top.read(fields_of(_Head))
+    found = None if head is None else find(Path(head["launch"]), file.parent)
+    if head is not None and found is None:
+        top.add(f"there is no launch file {head['launch']!r}", root.entries["launch"])
+    problems.raise_if_any()
+    assert head is not None
+    assert found is not None
+    known = {argument.name for argument in arguments_of(found)}
+    given = _overrides(overrides, known)
+    sections = {key: Section(root.entries.get(key), key, root, problems) for key in KEYS[4:]}
+    constants = _constants(sections["set"], known)
+    grid = _over(sections["over"], known, None)
+    drawn, rows = _random(sections["random"], known)
+    _check_map(sections["map"], {*grid, *drawn})
+    for name in (*grid, *drawn):
+        if name in constants:
+            place = sections["set"].value.entries[name].place
+            problems.add(f"{name!r} stands in set: and varies too", place)
+    problems.raise_if_any()
+    grid = {name: values for name, values in grid.items() if name not in given}
+    drawn = {name: values for name, values in drawn.items() if name not in given}
+    size = math.prod(len(values) for values in grid.values()) * rows
+    if size > MAX_CASES:
+        raise ConfigError(f"{file}: {size} cases; at most {MAX_CASES} make one sweep")
+    joint = [tuple(column[i] for column in drawn.values()) for i in range(rows)]
+    return Sweep(
+        name=file.stem,
+        description=head.get("description", ""),
+        template=read_template(found),
+        duration=head.get("duration"),
+        constants=constants | given,
+        columns=(*grid, *drawn),
+        cases=tuple((*combined, *row) for combined in product(*grid.values()) for row in joint),
+        drawing=sections["map"].value.plain,
+    )
 
-    def sweep(self, overrides: Sequence[str]) -> Sweep:
-        root, problems = self._root, self._problems
-        top = Section(root, "the sweep file", root, problems)
-        top.check_keys(KEYS)
-        version = root.entries.get("forcebound")
-        if version is None or version.content is True or version.content != FORMAT:
-            message = f"the sweep file needs 'forcebound: {FORMAT}', the version of its format"
-            problems.add(message, root.place if version is None else version.place)
-        launch = self._launch(top)
-        problems.raise_if_any()
-        assert launch is not None
-        self._known = {argument.name for argument in arguments_of(launch)}
-        given = self._overrides(overrides)
-        constants = {**self._constants(root.entries.get("set")), **given}
-        grid = self._over(root.entries.get("over"), "over", None)
-        drawn, count = self._random(root.entries.get("random"))
-        duration = self._duration(root.entries.get("duration"))
-        drawing = self._map(root.entries.get("map"), {*grid, *drawn})
-        for name, values in (*grid.items(), *drawn.items()):
-            if name in constants and name not in given:
-                where = (self._root.entries["set"].entries[name]).place
-                problems.add(f"{name!r} stands in set: and varies too", where)
-            if not values and not problems:
-                problems.add(f"{name!r} has no value", root.place)
-        problems.raise_if_any()
-        grid = {name: values for name, values in grid.items() if name not in given}
-        drawn = {name: values for name, values in drawn.items() if name not in given}
-        size = math.prod(len(values) for values in grid.values()) * max(count, 1)
-        if size > MAX_CASES:
-            raise ConfigError(f"{self._file}: {size} cases; at most {MAX_CASES} make one sweep")
-        rows = [tuple(column[i] for column in drawn.values()) for i in range(max(count, 1))]
-        cases = tuple((*combined, *row) for combined in product(*grid.values()) for row in rows)
-        description = root.entries.get("description")
-        return Sweep(
-            name=self._file.stem,
-            description="" if description is None else description.text,
-            template=read_template(launch),
-            duration=duration,
-            constants=constants,
-            columns=(*grid, *drawn),
-            cases=cases,
-            drawing=drawing,
-        )
 
-    def _launch(self, top: Section) -> Path | None:
-        value = self._root.entries.get("launch")
-        if value is None:
-            top.add_here("the sweep file needs 'launch', the launch file to run")
-            return None
-        if not isinstance(value.content, str):
-            top.add(f"launch must name one launch file, got {value}", value)
-            return None
-        found = find(Path(value.content), self._file.parent)
-        if found is None:
-            top.add(f"there is no launch file {value.content!r}", value)
-        return found
+def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, str]:
+    given = {}
+    for text in overrides:
+        name, separator, value = text.partition(":=")
+        if not separator:
+            raise ConfigError(f"expected name:=value, got {text!r}")
+        if name not in known:
+            raise ConfigError(unknown("argument", name, known))
+        given[name] = value.strip()
+    return given
 
-    def _overrides(self, overrides: Sequence[str]) -> dict[str, str]:
-        given = {}
-        for text in overrides:
-            name, separator, value = text.partition(":=")
-            if not separator:
-                raise ConfigError(f"expected name:=value, got {text!r}")
-            if name not in self._known:
-                raise ConfigError(unknown("argument", name, self._known))
-            given[name] = value.strip()
-        return given
 
-    def _check_name(self, name: str, value: Value) -> None:
-        if name not in self._known:
-            self._problems.add(unknown("argument", name, self._known), value.key or value.place)
+def _check_arguments(section: Section, known: Collection[str]) -> None:
+    for name, value in section.value.entries.items():
+        if name not in known:
+            section.problems.add(unknown("argument", name, known), value.key or value.place)
 
-    def _constants(self, section: Value | None) -> dict[str, str]:
-        constants = {}
-        for name, value in self._entries(section, "set"):
-            self._check_name(name, value)
-            if isinstance(value.content, Mapping | tuple) or value.content is None:
-                self._problems.add(f"set: one value for {name!r}, got {value}", value.place)
-            else:
-                constants[name] = value.text
-        return constants
 
-    def _over(
-        self, section: Value | None, label: str, draw: tuple[random.Random, int] | None
-    ) -> dict[str, list[str]]:
-        found = {}
-        for name, value in self._entries(section, label):
-            self._check_name(name, value)
-            found[name] = self._values(name, value, draw)
-        return found
+def _constants(section: Section, known: Collection[str]) -> dict[str, str]:
+    _check_arguments(section, known)
+    for name, value in section.value.entries.items():
+        if not value.is_scalar:
+            section.add(f"set: one value for {name!r}, got {value}", value)
+    return {name: value.text for name, value in section.value.entries.items()}
 
-    def _entries(self, section: Value | None, label: str) -> list[tuple[str, Value]]:
-        if section is None or section.content is None:
+
+def _over(section: Section, known: Collection[str], draw: _Draw | None) -> dict[str, list[str]]:
+    _check_arguments(section, known)
+    return {
+        name: _values(Section(value, name, value, section.problems, any_value=True), draw)
+        for name, value in section.value.entries.items()
+    }
+
+
+def _random(section: Section, known: Collection[str]) -> tuple[dict[str, list[str]], int]:
+    """The values of each argument that is drawn, and how many there are of each."""
+    if not section.value.entries:
+        return {}, 1
+    section.check_keys((*fields_of(_Draws), "over"))
+    draws = section.make(_Draws)
+    over = Section(
+        section.value.entries.get("over"), "random.over", section.value, section.problems
+    )
+    if draws is None:
+        return {}, 1
+    return _over(over, known, (random.Random(draws.seed), draws.count)), draws.count
+
+
+def _values(section: Section, draw: _Draw | None) -> list[str]:
+    """The values of one argument: one, a list, a repetition or a range."""
+    value = section.value
+    if isinstance(value.content, tuple):
+        for entry in value.content:
+            if not entry.is_scalar:
+                section.add(f"{section.name}: a list of single values, got {entry}", entry)
+        if not value.content:
+            section.add(f"{section.name}: an empty list leaves no case", value)
             return []
-        if not isinstance(section.content, Mapping):
-            self._problems.add(f"{label} must be a mapping, got {section}", section.place)
-        return list(section.entries.items())
+        texts = [entry.text for entry in value.content]
+        return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
+    if not isinstance(value.content, Mapping):
+        return [value.text]
+    if "repeat" in value.entries:
+        section.check_keys(_REPEAT)
+        read = section.read(_REPEAT) or {"repeat": 0}
+        return [str(read.get("from", 1) + i) for i in range(read["repeat"])]
+    fields = _RANGE if draw is None else {k: f for k, f in _RANGE.items() if k != "count"}
+    section.check_keys(fields)
+    found = section.read(fields)
+    return [] if found is None else _range(section, found, draw)
 
-    def _values(self, name: str, value: Value, draw: tuple[random.Random, int] | None) -> list[str]:
-        if isinstance(value.content, tuple):
-            texts = [entry.text for entry in value.content]
-            for entry in value.content:
-                if isinstance(entry.content, Mapping | tuple) or entry.content is None:
-                    self._problems.add(f"{name}: a list of single values, got {entry}", entry.place)
-            if not texts:
-                self._problems.add(f"{name}: an empty list leaves no case", value.place)
-            elif draw is not None:
-                return [draw[0].choice(texts) for _ in range(draw[1])]
-            return texts
-        if not isinstance(value.content, Mapping):
-            return [value.text]
-        section = Section(value, name, value, self._problems)
-        if "repeat" in value.entries:
-            section.check_keys(("repeat", "from"))
-            first = self._whole(value.entries.get("from"), 1)
-            repeat = self._whole(value.entries["repeat"], 0)
-            return [str(first + i) for i in range(repeat)]
-        section.check_keys(RANGE_KEYS if draw is None else RANGE_KEYS[:2] + RANGE_KEYS[3:])
-        return self._range(section, draw)
 
-    def _range(self, section: Section, draw: tuple[random.Random, int] | None) -> list[str]:
-        entries = section.value.entries
-        start, end = (self._end(section, key) for key in ("from", "to"))
-        scale = entries.get("scale")
-        is_log = scale is not None and scale.text == "log"
-        if scale is not None and scale.text not in ("log", "linear"):
-            section.add(f"scale must be linear or log, got {scale}", scale)
-        count = draw[1] if draw is not None else self._whole(entries.get("count"), 0)
-        if draw is None and count < 1:
-            section.add_here(f"{section.name} needs 'count', a whole number of at least 1")
-        if start is None or end is None:
-            return []
-        (low, unit), (high, other) = start, end
-        if unit != other:
-            section.add(
-                f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"]
-            )
-            return []
-        if is_log and not (low > 0 and high > 0):
-            section.add("a log range has no place for zero or less", entries["from"])
-            return []
-        if draw is not None:
-            shares = [draw[0].random() for _ in range(count)]
-        else:
-            shares = [i / max(count - 1, 1) for i in range(count)]
-        values = [_between(low, high, share, is_log) for share in shares]
-        return [f"{value!r} {unit}".strip() for value in values]
+def _range(section: Section, read: Mapping[str, Any], draw: _Draw | None) -> list[str]:
+    entries = section.value.entries
+    (low, unit), (high, other) = read["from"], read["to"]
+    is_log = read.get("scale") == "log"
+    if unit != other:
+        section.add(f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"])
+        return []
+    if is_log and not (low > 0 and high > 0):
+        section.add("a log range has no place for zero or less", entries["from"])
+        return []
+    if draw is not None:
+        shares = [draw[0].random() for _ in range(draw[1])]
+    else:
+        shares = [i / max(read["count"] - 1, 1) for i in range(read["count"])]
+    return [f"{_between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
 
-    def _end(self, section: Section, key: str) -> tuple[float, str] | None:
-        value = section.value.entries.get(key)
-        if value is None:
-            section.add_here(f"{section.name} needs {key!r}: a list of values, or a range")
-            return None
-        try:
-            return split_quantity(value.text)
-        except ConfigError as error:
-            section.add(str(error), value)
-            return None
 
-    def _whole(self, value: Value | None, default: int) -> int:
-        if value is None:
-            return default
-        if isinstance(value.content, bool) or not isinstance(value.content, int):
-            self._problems.add(f"expected a whole number, got {value}", value.place)
-            return default
-        if not 0 <= value.content <= MAX_CASES:
-            self._problems.add(f"expected 0 to {MAX_CASES}, got {value}", value.place)
-            return default
-        return value.content
-
-    def _random(self, section: Value | None) -> tuple[dict[str, list[str]], int]:
-        if section is None or section.content is None:
-            return {}, 0
-        part = Section(section, "random", section, self._problems)
-        part.check_keys(("count", "seed", "over"))
-        count = self._whole(section.entries.get("count"), 0)
-        if count < 1:
-            part.add_here("random needs 'count', a whole number of at least 1")
-        seed = section.entries.get("seed")
-        if seed is None:
-            part.add_here("random needs 'seed': the same draws every time")
-        draw = random.Random(self._whole(seed, 0))
-        return self._over(section.entries.get("over"), "random.over", (draw, count)), count
-
-    def _duration(self, value: Value | None) -> float | None:
-        if value is None:
-            return None
-        try:
-            seconds = parse_quantity(value.plain, "s")
-        except ConfigError as error:
-            self._problems.add(f"duration: {error}", value.place)
-            return None
-        if seconds <= 0:
-            self._problems.add(f"duration must be > 0 s, got {value}", value.place)
-        return seconds
-
-    def _map(self, value: Value | None, varied: set[str]) -> dict[str, Any]:
-        if value is None or value.content is None:
-            return {}
-        part = Section(value, "map", value, self._problems)
-        part.check_keys(MAP_KEYS)
-        for key in ("x", "value"):
-            if key not in value.entries:
-                part.add_here(f"map needs {key!r}")
-        for key in ("x", "y", "per"):
-            entry = value.entries.get(key)
-            if entry is not None and entry.text not in varied:
-                self._problems.add(
-                    unknown(f"varied argument for {key}:", entry.text, varied), entry.place
-                )
-        plain: dict[str, Any] = value.plain
-        return plain
+def _check_map(section: Section, varied: set[str]) -> None:
+    if not section.value.entries:
+        return
+    section.check_keys(MAP_KEYS)
+    section.read({field.name: field for field in _MAP})
+    for key in ("x", "y", "per"):
+        entry = section.value.entries.get(key)
+        if entry is not None and entry.text not in varied:
+            section.add(unknown(f"varied argument for {key}:", entry.text, varied), entry)
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:

@@ -1,7 +1,7 @@
-"""Who uses a run directory? Each of its owners holds a lock on a file in it while it lives.
+"""Lock of a run directory: its owners share a lock on a file in it while they live.
 
-The kernel frees the lock with the process, however that ends; a process id would be given to others
-after it. Owners are a launcher, and the nodes that were started by hand; they share the lock.
+The kernel frees the lock with the process, however that ends; a process id could be reused. Owners
+are a launcher, and nodes that were started by hand.
 """
 
 import fcntl
@@ -14,27 +14,27 @@ LOCK_FILE = "lock"
 
 
 @contextmanager
-def hold(run_dir: Path) -> Iterator[None]:
-    """Be an owner of a run directory meanwhile.
+def shared(run_dir: Path) -> Iterator[None]:
+    """Own a run directory during the body.
 
     Raises:
         OSError: If the lock's file cannot be made.
     """
     descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH)  # it waits only for a look of seize, microseconds
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits only microseconds, for `exclusive`
         yield
     finally:
         os.close(descriptor)
 
 
 @contextmanager
-def seize(run_dir: Path) -> Iterator[bool]:
-    """Let nobody become an owner meanwhile; give whether that is so: False if there is one."""
+def exclusive(run_dir: Path) -> Iterator[bool]:
+    """Keep a run directory without owner during the body; give False if it has one."""
     try:
         descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
     except OSError:
-        yield False  # nobody knows
+        yield False  # unknown
         return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -49,6 +49,6 @@ def seize(run_dir: Path) -> Iterator[bool]:
 
 
 def is_held(run_dir: Path) -> bool:
-    """Return whether a run directory has an owner that lives."""
-    with seize(run_dir) as is_free:
+    """Return whether a run directory has a living owner."""
+    with exclusive(run_dir) as is_free:
         return not is_free and (run_dir / LOCK_FILE).exists()
