@@ -1,4 +1,4 @@
-"""What a sweep file says: a launch file, and which values its arguments take.
+"""Sweep files: a launch file, and the values that its arguments take.
 
 ::
 
