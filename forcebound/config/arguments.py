@@ -1,4 +1,4 @@
-"""What a launch file lets one choose: ``arguments:``, and ``name:=value`` on the command line."""
+"""Arguments of a launch file: ``arguments:``, and ``name:=value`` on the command line."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -125,7 +125,7 @@ class Arguments:
 def check_overrides_are_used(
     overrides: Sequence[str], used: set[str], declared: Mapping[str, Argument], problems: Problems
 ) -> None:
-    """Note each override that changes nothing, since no value of the launch file asks for it."""
+    """Note each override that changes nothing, because no value of the launch file uses it."""
     for text in overrides:
         name = text.partition(":=")[0]
         if name in declared and name not in used:

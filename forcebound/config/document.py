@@ -1,4 +1,4 @@
-"""Which files a launch file is made of, and how they lie over each other.
+"""A launch file and the files that it includes, as one tree.
 
 ``include: other.yaml`` at the top of a file is read the same way and lies beneath the including
 file: what the including file says wins, key by key. A section that names another ``kind`` is

@@ -1,6 +1,6 @@
 """The JSON schema of launch files, for completion and checks in editors.
 
-It says less than the loader knows: a key that an included file may give is not required here, and
+It is less strict than the loader: a key that an included file may give is not required here, and
 units are text. What it refuses, the loader refuses too.
 """
 

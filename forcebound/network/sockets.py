@@ -1,4 +1,4 @@
-"""How bytes travel: ZeroMQ sockets with every known trap handled in one place.
+"""ZeroMQ sockets, with every known trap handled in one place.
 
 Only this room imports zmq, and only ``make_socket`` opens sockets. What was measured (pyzmq 27.3,
 libzmq 4.3.5) and what is done:
@@ -11,12 +11,12 @@ libzmq 4.3.5) and what is done:
 4. A peer may send a frame of any size: MAXMSGSIZE. libzmq then ends the connection, and an end that
    *connected* does not try again: on ipc the stream is silent until this process starts anew, which
    the device answers with zero force; on tcp :mod:`forcebound.network.remote` connects again.
-5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
+5. A peer that connects and sends nothing holds the socket for 30 s: HANDSHAKE_IVL.
 6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
 8. ``zmq_poll`` counts in milliseconds. ``select`` on the sockets' descriptors waits to the
-   microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS says
-   so, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
+   microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS shows
+   it, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
    cold loop, so only sockets whose descriptor is readable are asked.
 9. A message of several frames aborts a process whose CONFLATE socket reads it between two of them
    (``Assertion failed: !_more``, fq.cpp), on ipc too. So no socket has CONFLATE: it is read until
@@ -41,18 +41,20 @@ from zmq.backend import Socket as _CompiledSocket
 from forcebound.errors import ConfigError
 from forcebound.network.control import ControlClient, ControlServer
 from forcebound.network.keys import KeyPair
+from forcebound.network.limits import (
+    HANDSHAKE_MS,
+    HEARTBEAT_MS,
+    HEARTBEAT_TIMEOUT_MS,
+    MAX_FRAME,
+    QUEUE_LIMIT,
+    RECONNECT_MS,
+    TCP_CONNECT_MS,
+    TCP_RECEIVE_QUEUE,
+    TCP_RECONNECT_MAX_MS,
+    TCP_SEND_QUEUE,
+)
 from forcebound.network.subscriber import Subscriber
 
-MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
-QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
-HANDSHAKE_MS = 2_000
-HANDSHAKE_TIMEOUT_NS = HANDSHAKE_MS * 900_000  # a failure after this was that limit
-RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
-TCP_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream
-TCP_RECONNECT_MAX_MS = 200
-TCP_CONNECT_MS = 1_000  # a lost SYN is sent again by the kernel only after 1, 3, 7 ... s
-HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
-HEARTBEAT_TIMEOUT_MS = 300
 MONITORED = (
     zmq.EVENT_CONNECTED
     | zmq.EVENT_CONNECT_DELAYED
@@ -113,40 +115,24 @@ def make_socket(
 
     Args:
         context: Where its input and output thread lives.
-        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP`` or ``zmq.PAIR``.
+        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP``,
+            ``zmq.PAIR``, ``zmq.ROUTER`` or ``zmq.DEALER``.
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
         guard: Who may be at the other end; None: who can reach the endpoint.
-        monitor: ``inproc`` endpoint at which the socket tells what happens to it; empty: none. Its
+        monitor: ``inproc`` endpoint at which the socket reports its events; empty: none. Its
             reader must have no limit on its queue, and stop the monitor before it leaves.
 
     Raises:
         ConfigError: If the endpoint is malformed, in use or not permitted.
     """
     socket = context.socket(kind)
-    socket.set(zmq.LINGER, 0)
-    socket.set(zmq.IMMEDIATE, int(kind != zmq.SUB))
-    socket.set(zmq.IPV6, 1)
-    socket.set(zmq.MAXMSGSIZE, MAX_FRAME)
-    socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-    socket.set(zmq.RECONNECT_IVL, RECONNECT_MS)
-    socket.set(zmq.SNDHWM, QUEUE_LIMIT)
-    socket.set(zmq.RCVHWM, QUEUE_LIMIT)
-    if endpoint.startswith("tcp:"):
-        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-        socket.set(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
-        socket.set(zmq.RECONNECT_IVL_MAX, TCP_RECONNECT_MAX_MS)
-        socket.set(zmq.CONNECT_TIMEOUT, TCP_CONNECT_MS)
-        socket.set(zmq.SNDHWM, TCP_QUEUE)
-    if endpoint.startswith("inproc:"):
-        socket.set(zmq.RCVHWM, 0)  # its writer is the input and output thread: see 10
+    for option, value in _options(kind, endpoint).items():
+        socket.set(option, value)
     if guard is not None:
         _set_guard(socket, guard)
     if kind == zmq.SUB:
         socket.set(zmq.SUBSCRIBE, b"")
-    if kind == zmq.REQ:  # a request without an answer may be followed by another one
-        socket.set(zmq.REQ_RELAXED, 1)
-        socket.set(zmq.REQ_CORRELATE, 1)
     if monitor:
         socket.monitor(monitor, MONITORED)
     try:
@@ -166,6 +152,34 @@ def make_socket(
     return socket
 
 
+def _options(kind: int, endpoint: str) -> dict[int, int]:
+    """Return the options of a socket that are whole numbers."""
+    options: dict[int, int] = {
+        zmq.LINGER: 0,
+        zmq.IMMEDIATE: int(kind != zmq.SUB),
+        zmq.IPV6: 1,
+        zmq.MAXMSGSIZE: MAX_FRAME,
+        zmq.HANDSHAKE_IVL: HANDSHAKE_MS,
+        zmq.RECONNECT_IVL: RECONNECT_MS,
+        zmq.SNDHWM: QUEUE_LIMIT,
+        zmq.RCVHWM: QUEUE_LIMIT,
+    }
+    if endpoint.startswith("tcp:"):
+        options |= {
+            zmq.HEARTBEAT_IVL: HEARTBEAT_MS,
+            zmq.HEARTBEAT_TIMEOUT: HEARTBEAT_TIMEOUT_MS,
+            zmq.RECONNECT_IVL_MAX: TCP_RECONNECT_MAX_MS,
+            zmq.CONNECT_TIMEOUT: TCP_CONNECT_MS,
+            zmq.SNDHWM: TCP_SEND_QUEUE,
+            zmq.RCVHWM: TCP_RECEIVE_QUEUE,
+        }
+    if endpoint.startswith("inproc:"):
+        options[zmq.RCVHWM] = 0  # its writer is the input and output thread: see 10
+    if kind == zmq.REQ:  # a request without an answer may be followed by another one
+        options |= {zmq.REQ_RELAXED: 1, zmq.REQ_CORRELATE: 1}
+    return options
+
+
 class Publisher:
     """One stream out; never blocks, and drops what nobody takes."""
 
@@ -174,7 +188,7 @@ class Publisher:
 
     @property
     def send(self) -> Callable[[bytes], Any]:
-        """What sends one packet to whoever is there; to be kept by who sends often."""
+        """Function that sends one packet to all who are there; keep it if you send often."""
         # The compiled method itself: pyzmq's Python one around it serves features not used here.
         return partial(_CompiledSocket.send, self._socket)
 
@@ -302,7 +316,7 @@ class Waiter:
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
     """Sleep until a descriptor is readable, or the time is over; return those that are.
 
-    A ZeroMQ descriptor is edge-triggered: it says that something *happened* on a socket. So it may
+    A ZeroMQ descriptor is edge-triggered: it shows that something *happened* on a socket. So it may
     be waited for only after everything on the socket was received, and it may have been nothing of
     interest.
 
