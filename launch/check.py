@@ -1,26 +1,87 @@
-"""Whether an environment keeps its contract: what ``forcebound check environment`` tells."""
+"""Checks of parts against the contracts of their rooms: what ``forcebound check`` reports."""
 
 import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.loader import member_of
+from forcebound.bounding import contract as laws
+from forcebound.config.loader import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
+from forcebound.contract import Report
+from forcebound.controllers import contract as controllers
+from forcebound.devices import contract as devices
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
+from forcebound.operators import contract as operators
 from forcebound.quantities import parse_quantity
 from forcebound.user_module import file_of, names_file
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
+PROMISES_OF: Mapping[str, Mapping[str, str]] = {
+    "law": laws.PROMISES,
+    "device": devices.PROMISES,
+    "operator": operators.PROMISES,
+    "controller": controllers.PROMISES,
+}
+CHECKS: Mapping[str, Callable[[Any], Report]] = {
+    "law": laws.check,
+    "device": devices.check,
+    "operator": operators.check,
+    "controller": controllers.check,
+}
 ASKING, TIMING = 10.0, 2.0  # s, about: how long the contract's questions and the calls may take
+
+
+def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[str, Any]:
+    """Return what the contract test finds of a law, device, operator or controller.
+
+    A file of the user's own runs in the sandbox.
+
+    Args:
+        section: ``"law"``, ``"device"``, ``"operator"`` or ``"controller"``.
+        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
+        arguments: Its parameters, each ``name:=value``; a law has none.
+
+    Returns:
+        ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
+        and ``violations``.
+
+    Raises:
+        ConfigError: As :func:`check_environment`.
+    """
+    words: list[Any] = [section, kind, list(arguments)]
+    if not names_file(kind):
+        return check_part_here(nobody_listens, *words)
+    document: dict[str, Any] = run_in_sandbox(check_part_here, words, [file_of(kind, Path())])
+    return document
+
+
+def check_part_here(
+    tell: Tell, section: str, kind: str, arguments: Sequence[str]
+) -> dict[str, Any]:
+    """Do the work of :func:`check_part` in this process."""
+    part: dict[str, Any]
+    if section == "law":
+        law = law_of(kind)
+        part, report = {"kind": law}, CHECKS["law"](law)
+    else:
+        model = member_of(section, kind, arguments)
+        part, report = member_document(section, model), CHECKS[section](model)
+    return {
+        "part": part,
+        "passed": not report.violations,
+        "questions": report.questions,
+        "promises": report.held,
+        "violations": [dataclasses.asdict(v) for v in report.violations],
+    }
 
 
 def check_environment(
@@ -92,16 +153,27 @@ def check_here(
     }
 
 
-def lines(document: Mapping[str, Any]) -> list[str]:
-    """Return what :func:`check_environment` found as text for a person."""
-    told = []
+def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> list[str]:
+    """Return which promises were kept, and how the others were broken, as text for a person.
+
+    Args:
+        document: Of :func:`check_part` or :func:`check_environment`.
+        promises: In words.
+    """
+    text = []
     for promise, held in document["promises"].items():
-        told.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
+        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {promises[promise]}")
         for violation in document["violations"]:
             if violation["promise"] == promise:
-                told.append(f"          {violation['where']}")
-                told.append(f"            expected {violation['expected']}")
-                told.append(f"            got      {violation['got']}")
+                text.append(f"          {violation['where']}")
+                text.append(f"            expected {violation['expected']}")
+                text.append(f"            got      {violation['got']}")
+    return text
+
+
+def lines(document: Mapping[str, Any]) -> list[str]:
+    """Return what :func:`check_environment` found as text for a person."""
+    told = promise_lines(document, PROMISES)
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")

@@ -199,6 +199,7 @@ def _run(
         policy=config.realtime.policy,
         core=run.core,
         lock_memory=config.realtime.lock_memory,
+        deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
     )
     if kind == "controller" and config.remote is not None:

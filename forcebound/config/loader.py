@@ -33,7 +33,7 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.phases import KEY, phase_duration, read_phases
-from forcebound.config.problems import Place, Problems
+from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.sandbox import Tell, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
@@ -153,7 +153,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     """Return one part by itself, such as an environment, outside any launch file.
 
     Args:
-        section: ``"operator"``, ``"controller"`` or ``"environment"``.
+        section: ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
         kind: As in a launch file; a relative path starts from the current folder.
         overrides: Its parameters, each ``name:=value``.
 
@@ -175,6 +175,19 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     made = _model(Section(value, section, value, problems))
     problems.raise_if_any()
     return made
+
+
+def law_of(kind: str) -> str:
+    """Return a law's kind, absolute if it is in a file; a relative path starts from here.
+
+    Raises:
+        ConfigError: If there is no such law.
+    """
+    if kind not in LAWS:
+        raise ConfigError(unknown("law", kind, LAWS))
+    law = LAWS.resolve(kind, Path())
+    LAWS[law]  # a file is loaded, and checked
+    return law
 
 
 def from_document(document: Mapping[str, Any]) -> GraphConfig:
