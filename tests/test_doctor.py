@@ -6,10 +6,11 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
+from builders import telemetry_packet
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
-from forcebound.messages.packets import LINKS, TOPICS, Telemetry
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor import wording
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.findings import Fact, Finding
@@ -40,23 +41,15 @@ def telemetry(
     for tick in range(ticks):
         is_answered = tick not in unanswered
         packets.append(
-            Telemetry(
-                seq=tick,
-                time_ns=tick * PERIOD_NS,
+            telemetry_packet(
+                tick,
                 elapsed=1.0 + tick * 1e-3,
-                position=(0.0,),
                 commanded_force=(asked if is_answered else 0.0,),
                 applied_force=(applied if is_answered else 0.0,),
                 force_limit=applied,
-                estimated_energy=0.0,
-                true_energy=None,
-                true_position=None,
-                hand_force=None,
-                engagement=1.0,
                 device_seq=max(0, tick - 1) if is_answered else None,
                 loop_delay=loop_delay if is_answered else None,
                 deadline_misses=tick // lost_every if lost_every else 0,
-                rejected={},
             )
         )
     return TelemetryColumns.from_packets(packets)

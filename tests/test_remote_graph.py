@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import pytest
+from builders import MS
 from click.testing import CliRunner
-from fakes import MS
 from waiting import free_port, until
 
 from forcebound.cli import main
