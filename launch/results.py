@@ -10,11 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
-from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns
 from forcebound.user_module import source_of
 
@@ -49,7 +47,7 @@ class RunResult:
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
-    interrupted: bool = False  # somebody ended it before its time
+    interrupted: bool = False  # it was ended before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
@@ -59,6 +57,8 @@ class RunResult:
         Raises:
             ConfigError: If there is no such file or it is no recording of a run.
         """
+        from forcebound.recording import read  # slow, and no node process needs it
+
         recording = read(path)
         if not recording.complete:
             _logger.warning("recording incomplete: of %s is used what can be read", path)
@@ -77,12 +77,14 @@ class RunResult:
 
         A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
         """
-        told = summarize_events(self.events)
+        from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
+
+        events = summarize_events(self.events)
         if not self.is_complete:
-            told["faults"]["recording_incomplete"] = 1
+            events["faults"]["recording_incomplete"] = 1
         return {
             **summarize(self.columns, self.document),
-            **told,
+            **events,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }

@@ -1,4 +1,4 @@
-"""Which address a launch file means, whether it stays on this machine, and whether it is free."""
+"""Addresses of a launch file: resolved, on this machine or not, free or in use."""
 
 import ipaddress
 import re

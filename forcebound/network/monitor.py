@@ -1,4 +1,4 @@
-"""What happens to the connections of a socket, as libzmq tells it."""
+"""Events of the connections of a socket, from libzmq."""
 
 import struct
 from dataclasses import dataclass
