@@ -1,4 +1,4 @@
-"""How a process keeps its appointments: scheduling, placement, memory, and waiting for an instant.
+"""Punctuality of a process: scheduling, placement, memory, and waiting for an instant.
 
 How it works:
 

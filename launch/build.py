@@ -1,4 +1,4 @@
-"""From a configuration to the objects that run: the nodes and the links of a graph."""
+"""Nodes and links of a graph, made from its configuration."""
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of

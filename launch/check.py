@@ -11,7 +11,7 @@ from typing import Any
 from forcebound.bounding import contract as laws
 from forcebound.config.loader import law_of, member_of
 from forcebound.config.resolved import member_document
-from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
+from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
 from forcebound.contract import Report
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
@@ -59,13 +59,13 @@ def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[s
     """
     words: list[Any] = [section, kind, list(arguments)]
     if not names_file(kind):
-        return check_part_here(nobody_listens, *words)
+        return check_part_here(no_progress, *words)
     document: dict[str, Any] = run_in_sandbox(check_part_here, words, [file_of(kind, Path())])
     return document
 
 
 def check_part_here(
-    tell: Tell, section: str, kind: str, arguments: Sequence[str]
+    progress: Progress, section: str, kind: str, arguments: Sequence[str]
 ) -> dict[str, Any]:
     """Do the work of :func:`check_part` in this process."""
     part: dict[str, Any]
@@ -89,7 +89,7 @@ def check_environment(
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
-    tell: Tell = nobody_listens,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Return what the contract test finds of an environment, in plain JSON types.
 
@@ -100,7 +100,7 @@ def check_environment(
         arguments: Its parameters, each ``name:=value``.
         axes: Numbers of axes to ask with; none: 1 to 6.
         rest: Forces expected at rest, each ``POSITION=FORCE``.
-        tell: Called before each answer.
+        progress: Called before each answer.
 
     Returns:
         ``environment`` (kind and parameters), ``passed``, ``questions`` that were asked,
@@ -114,13 +114,17 @@ def check_environment(
     """
     words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
     if not names_file(kind):
-        return check_here(tell, *words)
-    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], tell)
+        return check_here(progress, *words)
+    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], progress)
     return document
 
 
 def check_here(
-    tell: Tell, kind: str, arguments: Sequence[str], axes: Sequence[int], rest: Sequence[str]
+    progress: Progress,
+    kind: str,
+    arguments: Sequence[str],
+    axes: Sequence[int],
+    rest: Sequence[str],
 ) -> dict[str, Any]:
     """Do the work of :func:`check_environment` in this process."""
     expected = dict(_expected(text) for text in rest)
@@ -129,14 +133,14 @@ def check_here(
     environment = open_environment(model, one)
     at_rest, times = [], []
     for position in PROBES:
-        tell(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
+        progress(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
         began = time.perf_counter()
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
     at_most = round(ASKING / usual / 2)
-    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
-    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), tell)
+    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, progress)
+    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     return {
         "environment": member_document("environment", model),
         "passed": not report.violations,
@@ -173,23 +177,23 @@ def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> l
 
 def lines(document: Mapping[str, Any]) -> list[str]:
     """Return what :func:`check_environment` found as text for a person."""
-    told = promise_lines(document, PROMISES)
+    text = promise_lines(document, PROMISES)
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
         for one in document["at_rest"]
     )
-    told.append(f"at rest, on the first axis: {shown}")
+    text.append(f"at rest, on the first axis: {shown}")
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
-        told.append(f"asked {document['questions']} of {known} questions, since answers take long")
+        text.append(f"asked {document['questions']} of {known} questions, since answers take long")
     answer = document["seconds_per_answer"]
     if answer["answers"]:
-        told.append(
+        text.append(
             f"one answer takes {answer['median'] * 1e6:.1f} us (longest of {answer['answers']}:"
             f" {answer['max'] * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
-    return told
+    return text
 
 
 def _expected(text: str) -> tuple[float, float]:
@@ -206,21 +210,21 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
     still = (0.0,) * axes
     try:
         force = float(environment.force((position, *still[1:]), still, 1.0)[0])
-    except (Exception, SystemExit):  # the contract tells it
+    except (Exception, SystemExit):  # the contract reports it
         return None
     return force if math.isfinite(force) else None
 
 
-def _times(environment: Environment, axes: int, calls: int, tell: Tell) -> list[float]:
+def _times(environment: Environment, axes: int, calls: int, progress: Progress) -> list[float]:
     """Time for each answer, in s, at positions where something may be felt; none if one fails."""
     times = []
     for call in range(calls):
         position = (0.05 * call / calls,) + (0.0,) * (axes - 1)
-        tell(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
+        progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
             environment.force(position, (0.1,) * axes, 1.0)
-        except (Exception, SystemExit):  # the contract tells it
+        except (Exception, SystemExit):  # the contract reports it
             return []
         times.append(time.perf_counter() - began)
     return times

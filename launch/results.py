@@ -47,7 +47,7 @@ class RunResult:
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
-    interrupted: bool = False  # somebody ended it before its time
+    interrupted: bool = False  # it was ended before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
@@ -79,12 +79,12 @@ class RunResult:
         """
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
-        told = summarize_events(self.events)
+        events = summarize_events(self.events)
         if not self.is_complete:
-            told["faults"]["recording_incomplete"] = 1
+            events["faults"]["recording_incomplete"] = 1
         return {
             **summarize(self.columns, self.document),
-            **told,
+            **events,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }

@@ -1,4 +1,4 @@
-"""A launch file in virtual time: the very nodes of a live run, in this process."""
+"""Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
 import time
 from contextlib import ExitStack, suppress

@@ -16,7 +16,7 @@ from waiting import until
 
 from forcebound.cli import main
 from forcebound.config.loader import load, load_tried, try_out
-from forcebound.config.sandbox import nobody_listens, run_in_sandbox
+from forcebound.config.sandbox import no_progress, run_in_sandbox
 from forcebound.errors import ConfigError
 from forcebound.launch.check import check_here, lines
 
@@ -172,7 +172,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     monkeypatch.setattr("forcebound.launch.check.ASKING", 1.0)
     monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
-    document = check_here(nobody_listens, str(file), [], [1, 2], [])
+    document = check_here(no_progress, str(file), [], [1, 2], [])
     assert document["passed"]
     assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
     assert document["seconds_per_answer"]["answers"] == 10

@@ -12,7 +12,7 @@ import pytest
 
 from forcebound.config.loader import load, load_tried
 from forcebound.config.resolved import restore, to_document
-from forcebound.config.sandbox import nobody_listens
+from forcebound.config.sandbox import no_progress
 from forcebound.environments.contract import check
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.check import check_part_here
@@ -138,7 +138,7 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, tmp_path: Path) -> None:
     write_page(page, tmp_path)
-    document = check_part_here(nobody_listens, page, str(tmp_path / f"my_{page}.py"), [])
+    document = check_part_here(no_progress, page, str(tmp_path / f"my_{page}.py"), [])
     assert document["violations"] == []
 
 

@@ -34,7 +34,7 @@ from forcebound.config.graph import (
 )
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems, unknown
-from forcebound.config.sandbox import Tell, run_in_sandbox
+from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
@@ -92,7 +92,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     return config
 
 
-def try_out(tell: Tell, path: str, overrides: Sequence[str]) -> None:
+def try_out(progress: Progress, path: str, overrides: Sequence[str]) -> None:
     """Load a launch file for its problems alone, in the sandbox of :func:`load_tried`."""
     load(path, overrides)
 

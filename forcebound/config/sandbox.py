@@ -3,10 +3,10 @@
 Such code may take for ever, end its process (``sys.exit``, ``os._exit``) or crash it. The error
 then says which, and on which line of the user's file.
 
-The child writes on a pipe what it begins to do (:data:`Tell`) and, in the end, its result, each a
-line of JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets
-SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that it has
-started.
+The child writes on a pipe what it begins to do (:data:`Progress`) and, in the end, its result, each
+a line of JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it
+gets SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that
+it has started.
 """
 
 import contextlib
@@ -40,30 +40,30 @@ REMARK = 5.0  # s, after which the log says what is waited for
 
 #: Called with what begins now (of which a message says that it "took more than 10 s"), how many
 #: answers have been given, and how many are wanted in all.
-Tell: TypeAlias = Callable[[str, int, int], None]
+Progress: TypeAlias = Callable[[str, int, int], None]
 
 _POLL = 0.1  # s; the pipe may outlive the child, in a process that it has started
 
 
-def nobody_listens(doing: str, done: int, total: int) -> None:
-    """Take a report of progress and do nothing with it."""
+def no_progress(doing: str, done: int, total: int) -> None:
+    """Ignore the progress."""
 
 
 def run_in_sandbox(
     task: Callable[..., Any],
     arguments: list[Any],
     files: Sequence[Path],
-    tell: Tell = nobody_listens,
+    progress: Progress = no_progress,
     limit: float = LIMIT,
     loading: float = LOADING,
 ) -> Any:
-    """Return what ``task(tell, *arguments)`` returns in a new process.
+    """Return what ``task(progress, *arguments)`` returns in a new process.
 
     Args:
         task: A function of a module; what it takes and returns are plain JSON types.
         arguments: What it takes.
         files: With the user's code; messages name them and the line that it was on.
-        tell: Called here when the task calls its own.
+        progress: Called here when the task calls its own.
         limit: How long it may be silent after the second thing that it has begun, in s.
         loading: How long the first one may take, in s.
 
@@ -90,7 +90,7 @@ def run_in_sandbox(
                 if kind == "error":
                     raise ConfigError(content[0])
                 timeout.begin(content[0], next(limits))
-                tell(*content)
+                progress(*content)
             status = child.wait(limit)
         except subprocess.TimeoutExpired:
             child.send_signal(signal.SIGABRT)
