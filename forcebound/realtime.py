@@ -1,4 +1,4 @@
-"""How a process keeps its appointments: scheduling, placement, memory, and waiting for an instant.
+"""Real-time execution: scheduling, placement, memory, and waiting for an instant.
 
 How it works:
 

@@ -1,4 +1,4 @@
-"""Whether an environment keeps its contract: what ``forcebound check environment`` tells."""
+"""Check of an environment's contract: ``forcebound check environment``."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from typing import Any
 
 from forcebound.config.loader import member_of
 from forcebound.config.resolved import member_document
-from forcebound.config.sandbox import Tell, nobody_listens, run_in_sandbox
+from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
@@ -20,7 +20,7 @@ from forcebound.user_module import file_of, names_file
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
-ASKING, TIMING = 10.0, 2.0  # s, about: how long the contract's questions and the calls may take
+QUERYING, TIMING = 10.0, 2.0  # s, about, for the queries of the contract and for the timed calls
 
 
 def check_environment(
@@ -28,18 +28,18 @@ def check_environment(
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
-    tell: Tell = nobody_listens,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Return what the contract test finds of an environment, in plain JSON types.
+    """Return the findings of the contract test of an environment, in plain JSON types.
 
-    A file of the user's own runs in a child. Whose answers take long is asked fewer questions.
+    A user's file runs in a sandboxed process. A slow environment gets fewer queries.
 
     Args:
         kind: ``FILE.py``, ``FILE.py:CLASS`` or a kind that comes with the package.
         arguments: Its parameters, each ``name:=value``.
-        axes: Numbers of axes to ask with; none: 1 to 6.
+        axes: Numbers of axes; none: 1 to 6.
         rest: Forces expected at rest, each ``POSITION=FORCE``.
-        tell: Called before each answer.
+        progress: Called before each answer.
 
     Returns:
         ``environment`` (kind and parameters), ``passed``, ``questions`` that were asked,
@@ -53,13 +53,17 @@ def check_environment(
     """
     words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
     if not names_file(kind):
-        return check_here(tell, *words)
-    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], tell)
+        return check_here(progress, *words)
+    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], progress)
     return document
 
 
 def check_here(
-    tell: Tell, kind: str, arguments: Sequence[str], axes: Sequence[int], rest: Sequence[str]
+    progress: Progress,
+    kind: str,
+    arguments: Sequence[str],
+    axes: Sequence[int],
+    rest: Sequence[str],
 ) -> dict[str, Any]:
     """Do the work of :func:`check_environment` in this process."""
     expected = dict(_expected(text) for text in rest)
@@ -68,14 +72,14 @@ def check_here(
     environment = open_environment(model, one)
     at_rest, times = [], []
     for position in PROBES:
-        tell(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
+        progress(f"force at rest, at {position * 1e3:g} mm,", 0, 0)
         began = time.perf_counter()
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
-    at_most = round(ASKING / usual / 2)
-    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, tell)
-    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), tell)
+    at_most = round(QUERYING / usual / 2)
+    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, progress)
+    times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     return {
         "environment": member_document("environment", model),
         "passed": not report.violations,
@@ -93,31 +97,31 @@ def check_here(
 
 
 def lines(document: Mapping[str, Any]) -> list[str]:
-    """Return what :func:`check_environment` found as text for a person."""
-    told = []
+    """Return the findings of :func:`check_environment` as lines of text."""
+    text = []
     for promise, held in document["promises"].items():
-        told.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
+        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
         for violation in document["violations"]:
             if violation["promise"] == promise:
-                told.append(f"          {violation['where']}")
-                told.append(f"            expected {violation['expected']}")
-                told.append(f"            got      {violation['got']}")
+                text.append(f"          {violation['where']}")
+                text.append(f"            expected {violation['expected']}")
+                text.append(f"            got      {violation['got']}")
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
         for one in document["at_rest"]
     )
-    told.append(f"at rest, on the first axis: {shown}")
+    text.append(f"at rest, on the first axis: {shown}")
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
-        told.append(f"asked {document['questions']} of {known} questions, since answers take long")
+        text.append(f"{document['questions']} of {known} queries, since answers are slow")
     answer = document["seconds_per_answer"]
     if answer["answers"]:
-        told.append(
+        text.append(
             f"one answer takes {answer['median'] * 1e6:.1f} us (longest of {answer['answers']}:"
             f" {answer['max'] * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
-    return told
+    return text
 
 
 def _expected(text: str) -> tuple[float, float]:
@@ -134,21 +138,21 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
     still = (0.0,) * axes
     try:
         force = float(environment.force((position, *still[1:]), still, 1.0)[0])
-    except (Exception, SystemExit):  # the contract tells it
+    except (Exception, SystemExit):  # reported by the contract
         return None
     return force if math.isfinite(force) else None
 
 
-def _times(environment: Environment, axes: int, calls: int, tell: Tell) -> list[float]:
+def _times(environment: Environment, axes: int, calls: int, progress: Progress) -> list[float]:
     """Time for each answer, in s, at positions where something may be felt; none if one fails."""
     times = []
     for call in range(calls):
         position = (0.05 * call / calls,) + (0.0,) * (axes - 1)
-        tell(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
+        progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
             environment.force(position, (0.1,) * axes, 1.0)
-        except (Exception, SystemExit):  # the contract tells it
+        except (Exception, SystemExit):  # reported by the contract
             return []
         times.append(time.perf_counter() - began)
     return times

@@ -1,4 +1,4 @@
-"""What a run leaves behind, live or in virtual time: samples, configuration, summary."""
+"""Result of a run, live or in virtual time: samples, configuration, summary."""
 
 import json
 import logging
@@ -24,7 +24,7 @@ _PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mca
 
 
 def run_metadata(config: GraphConfig) -> dict[str, str]:
-    """Return what a recording says of the run that made it: configuration, versions, seed."""
+    """Return the metadata of a recording: configuration, versions, seed."""
     versions = {"python": platform.python_version()}
     versions |= {package: version(package) for package in _PACKAGES}
     document = to_document(config)
@@ -49,7 +49,7 @@ class RunResult:
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
-    interrupted: bool = False  # somebody ended it before its time
+    interrupted: bool = False  # ended on request before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
@@ -77,12 +77,12 @@ class RunResult:
 
         A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
         """
-        told = summarize_events(self.events)
+        events = summarize_events(self.events)
         if not self.is_complete:
-            told["faults"]["recording_incomplete"] = 1
+            events["faults"]["recording_incomplete"] = 1
         return {
             **summarize(self.columns, self.document),
-            **told,
+            **events,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,
         }

@@ -1,4 +1,4 @@
-"""A launch file in virtual time: the very nodes of a live run, in this process."""
+"""Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
 import time
 from contextlib import suppress
@@ -31,7 +31,7 @@ def run_virtual(
 
     Args:
         config: What to run.
-        duration: How long, in s of virtual time; None: as the launch file says.
+        duration: Duration in s of virtual time; None: that of the launch file.
         record: Where to write a recording; the same configuration writes the same bytes.
         may_end_early: Whether an interrupt ends the run early, and gives the result until then.
 
@@ -97,7 +97,7 @@ def run_virtual(
             record.unlink(missing_ok=True)
         raise KeyboardInterrupt
     if not samples:
-        raise RunError("the run ended before its first sample; ask for a longer --duration")
+        raise RunError("the run ended before its first sample; set a longer --duration")
     columns = TelemetryColumns.from_packets(samples)
     ran = simulation.time_ns * 1e-9
     return RunResult(

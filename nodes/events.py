@@ -1,4 +1,4 @@
-"""What a process tells of itself: to its own log, and as packets that are recorded."""
+"""Events of a process: in its log, and as recorded packets."""
 
 import logging
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What a launch file lets one choose: ``arguments:``, and ``name:=value`` on the command line."""
+"""Arguments of a launch file: ``arguments:``, and ``name:=value`` on the command line."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
-"""Reads launch files; tells every problem at once.
+"""Loader of launch files; it reports every problem at once.
 
 1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
 2. :mod:`forcebound.config.arguments` finds the value of each argument, and
-   :mod:`forcebound.config.substitution` puts them where they are asked for.
+   :mod:`forcebound.config.substitution` puts them in their places.
 3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
    (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
@@ -34,7 +34,7 @@ from forcebound.config.graph import (
 )
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems
-from forcebound.config.sandbox import Tell, run_in_sandbox
+from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
@@ -66,7 +66,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
         overrides: Values for the file's arguments, each ``name:=value``.
 
     Raises:
-        ConfigError: If there is no such file or anything in it is wrong; the message tells every
+        ConfigError: If there is no such file or anything in it is wrong; the message has every
             problem with its place.
     """
     problems = Problems()
@@ -74,10 +74,10 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
 
 
 def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
-    """Return the same as :func:`load`, for a command that somebody waits for.
+    """Return the same as :func:`load`, for a command in the foreground.
 
-    Files of the user's own are loaded and asked in the sandbox first, where they may hang or exit.
-    This process then loads them, too, and asks nothing. The log says what is not certified.
+    A user's files are loaded and called in the sandbox first, where they may hang or exit. This
+    process then loads them, too, without calling them. The log says what is not certified.
 
     Raises:
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
@@ -92,13 +92,13 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     return config
 
 
-def try_out(tell: Tell, path: str, overrides: Sequence[str]) -> None:
+def try_out(progress: Progress, path: str, overrides: Sequence[str]) -> None:
     """Load a launch file for its problems alone, in the sandbox of :func:`load_tried`."""
     load(path, overrides)
 
 
 def read_template(path: str | Path) -> Value:
-    """Return what a launch file says, its arguments still open, to :func:`build` it many times.
+    """Return a launch file with its arguments still open, to :func:`build` it many times.
 
     Raises:
         ConfigError: If there is no such file or it cannot be read.
@@ -117,7 +117,7 @@ def build(
     Args:
         template: Of :func:`read_template`.
         overrides: Values for its arguments, each ``name:=value``.
-        problems: Found before, to be told with the others.
+        problems: Found before, to be reported with the others.
 
     Raises:
         ConfigError: As :func:`load`.
@@ -178,7 +178,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
 
 
 def from_document(document: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration of a resolved document that somebody may have changed.
+    """Return the configuration of a resolved document that may have been changed.
 
     Raises:
         ConfigError: If anything in it is wrong.
@@ -268,7 +268,7 @@ def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
 
 
 def _operator(section: Section) -> Any:
-    """The hand; None if the section is empty or missing: nobody holds the device."""
+    """The hand; None if the section is empty or missing: no hand holds the device."""
     is_empty = section.is_readable and not section.value.entries
     return None if is_empty else _model(section)
 

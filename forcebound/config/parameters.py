@@ -1,4 +1,4 @@
-"""What of a graph can be changed while it runs, by name: its links' impairments, its environment.
+"""Parameters of a running graph, by name: impairments of its links, its environment.
 
 A parameter is named by its place in a launch file: ``links.environment_query.delay``,
 ``environment.compute_delay``, ``environment.stiffness``.
@@ -73,7 +73,7 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
 
 
 def _is_fixed(name: str) -> bool:
-    """Whether a launch file can say this, and only a launch file."""
+    """Whether only a launch file can set this."""
     section, _, entry = name.partition(".")
     if section in KINDS and entry == "kind":
         return True

@@ -31,7 +31,7 @@ MAX_PHASES = 200  # each one is checked as a launch file of its own
 
 @dataclass(frozen=True)
 class PhaseHead:
-    """What a phase says beside its settings."""
+    """Keys of a phase besides its settings."""
 
     name: str
     duration: Annotated[Time, POSITIVE]
@@ -47,7 +47,7 @@ def read_phases(
 
     Args:
         root: The launch file.
-        config: What it says without phases.
+        config: Configuration without phases.
         build: Reads a launch file; raises ConfigError with the problems noted.
         problems: What is wrong is added to it.
     """
@@ -129,8 +129,8 @@ def timetable(config: GraphConfig) -> list[Part]:
     plain = replace(config, phases=())
     start_ns = 0
     for phase in config.phases:
-        told = describe(phase.settings) or "as the launch file says"
-        message = f"phase {phase.name}: {told}"
+        settings = describe(phase.settings) or "as in the launch file"
+        message = f"phase {phase.name}: {settings}"
         parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
         start_ns += round(phase.duration * 1e9)
     return parts

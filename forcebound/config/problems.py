@@ -1,4 +1,4 @@
-"""What is wrong with a launch file: every problem at once, each with its place.
+"""Problems of a launch file: all at once, each with its place.
 
 A problem reads like a compiler's message, so that editors can jump to it::
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from forcebound.errors import ConfigError
 
-MAX_PROBLEMS = 100  # nobody reads more; and to find words for thousands takes minutes
+MAX_PROBLEMS = 100  # enough to read; thousands would take minutes to word
 
 _WIDEST_EXCERPT = 100  # characters of a source line that are shown
 _LONGEST_MESSAGE = 2000  # characters
@@ -86,7 +86,7 @@ class Problems:
         """Note one problem; the same one twice (an alias) counts once.
 
         Raises:
-            ConfigError: If these are more than ``MAX_PROBLEMS``; it tells those that were noted.
+            ConfigError: If these are more than ``MAX_PROBLEMS``; it reports those found so far.
         """
         # Half a surrogate pair, quoted from a path, could not be printed.
         message = message.encode("utf-8", "backslashreplace").decode()
@@ -108,7 +108,7 @@ class Problems:
         return bool(self._found)
 
     def error(self) -> ConfigError:
-        """Return the error that tells them all: by file in the order met, then by line."""
+        """Return one error with all problems: by file in the order met, then by line."""
         names = list(dict.fromkeys(problem.place.name for problem in self._found))
         ordered = sorted(
             self._found, key=lambda p: (names.index(p.place.name), p.place.line, p.place.column)

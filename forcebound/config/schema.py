@@ -1,7 +1,7 @@
 """The JSON schema of launch files, for completion and checks in editors.
 
-It says less than the loader knows: a key that an included file may give is not required here, and
-units are text. What it refuses, the loader refuses too.
+It is weaker than the loader's checks: a key that an included file may give is not required, and
+units are text. The loader rejects all that it rejects.
 """
 
 from collections.abc import Mapping

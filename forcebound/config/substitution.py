@@ -1,4 +1,4 @@
-"""What a launch file may leave open: ``$(arg name)`` and ``${env:NAME}``.
+"""Substitution in launch files: ``$(arg name)`` and ``${env:NAME}``.
 
 A value that is nothing but one substitution takes the substitute's type: ``seed: $(arg seed)`` with
 ``seed:=3`` is the number 3. Inside other text the substitute is pasted as it was written:
@@ -22,14 +22,14 @@ _KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 
 
 class Substitution:
-    """Puts the values of arguments and of the process's environment where they are asked for.
+    """Puts the values of arguments and of environment variables in their places.
 
     Attributes:
-        used: Names of the arguments that were asked for.
+        used: Names of the arguments that were used.
     """
 
     def __init__(self, arguments: Mapping[str, Value] | None, problems: Problems) -> None:
-        """Prepare; ``arguments`` None: they are not known yet and asking for one is a problem."""
+        """Prepare; ``arguments`` None: they are not known yet and using one is a problem."""
         self.used: set[str] = set()
         self._arguments = arguments
         self._problems = problems

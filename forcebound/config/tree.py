@@ -1,4 +1,4 @@
-"""How the text of a launch file becomes a tree of values that know where they were written.
+"""Tree of a launch file: values with their line and column.
 
 ruamel.yaml splits the text into YAML 1.2 events, each with line and column; the events become a
 tree of :class:`Value`. Whatever is wrong is noted and reading goes on, unless the text is no YAML

@@ -1,4 +1,4 @@
-"""How packets get from node to node: what a bad network does to them, and the sockets.
+"""Network: impairments of links, and sockets.
 
 :mod:`forcebound.network.link` is a pure model of a bad network, used by both runners on the
 receiving side. :mod:`forcebound.network.sockets` opens every socket, and only this room imports

@@ -1,4 +1,4 @@
-"""Which address a launch file means, whether it stays on this machine, and whether it is free."""
+"""Addresses of launch files: their meaning, loopback or not, free or in use."""
 
 import ipaddress
 import re

@@ -1,4 +1,4 @@
-"""How long does each computation of an environment take? A pure, seeded model, as a link's delay.
+"""Computation time of an environment: a pure, seeded model, as for the delay of a link.
 
 The words are those of a link (:class:`forcebound.network.impairment.Impairment`): ``delay``,
 ``jitter``, ``distribution``, ``correlation``, ``distribution_file``, ``trace``. Nothing else of an

@@ -1,4 +1,4 @@
-"""How a process is asked and told from outside: a msgpack map for a msgpack map."""
+"""Control sockets of processes: a msgpack map answers a msgpack map."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress

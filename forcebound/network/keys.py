@@ -1,4 +1,4 @@
-"""Who is who: CURVE key pairs in files, of which the secret ones are for their owner alone.
+"""CURVE key pairs in files; secret keys are readable by their owner alone.
 
 A pair ``NAME`` is two files in the key folder, in the format of ``zmq.auth`` (ZPL)::
 

@@ -1,4 +1,4 @@
-"""What a bad network does to packets: a pure, seeded model of one link.
+"""Impaired link: a pure, seeded model.
 
 A link knows no clock and no socket. The receiving runner, live or in virtual time, hands it every
 packet that arrives with the time (:meth:`Link.accept`), and asks which packets are through

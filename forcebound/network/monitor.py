@@ -1,4 +1,4 @@
-"""What happens to the connections of a socket, as libzmq tells it."""
+"""Connections of a socket, from the monitor events of libzmq."""
 
 import struct
 from dataclasses import dataclass

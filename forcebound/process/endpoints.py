@@ -1,4 +1,4 @@
-"""Where the processes of a run meet on one machine."""
+"""Endpoints of the processes of a run on one machine."""
 
 from pathlib import Path
 

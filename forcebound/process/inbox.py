@@ -1,4 +1,4 @@
-"""What comes to a node: the sockets, the decoding, and the models of impaired links.
+"""Inbox of a node: sockets, decoding, and models of impaired links.
 
 Strategy:
 

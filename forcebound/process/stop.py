@@ -1,4 +1,4 @@
-"""How the loop of a process hears of signals, and is ended: by one, or by who holds a request."""
+"""Stop of a process's loop, by a signal or on request."""
 
 import os
 import signal

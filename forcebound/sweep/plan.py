@@ -1,4 +1,4 @@
-"""What a sweep file says: a launch file, and which values its arguments take.
+"""Plan of a sweep: a launch file, and the values of its arguments.
 
 ::
 

@@ -1,4 +1,4 @@
-"""When does which answer arrive? The timing of a whole run, before it is simulated.
+"""Timing of a whole run before its simulation: the arrival of each answer.
 
 What the network does to a packet never depends on the forces in it. So the tick that each force
 answers, the engage ramp and the age limit follow from delays, jitter, losses and the time that the
