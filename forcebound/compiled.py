@@ -1,4 +1,4 @@
-"""One way to compile a function, for the whole project.
+"""Compilation of functions, for the whole project.
 
 Kernels are plain functions of numbers; :func:`jit` compiles them with numba when they are first
 needed. Two things are handled here and nowhere else:

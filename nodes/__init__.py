@@ -33,6 +33,11 @@ class Node(Protocol):
         """When it wants to be stepped even if nothing arrives, in ns; None: only on arrival."""
         ...
 
+    @property
+    def needs_packets(self) -> bool:
+        """Whether the next step uses what has arrived; if not, it may wait for a later step."""
+        return True
+
     def step(self, time_ns: int, received: Sequence[Packet]) -> Sequence[Packet]:
         """Advance to ``time_ns`` with what has arrived since the last step; return what to send.
 

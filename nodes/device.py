@@ -144,7 +144,7 @@ class DeviceNode:
         self._velocity = self._zero
         self._read_ns = 0
         self._is_answered = False
-        self._tell_ns = 0
+        self._next_event_ns = 0
         self.deadline_misses = 0
         self.events = EventLog("device")
 
@@ -152,6 +152,11 @@ class DeviceNode:
     def wake_ns(self) -> int:
         """When the next instant of a tick is due, in ns."""
         return self._wake_ns
+
+    @property
+    def needs_packets(self) -> bool:
+        """Whether the next instant is the write; a command serves nothing before it."""
+        return self._writes_next
 
     @property
     def is_engaged(self) -> bool:
@@ -205,9 +210,9 @@ class DeviceNode:
             if (
                 self._is_answered != (self._chain.answered_tick is not None)
                 and self.is_engaged
-                and time_ns >= self._tell_ns
+                and time_ns >= self._next_event_ns
             ):
-                packets.append(self._tell(time_ns))
+                packets.append(self._describe_answers(time_ns))
             return packets
         return [self._sample(time_ns)]
 
@@ -271,12 +276,12 @@ class DeviceNode:
         self._wake_ns = self._start_ns + self._tick * self._period_ns
         return telemetry
 
-    def _tell(self, time_ns: int) -> Event:
-        """Say that the force is gone, or comes; a delay near the age limit may change it often."""
-        self._tell_ns = time_ns + STATE_INTERVAL_NS
+    def _describe_answers(self, time_ns: int) -> Event:
+        """Return that the force is gone, or returns; rare, as a delay may be near the age limit."""
+        self._next_event_ns = time_ns + STATE_INTERVAL_NS
         self._is_answered = not self._is_answered
         if self._is_answered:
-            return self.events.emit(time_ns, "force_engages", "answers come: force over the ramp")
+            return self.events.emit(time_ns, "force_engages", "replies received; ramping force up")
         limit = self._servo.age_limit * 1e3
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
         return self.events.emit(time_ns, "force_released", message, is_fault=True)

@@ -1,8 +1,8 @@
 """The safety chain of the device node, from a received packet to a force that may be bounded.
 
-In this order, each stage only ever refusing a packet or making the force smaller::
+In this order, each stage only ever rejecting a packet or making the force smaller::
 
-    decode and validate   the runner and the codec; refusals are counted here
+    decode and validate   the runner and the codec; rejections are counted here
     expected              a force command with one finite number per axis
     newest                by the device's own tick number that the command echoes
     age limit             an answer to a state older than the limit is no answer
@@ -10,6 +10,8 @@ In this order, each stage only ever refusing a packet or making the force smalle
     engage ramp           from 0 to 1 after the start, a fault, a silence
 
 The ramp comes after the saturation: before it, an absurd force would saturate in its first tick.
+The bounder saturates what remains, since a law may add damping; a device clips for itself, since a
+motor does.
 
 The bounder follows in :mod:`forcebound.nodes.device`; nothing follows the bounder.
 

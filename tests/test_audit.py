@@ -153,7 +153,7 @@ def test_the_difficulties_of_a_case_are_named() -> None:
     }
 
 
-def test_the_search_learns_to_hurt() -> None:
+def test_the_search_finds_lower_energies() -> None:
     niche = NICHES.index((ADVERSARIES.index("late_wall"), SENSORS.index("quantised")))
     objectives = [
         objective(result) for result in search("none", niche, 150, seed=1, seconds=SECONDS)
@@ -172,12 +172,12 @@ def test_the_search_is_the_same_for_the_same_seed() -> None:
 
 
 def test_a_campaign_reports_which_law_is_passive() -> None:
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     document = run_campaign(
-        ["none", "certified"], 40, 48, 1, 0.5, 0, lambda *progress: told.append(progress)
+        ["none", "certified"], 40, 48, 1, 0.5, 0, lambda *progress: reported.append(progress)
     )
     rows = document["laws"]
-    assert told[-1] == (176, 176) == (document["runs"], document["runs"])
+    assert reported[-1] == (176, 176) == (document["runs"], document["runs"])
     assert [row["law"] for row in rows] == ["none", "certified"]
     assert [row["is_certified"] for row in rows] == [False, True]
     assert [row["holds"] for row in rows] == [True, True]  # "none" promises nothing

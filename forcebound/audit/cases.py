@@ -6,8 +6,9 @@ its parameters (``c`` and base-32 digits).
 
 import math
 import random
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from forcebound.bounding import Dissipation
 from forcebound.errors import ConfigError
@@ -26,8 +27,7 @@ ADVERSARIES = (
 #: How a reading may differ from the position: by half the resolution, in any way.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
 
-DIMENSIONS = 21  # of the continuous parameters of a case
-LEVELS = 1024  # of each of them in a code: two base-32 digits
+LEVELS = 1024  # of each continuous parameter in a code: two base-32 digits
 DIGITS = "0123456789abcdefghijklmnopqrstuv"
 NOISES = 32  # sequences of random numbers that a code can name
 
@@ -67,41 +67,105 @@ class Case(NamedTuple):
     overruns: float  # share of periods that are up to 6 times as long
 
 
+@dataclass(frozen=True)
+class Range:
+    """Values of a continuous parameter: evenly or by logarithm from ``low`` to ``high``, or 0.
+
+    Attributes:
+        low: Lowest value, SI units.
+        high: Highest value, SI units.
+        is_logarithmic: Whether orders of magnitude are alike, rather than values.
+        zeros: In a random draw, how many chances 0 has against one for a value.
+        zero_share: In a code, the part of the range that stands for 0.
+    """
+
+    low: float
+    high: float
+    is_logarithmic: bool = False
+    zeros: int = 0
+    zero_share: float = 0.0
+
+    def draw(self, random: random.Random) -> float:
+        """Return a random value."""
+        value = self.value(random)
+        return random.choice((0.0,) * self.zeros + (value,)) if self.zeros else value
+
+    def value(self, random: random.Random) -> float:
+        """Return a random value that is not the special 0."""
+        if self.is_logarithmic:
+            return math.exp(random.uniform(math.log(self.low), math.log(self.high)))
+        return random.uniform(self.low, self.high)
+
+    def at(self, u: float) -> float:
+        """Return the value at ``u``, 0 to 1, of a code."""
+        if u < self.zero_share:
+            return 0.0
+        u -= self.zero_share
+        present = 1.0 - self.zero_share
+        if self.is_logarithmic:
+            return float(self.low * (self.high / self.low) ** (u / present))
+        return self.low + (self.high - self.low) * u / present
+
+
+#: The continuous parameters of a case, in the order of its fields.
+RANGES: dict[str, Range] = {
+    "mass": Range(0.02, 0.5, is_logarithmic=True),
+    "damping": Range(0.01, 3.0, is_logarithmic=True),
+    "friction": Range(0.003, 1.0, is_logarithmic=True),
+    "resolution": Range(1e-6, 2e-4, is_logarithmic=True, zero_share=0.1),
+    "saturation": Range(3.0, 30.0),
+    "hold_limit": Range(0.0, 1.5, zero_share=0.2),  # in periods above one
+    "hand_mass": Range(0.01, 1.0, is_logarithmic=True),
+    "hand_stiffness": Range(10.0, 2000.0, is_logarithmic=True),
+    "hand_damping": Range(0.1, 10.0, is_logarithmic=True, zeros=1, zero_share=0.3),
+    "amplitude": Range(1e-5, 0.05, is_logarithmic=True),
+    "slow": Range(0.2, 3.0, is_logarithmic=True),
+    "fast": Range(3.0, 30.0, is_logarithmic=True),
+    "stiffness": Range(100.0, 30_000.0, is_logarithmic=True),
+    "environment_damping": Range(1.0, 100.0, is_logarithmic=True),
+    "magnitude": Range(0.5, 30.0),
+    "surface": Range(-0.01, 0.02),
+    "delay": Range(0.0, 60.0, zero_share=0.3),
+    "loss": Range(0.0, 0.5, zeros=1, zero_share=0.4),
+    "corruption": Range(0.0, 0.1, zeros=2, zero_share=0.5),
+    "jitter": Range(0.0, 1.0, zeros=1, zero_share=0.4),
+    "overruns": Range(0.0, 0.2, zeros=2, zero_share=0.5),
+}
+DIMENSIONS = len(RANGES)
+
+
+def _draw_resolution(draw: random.Random) -> float:
+    return draw.choice((0.0, 1e-6, RANGES["resolution"].value(draw), 3e-5, 2e-4))
+
+
+def _draw_hold_limit(draw: random.Random) -> float:
+    excess = RANGES["hold_limit"]
+    longest = draw.uniform(1.0 + excess.low, 1.0 + excess.high)
+    return _nanoseconds(PERIOD * draw.choice((1.0, 1.25, longest)))
+
+
+def _draw_delay(draw: random.Random) -> int:
+    samples = round(RANGES["delay"].high) + 1
+    return draw.choice((0, 0, 1, draw.randrange(samples), draw.randrange(samples)))
+
+
+#: What a random case draws in another way: some values are likelier, or not continuous.
+DRAWN: dict[str, Callable[[random.Random], float]] = {
+    "resolution": _draw_resolution,
+    "sensor": lambda draw: draw.choice((0, 0, 1, 2, 3)),
+    "hold_limit": _draw_hold_limit,
+    "adversary": lambda draw: draw.randrange(len(ADVERSARIES)),
+    "delay": _draw_delay,
+}
+
+
 def draw_case(seed: int, seconds: float) -> Case:
     """Return the random case of ``seed``, of about ``seconds`` s."""
     draw = random.Random(seed)
-
-    def logarithmic(low: float, high: float) -> float:
-        return math.exp(draw.uniform(math.log(low), math.log(high)))
-
-    return Case(
-        name=str(seed),
-        seed=seed,
-        samples=_samples(seconds),
-        mass=logarithmic(0.02, 0.5),
-        damping=logarithmic(0.01, 3.0),
-        friction=logarithmic(0.003, 1.0),
-        resolution=draw.choice((0.0, 1e-6, logarithmic(1e-6, 2e-4), 3e-5, 2e-4)),
-        sensor=draw.choice((0, 0, 1, 2, 3)),
-        saturation=draw.uniform(3.0, 30.0),
-        hold_limit=_nanoseconds(PERIOD * draw.choice((1.0, 1.25, draw.uniform(1.0, 2.5)))),
-        hand_mass=logarithmic(0.01, 1.0),
-        hand_stiffness=logarithmic(10.0, 2000.0),
-        hand_damping=draw.choice((0.0, logarithmic(0.1, 10.0))),
-        amplitude=logarithmic(1e-5, 0.05),
-        slow=logarithmic(0.2, 3.0),
-        fast=logarithmic(3.0, 30.0),
-        adversary=draw.randrange(len(ADVERSARIES)),
-        stiffness=logarithmic(100.0, 30_000.0),
-        environment_damping=logarithmic(1.0, 100.0),
-        magnitude=draw.uniform(0.5, 30.0),
-        surface=draw.uniform(-0.01, 0.02),
-        delay=draw.choice((0, 0, 1, draw.randrange(61), draw.randrange(61))),
-        loss=draw.choice((0.0, draw.uniform(0.0, 0.5))),
-        corruption=draw.choice((0.0, 0.0, draw.uniform(0.0, 0.1))),
-        jitter=draw.choice((0.0, draw.uniform(0.0, 1.0))),
-        overruns=draw.choice((0.0, 0.0, draw.uniform(0.0, 0.2))),
-    )
+    drawn: dict[str, Any] = {}
+    for name in Case._fields[3:]:
+        drawn[name] = DRAWN[name](draw) if name in DRAWN else RANGES[name].draw(draw)
+    return Case(name=str(seed), seed=seed, samples=_samples(seconds), **drawn)
 
 
 def encode(adversary: int, sensor: int, noise: int, point: Sequence[float]) -> str:
@@ -114,7 +178,7 @@ def encode(adversary: int, sensor: int, noise: int, point: Sequence[float]) -> s
 
 
 def decode(code: str, seconds: float) -> Case:
-    """Return the case of a code of :func:`encode`; its ranges are those of :func:`draw_case`.
+    """Return the case of a code of :func:`encode`; its ranges are :data:`RANGES`.
 
     Raises:
         ConfigError: If it is not such a code.
@@ -129,53 +193,22 @@ def decode(code: str, seconds: float) -> Case:
     ):
         raise ConfigError(f"a case is a seed or a code that an audit has printed, got {code!r}")
     adversary, sensor, noise = digits[:3]
-    point = iter(
+    point = (
         (len(DIGITS) * high + low) / (LEVELS - 1)
         for high, low in zip(digits[3::2], digits[4::2], strict=True)
     )
-
-    def uniform(low: float, high: float) -> float:
-        return low + (high - low) * next(point)
-
-    def logarithmic(low: float, high: float) -> float:
-        return float(low * (high / low) ** next(point))
-
-    def zero_or_uniform(absent: float, low: float, high: float) -> float:
-        """Return 0 in the ``absent`` share of the range; else uniform, ``low`` to ``high``."""
-        u = next(point)
-        return 0.0 if u < absent else low + (high - low) * (u - absent) / (1.0 - absent)
-
-    def zero_or_logarithmic(absent: float, low: float, high: float) -> float:
-        u = next(point)
-        return 0.0 if u < absent else low * (high / low) ** ((u - absent) / (1.0 - absent))
-
+    decoded: dict[str, Any] = {
+        name: one.at(u) for (name, one), u in zip(RANGES.items(), point, strict=True)
+    }
+    decoded["hold_limit"] = _nanoseconds(PERIOD * (1.0 + decoded["hold_limit"]))
+    decoded["delay"] = round(decoded["delay"])
     return Case(
         name=code,
         seed=noise,
         samples=_samples(seconds),
-        mass=logarithmic(0.02, 0.5),
-        damping=logarithmic(0.01, 3.0),
-        friction=logarithmic(0.003, 1.0),
-        resolution=zero_or_logarithmic(0.1, 1e-6, 2e-4),
         sensor=sensor,
-        saturation=uniform(3.0, 30.0),
-        hold_limit=_nanoseconds(PERIOD * (1.0 + zero_or_uniform(0.2, 0.0, 1.5))),
-        hand_mass=logarithmic(0.01, 1.0),
-        hand_stiffness=logarithmic(10.0, 2000.0),
-        hand_damping=zero_or_logarithmic(0.3, 0.1, 10.0),
-        amplitude=logarithmic(1e-5, 0.05),
-        slow=logarithmic(0.2, 3.0),
-        fast=logarithmic(3.0, 30.0),
         adversary=adversary,
-        stiffness=logarithmic(100.0, 30_000.0),
-        environment_damping=logarithmic(1.0, 100.0),
-        magnitude=uniform(0.5, 30.0),
-        surface=uniform(-0.01, 0.02),
-        delay=round(zero_or_uniform(0.3, 0.0, 60.0)),
-        loss=zero_or_uniform(0.4, 0.0, 0.5),
-        corruption=zero_or_uniform(0.5, 0.0, 0.1),
-        jitter=zero_or_uniform(0.4, 0.0, 1.0),
-        overruns=zero_or_uniform(0.5, 0.0, 0.2),
+        **decoded,
     )
 
 

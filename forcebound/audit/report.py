@@ -2,12 +2,14 @@
 
 import platform
 import re
+import textwrap
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from forcebound.analysis.plots import save
+from forcebound.audit.cases import DIMENSIONS, RANGES
 from forcebound.audit.run import TRACE_COLUMNS, Floats, Result
 from forcebound.bounding import ENERGY_TOLERANCE
 
@@ -28,17 +30,12 @@ made this page (forcebound {version}, {processor}). Any run can be repeated by i
 
     forcebound audit replay LAW CASE --out run.png
 
-A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the 21 continuous
-parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the same budget
-for each law; its cases are named by a code of their parameters. Without a leak it minimises the
-*share left*: the smallest part, at any moment, of the loss plus work up to then.
+A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the {dimensions}
+continuous parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the
+same budget for each law; its cases are named by a code of their parameters. Without a leak it
+minimises the *share left*: the smallest part, at any moment, of the loss plus work up to then.
 
-Ranges: moving mass 0.03 to 1.5 kg, b 0.01 to 3 N s/m, f_c 3 mN to 1 N, resolution none or
-1 um to 0.2 mm, readings wrong by up to half of it in any way, saturation 3 to 30 N, hold limit 1 to
-2.5 T, hand 10 to 2000 N/m moving up to 50 mm at up to 30 Hz; walls and active walls to 30 N/mm,
-negative dampers to 100 N s/m, random forces and forces along the velocity to 30 N, all up to 60
-samples late; up to half of the forces lost, up to a tenth replaced by random ones; periods from 0.3
-to 2 T, up to a fifth of them another six times as long.
+{ranges}
 """
 
 #: Difficulties with a section of their own: what the paper's laws assume, and one step away.
@@ -55,12 +52,41 @@ def page(document: dict[str, Any], command: str) -> str:
     return "\n".join(_page(document, command)) + "\n"
 
 
+def describe_ranges() -> str:
+    """Return what is drawn, in words, as a paragraph."""
+
+    def ends(name: str, factor: float = 1.0) -> str:
+        return f"{RANGES[name].low * factor:g} to {most(name, factor)}"
+
+    def most(name: str, factor: float = 1.0) -> str:
+        return f"{RANGES[name].high * factor:g}"
+
+    low = RANGES["mass"].low + RANGES["hand_mass"].low
+    high = RANGES["mass"].high + RANGES["hand_mass"].high
+    hold = f"{1.0 + RANGES['hold_limit'].low:g} to {1.0 + RANGES['hold_limit'].high:g} T"
+    return textwrap.fill(
+        f"Ranges: moving mass {low:g} to {high:g} kg, b {ends('damping')} N s/m, "
+        f"f_c {ends('friction')} N, resolution none or {ends('resolution', 1e3)} mm, readings "
+        f"wrong by up to half of it in any way, saturation {ends('saturation')} N, hold limit "
+        f"{hold}, hand {ends('hand_stiffness')} N/m moving up to {most('amplitude', 1e3)} mm at up "
+        f"to {most('fast')} Hz; walls and active walls to {most('stiffness', 1e-3)} N/mm, negative "
+        f"dampers to {most('environment_damping')} N s/m, random forces and forces along the "
+        f"velocity to {most('magnitude')} N, all up to {most('delay')} samples late; up to "
+        f"{most('loss', 100)} % of the forces lost, up to {most('corruption', 100)} % replaced by "
+        f"random ones; periods from 0.3 to 2 T, up to {most('overruns', 100)} % of them another "
+        "six times as long.",
+        100,
+    )
+
+
 def _page(document: dict[str, Any], command: str) -> Iterator[str]:
     laws = document["laws"]
     yield INTRODUCTION.format(
         runs=document["runs"],
         seconds=document["seconds"],
         tolerance=ENERGY_TOLERANCE,
+        dimensions=DIMENSIONS,
+        ranges=describe_ranges(),
         command=command,
         version=version("forcebound"),
         processor=f"{platform.system()} {platform.machine()}",

@@ -1,9 +1,9 @@
 """CMA-ES search for the lowest energy over the parameters of a case.
 
 The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
-tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those that
-hurt most. It gets one niche at a time, an adversary with a sensor, since these are not numbers that
-have neighbours; where it converges it begins anew elsewhere in its niche.
+tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those with
+the lowest objective. It gets one niche at a time, an adversary with a sensor, since these are not
+numbers that have neighbours; where it converges it begins anew elsewhere in its niche.
 """
 
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 /* The limit of the sweep: forcebound/sweep/kernel.py in C, for the certified law, the elastic wall
  * and the pressing hand. Same layout, same order of operations: with -ffp-contract=off it gives
- * the same bits. Names and rows are those of kernel.py.
+ * the same bits. The constants have the rows of kernel.py; the others are its own.
  */
 #include <math.h>
 #include <stdint.h>
@@ -14,7 +14,7 @@ enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNES
        INERTIA = 21, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY,
        PLAY, PATH, FORCE, STATE, OLDER, YOUNGER, VISCOUS, BETWEEN, ROWS };
 
-enum { ANCHOR_SAMPLES = 8 }; /* law.py */
+enum { ANCHOR_SAMPLES = 8 }; /* bounding/sample.py */
 
 enum { COLUMNS = 6 };
 
@@ -122,12 +122,12 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             move(s, to_write, steps_to_write, (k * period_ns + wait_ns) * 1e-9);
         double *restrict out = traces + k * COLUMNS * WIDTH;
         LANES {
-            double asked = answers[(answered[k * WIDTH + i] & last) * WIDTH + i];
+            double commanded = answers[(answered[k * WIDTH + i] & last) * WIDTH + i];
             double saturation = AT(SATURATION), scale = engagement[k * WIDTH + i];
-            double magnitude = fabs(asked);
+            double magnitude = fabs(commanded);
             double shortened = saturation / magnitude;
             scale = magnitude > saturation ? scale * shortened : scale;
-            out[WIDTH + i] = asked * scale;
+            out[WIDTH + i] = commanded * scale;
         }
         if (k > 0) {
             older_age += elapsed;
@@ -136,7 +136,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
         }
         int moves_anchors = since_anchor == ANCHOR_SAMPLES;
         LANES {
-            double asked = out[WIDTH + i], saturation = AT(SATURATION);
+            double commanded = out[WIDTH + i], saturation = AT(SATURATION);
             double damping = AT(LAW), friction = AT(LAW + 1), half_resolution = AT(LAW + 2);
             double hold_limit = AT(LAW + 4), axes = AT(LAW + 5);
             double reading = quantise(AT(X), AT(RESOLUTION));
@@ -179,7 +179,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
                 double surplus = larger(is_cut ? cut : kept - half_resolution * magnitude, 0.0);
                 double largest = friction + 2.0 * sqrt(stiffness * surplus);
                 largest = smaller(largest, saturation);
-                force = smaller(larger(asked, -largest), largest);
+                force = smaller(larger(commanded, -largest), largest);
                 double younger = AT(YOUNGER);
                 AT(OLDER) = moves_anchors ? younger : AT(OLDER);
                 AT(YOUNGER) = moves_anchors ? reading : younger;

@@ -9,7 +9,7 @@ takes over without copying.
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -77,6 +77,7 @@ class ForceBounder:
         self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
         self._vector = np.zeros(axes)  # what a compiled call takes in
+        self._view: Any = self._vector.data  # numpy takes longer to set a number
         self._rows = np.zeros(AXES + AXIS_ROWS * axes)
         self._rows[SATURATION] = dissipation.saturation
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
@@ -154,10 +155,10 @@ class ForceBounder:
     def _take_in(self, values: Vector, what: str) -> Floats:
         if len(values) != self._axes:
             raise ValueError(f"expected {self._axes} {what}, got {len(values)}")
-        vector = self._vector
+        view = self._view
         for axis, value in enumerate(values):
-            vector[axis] = value
-        return vector
+            view[axis] = value
+        return self._vector
 
 
 _Start: TypeAlias = Callable[[Floats, Floats], float]

@@ -2,17 +2,21 @@ r"""The certified law: a bound on the physical energy, for any commanded force.
 
 It relies on the stated b, f_c, the resolution Δ = 2r of the reading (\|x(t_n) - q(n)\| <= r), the
 measured sample interval dt, and a device that by itself drops a force older than T_max. The state
-is the ledger A. Between samples, with e = x - q and y the play operator, it keeps the invariant
+is the ledger A. With e = x - q, y_i the play operator of axis i, P_i its path and D_i =
+\|x_i - y_i\|, it keeps between samples the invariant
 
-    loss + work at t_n  >=  A + F(n-1)·e(n) + f_c |x(n) - y(n)|
+    loss + work at t_n  >=  A + F(n-1)·e(n) + f_c (‖P(n) + D(n)‖ - ‖P(n)‖)
+
+whose last term, for one axis, is f_c \|x(n) - y(n)\|.
 
 1. *In a hold.* By Cauchy-Schwarz a displacement d within T_max costs at least B d² + f_c\|d\|, so
    the energy in it is at least G + B d² + f_c\|d\| + F·d >= G - (\|F\| - f_c)₊²/(4B), where
    G = A - r Σ_i\|F_i(n-1)\|.
 2. *Readings for positions.* Summation by parts turns Σ F·Δx into Σ F·Δq + F(n-1)·e(n) -
    Σ ΔF(k)·e(k): a price r Σ_i\|ΔF_i\| for a change of force, not r\|F\| for every sample.
-3. *Friction.* When y moves by m, it moves towards x: \|x - y\| grows by at most (path of x) - m.
-   So f_c m may be credited; the unknown \|x(0) - y(0)\| <= r √axes is paid at the start.
+3. *Friction.* When y_i moves by m, it moves towards x_i: D_i grows by at most (path of x_i) - m. So
+   each x_i has gone at least P_i + D_i - r, and by Minkowski's inequality the path ∫\|v\| dt is at
+   least ‖P + D‖ - r √axes: the growth of f_c ‖P‖ may be credited, f_c r √axes is paid at the start.
 4. *Damping.* In any window of readings from t_j to t_n the way is at least \|Δ\| with Δ_i =
    max(\|q_i(n) - q_i(j)\| - 2r, 0), so by Cauchy-Schwarz ∫\|v\|² dt >= \|Δ\|²/(t_n - t_j) in it. If
    V_j is a lower bound up to t_j, then V_j + \|Δ\|²/(t_n - t_j) is one up to t_n, and so is the

@@ -1,4 +1,4 @@
-"""The paper's less conservative law: all energy dissipated so far may be spent.
+"""The paper's less conservative law, which may spend all energy dissipated so far.
 
 It remembers the energy dissipated in free motion, and can give it back at contact: stiff walls, and
 oscillation after contact (the paper's memory effect). Its leaks are explained in

@@ -74,7 +74,7 @@ def advance(
     h = duration / steps
     target_velocity = (target_end - target) / duration
     inertia = 2.0 * mass / h
-    impedance = impede(inertia, damping, hand_damping, h, hand_stiffness)
+    impedance = step_impedance(inertia, damping, hand_damping, h, hand_stiffness)
     muscle = 0.0
     for i in range(steps):
         x, v, work, muscle = step(
@@ -99,7 +99,7 @@ def count_steps(duration: float, substep: float) -> int:
     return max(1, math.ceil(duration / substep - 1e-9))
 
 
-def impede(
+def step_impedance(
     inertia: float, damping: float, hand_damping: float, h: float, hand_stiffness: float
 ) -> float:
     """Return the force per mean velocity of a step, in N s/m; ``inertia`` is 2 M/h."""
@@ -124,7 +124,7 @@ def step(
 
     It has no branch that depends on the numbers, so that a sweep can step many simulations side by
     side. ``target_middle`` is the hand's target in the middle of the step, ``inertia`` and
-    ``impedance`` are those of :func:`impede`; everything else as in :func:`advance`.
+    ``impedance`` are those of :func:`step_impedance`; everything else as in :func:`advance`.
     """
     drive = (
         inertia * v
@@ -188,7 +188,7 @@ class PlantParameters(Protocol):
 
 
 class SimulatedDevice:
-    """A device with a hand on it, whose time is the time it is told.
+    """A device with a hand on it, whose time is that of the reads and writes.
 
     It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
     and write first integrates to the given time, under the force that was held meanwhile; a force

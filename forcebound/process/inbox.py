@@ -70,6 +70,11 @@ class Inbox:
         self._forward = forward
         subscriber.newest_only = not self._links
 
+    @property
+    def is_impaired(self) -> bool:
+        """Whether a link is impaired."""
+        return bool(self._links)
+
     def link(self, topic: str) -> Link[Packet] | None:
         """Return the model of the link of a topic; None if it is perfect."""
         return self._links.get(TOPICS[topic].packet)

@@ -1,18 +1,17 @@
 """The compiled kernel: ``WIDTH`` simulations side by side, with the definitions of the nodes.
 
-Nothing is defined here. The plant's step, the encoder, the targets of hands, the environments, the
-low-pass of the device node and the bounding laws are the very function objects that the nodes call,
-compiled. Here is only their order in a tick, which :mod:`forcebound.nodes.device` fixes: move to
-the sample, read, ask; move to the write, read, saturate, ramp, bound, write, settle. When which
-answer arrives is known before (:mod:`forcebound.sweep.timing`).
+No physics is defined here. The plant's step, the encoder, the targets of hands, the environments,
+the low-pass of the velocity, the sample and the laws are the very function objects that the nodes
+call, compiled. Here is only their order in a tick, which :mod:`forcebound.nodes.device` fixes: move
+to the sample, read, query; move to the write, read, saturate, ramp, bound, write, settle. When
+which answer arrives is known before (:mod:`forcebound.sweep.timing`).
 
 Layout. One array holds a row of ``WIDTH`` numbers for each quantity, and every loop over the lanes
 is an inner one, so that the compiler fills its vector registers with lanes. ``WIDTH`` is a constant
 and all rows lie in one array, since only then can the compiler prove that a row that is written is
 none of those that are read. Rows of the traces are ``WIDTH`` numbers too, by tick and column.
 
-One axis. No jitter of the clock, so the hold limit is never exceeded; what the bounder does then is
-not repeated here.
+One axis, and no jitter of the clock.
 """
 
 from collections.abc import Callable
@@ -39,7 +38,7 @@ from forcebound.bounding.sample import (
     write_axis,
 )
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.devices.plant import count_steps, impede, quantise, step
+from forcebound.devices.plant import count_steps, quantise, step, step_impedance
 from forcebound.environments.damped_wall import damped_wall_force
 from forcebound.environments.damper import damper_force
 from forcebound.environments.power_law_wall import power_law_force
@@ -173,7 +172,7 @@ def move(
     for i in range(WIDTH):
         inertia = 2.0 * s[MASS * WIDTH + i] / h
         s[INERTIA * WIDTH + i] = inertia
-        s[IMPEDANCE * WIDTH + i] = impede(
+        s[IMPEDANCE * WIDTH + i] = step_impedance(
             inertia,
             s[DAMPING * WIDTH + i],
             s[HAND_DAMPING * WIDTH + i],
