@@ -169,7 +169,7 @@ def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
 def test_a_slow_environment_is_asked_fewer_questions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("forcebound.launch.check.ASKING", 1.0)
+    monkeypatch.setattr("forcebound.launch.check.QUERYING", 1.0)
     monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
     document = check_here(no_progress, str(file), [], [1, 2], [])
@@ -177,7 +177,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
     assert document["seconds_per_answer"]["answers"] == 10
     known = document["questions"] + document["left_out"]
-    assert f"asked {document['questions']} of {known} questions" in "\n".join(lines(document))
+    assert f"{document['questions']} of {known} queries" in "\n".join(lines(document))
 
 
 def test_the_check_says_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
