@@ -1,5 +1,17 @@
 """``python -m forcebound`` is the command ``forcebound``."""
 
-from forcebound.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Run the command; Ctrl-C while it is still being imported ends it quietly, too."""
+    try:
+        from forcebound.cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,7 +4,7 @@ How it works:
 
 1. The chain of nodes (device, controller, environment) lives on *one* core, because waking a
    process on another core costs more than the messages themselves; launcher and recorder stay
-   off that core (:func:`choose_core`, :func:`stand_aside`).
+   off that core (:func:`choose_core`, :func:`leave_core`).
 2. On that core the nodes run under SCHED_FIFO, the device above the controller above the
    environment (:data:`forcebound.processes.PROCESSES`). Never without a core of their own: FIFO
    processes that wander between cores are slower than ordinary ones.
@@ -145,8 +145,8 @@ def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> in
     return int(wanted)
 
 
-def stand_aside(core: int | None) -> set[int]:
-    """Keep this process off ``core`` if there is another one; return the cores used until now."""
+def leave_core(core: int | None) -> set[int]:
+    """Leave ``core`` to others if there is another one; return the cores used until now."""
     before = os.sched_getaffinity(0)
     rest = before - {core}
     if core is not None and rest and rest != before:
@@ -170,7 +170,7 @@ def enter(settings: Settings, role: str) -> list[Fact]:
     """
     _libc.prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS))
     if role not in NODES:
-        stand_aside(settings.core)
+        leave_core(settings.core)
         return []
     facts = [_pin(settings.core), _schedule(settings, role)]
     if settings.lock_memory:

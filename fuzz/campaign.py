@@ -73,7 +73,7 @@ def campaign(target: str, seconds: int) -> bool:
 
 
 def main() -> int:
-    """Run the campaigns that are asked for; return the exit status."""
+    """Run the campaigns that were named; return the exit status."""
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}")
     parser.add_argument("--seconds", type=int, default=60, help="for each target")

@@ -1,26 +1,87 @@
-"""Check of an environment's contract: ``forcebound check environment``."""
+"""Checks of parts against the contracts of their rooms: what ``forcebound check`` reports."""
 
 import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.loader import member_of
+from forcebound.bounding import contract as laws
+from forcebound.config.loader import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
+from forcebound.contract import Report
+from forcebound.controllers import contract as controllers
+from forcebound.devices import contract as devices
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
+from forcebound.operators import contract as operators
 from forcebound.quantities import parse_quantity
 from forcebound.user_module import file_of, names_file
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
+PROMISES_OF: Mapping[str, Mapping[str, str]] = {
+    "law": laws.PROMISES,
+    "device": devices.PROMISES,
+    "operator": operators.PROMISES,
+    "controller": controllers.PROMISES,
+}
+CHECKS: Mapping[str, Callable[[Any], Report]] = {
+    "law": laws.check,
+    "device": devices.check,
+    "operator": operators.check,
+    "controller": controllers.check,
+}
 QUERYING, TIMING = 10.0, 2.0  # s, about, for the queries of the contract and for the timed calls
+
+
+def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[str, Any]:
+    """Return what the contract test finds of a law, device, operator or controller.
+
+    A file of the user's own runs in the sandbox.
+
+    Args:
+        section: ``"law"``, ``"device"``, ``"operator"`` or ``"controller"``.
+        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
+        arguments: Its parameters, each ``name:=value``; a law has none.
+
+    Returns:
+        ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
+        and ``violations``.
+
+    Raises:
+        ConfigError: As :func:`check_environment`.
+    """
+    words: list[Any] = [section, kind, list(arguments)]
+    if not names_file(kind):
+        return check_part_here(no_progress, *words)
+    document: dict[str, Any] = run_in_sandbox(check_part_here, words, [file_of(kind, Path())])
+    return document
+
+
+def check_part_here(
+    progress: Progress, section: str, kind: str, arguments: Sequence[str]
+) -> dict[str, Any]:
+    """Do the work of :func:`check_part` in this process."""
+    part: dict[str, Any]
+    if section == "law":
+        law = law_of(kind)
+        part, report = {"kind": law}, CHECKS["law"](law)
+    else:
+        model = member_of(section, kind, arguments)
+        part, report = member_document(section, model), CHECKS[section](model)
+    return {
+        "part": part,
+        "passed": not report.violations,
+        "questions": report.questions,
+        "promises": report.held,
+        "violations": [dataclasses.asdict(v) for v in report.violations],
+    }
 
 
 def check_environment(
@@ -96,16 +157,27 @@ def check_here(
     }
 
 
-def lines(document: Mapping[str, Any]) -> list[str]:
-    """Return the findings of :func:`check_environment` as lines of text."""
+def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> list[str]:
+    """Return which promises were kept, and how the others were broken, as text for a person.
+
+    Args:
+        document: Of :func:`check_part` or :func:`check_environment`.
+        promises: In words.
+    """
     text = []
     for promise, held in document["promises"].items():
-        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {PROMISES[promise]}")
+        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {promises[promise]}")
         for violation in document["violations"]:
             if violation["promise"] == promise:
                 text.append(f"          {violation['where']}")
                 text.append(f"            expected {violation['expected']}")
                 text.append(f"            got      {violation['got']}")
+    return text
+
+
+def lines(document: Mapping[str, Any]) -> list[str]:
+    """Return what :func:`check_environment` found as text for a person."""
+    text = promise_lines(document, PROMISES)
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")

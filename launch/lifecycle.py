@@ -19,8 +19,23 @@ import signal
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import TypeAlias
 
+from forcebound.launch.actions import (
+    Action,
+    Announce,
+    Ended,
+    Engage,
+    Engaged,
+    Event,
+    Interrupted,
+    Kill,
+    Reported,
+    Start,
+    StartRequested,
+    StopRequested,
+    Terminate,
+    describe_status,
+)
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
 from forcebound.processes import PROCESSES, RESTARTED, STOP_GROUPS
 
@@ -34,89 +49,6 @@ class Limits:
     stop_ns: int = 2_000_000_000
     recorder_stop_ns: int = 10_000_000_000  # it may have much to write to a slow disk
     kill_ns: int = 2_000_000_000  # from SIGKILL to being gone
-
-
-@dataclass(frozen=True)
-class Reported:
-    """A node answered a request for its status."""
-
-    node: str
-    waiting_for: tuple[str, ...]  # topics without a packet yet; none: it is ready
-
-
-@dataclass(frozen=True)
-class Engaged:
-    """The device has confirmed that the force engages."""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A process has ended; ``status`` is its exit status, or minus the signal that ended it."""
-
-    node: str
-    status: int
-
-
-@dataclass(frozen=True)
-class Interrupted:
-    """Request to end the run: Ctrl-C, SIGTERM, a closed terminal."""
-
-
-@dataclass(frozen=True)
-class StopRequested:
-    """Request to stop a node until it is started again; see :meth:`Lifecycle.refusal`."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class StartRequested:
-    """Request to start a node that was stopped; see :meth:`Lifecycle.refusal`."""
-
-    node: str
-
-
-Event: TypeAlias = Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested
-
-
-@dataclass(frozen=True)
-class Engage:
-    """Let the device engage the force."""
-
-
-@dataclass(frozen=True)
-class Terminate:
-    """Stop a node (SIGTERM)."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Kill:
-    """End a node that does not stop (SIGKILL)."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start a node."""
-
-    node: str
-
-
-@dataclass(frozen=True)
-class Announce:
-    """Publish an event of a process."""
-
-    event: str  # "process_ended", "process_started", "environment_awaited"
-    node: str
-    message: str
-    is_fault: bool = False
-    status: str = ""  # exit status, in words
-
-
-Action: TypeAlias = Engage | Terminate | Kill | Start | Announce
 
 
 class Phase(Enum):
@@ -406,13 +338,3 @@ class Lifecycle:
         if waiting is None:
             return f"{node} does not answer"
         return f"{node} has received nothing on {', '.join(waiting)}"
-
-
-def describe_status(status: int) -> str:
-    """Return an exit status, or minus the number of a signal, in words."""
-    if status >= 0:
-        return f"exit status {status}"
-    try:
-        return f"signal {signal.Signals(-status).name}"
-    except ValueError:
-        return f"signal {-status}"

@@ -135,7 +135,7 @@ def run_live(
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
         commands = {name: node_command(name, run_dir) for name in names}
-        cores = realtime.stand_aside(core)
+        cores = realtime.leave_core(core)
         try:
             supervisor = Supervisor(
                 commands,

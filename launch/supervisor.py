@@ -12,12 +12,7 @@ The launcher answers on a control socket of its own, ``control-launcher``: ``sta
 ``configure``, ``stop_node`` and ``start_node``; and publishes events, as every process does.
 """
 
-import os
 import selectors
-import signal
-import socket
-import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import RunError
-from forcebound.launch.lifecycle import (
+from forcebound.launch.actions import (
     Action,
     Announce,
     Ended,
@@ -36,111 +31,23 @@ from forcebound.launch.lifecycle import (
     Event,
     Interrupted,
     Kill,
-    Lifecycle,
-    Limits,
-    Phase,
     Reported,
     Start,
     StartRequested,
     StopRequested,
     Terminate,
 )
+from forcebound.launch.children import Child, Signals, name_begins, show_on_stderr
+from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.process import SignalPipe, control_endpoint, event_endpoint
-from forcebound.processes import LAUNCHER, PROCESSES
+from forcebound.process import control_endpoint, event_endpoint
+from forcebound.processes import LAUNCHER
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
-LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
-TAIL_LINES = 20  # of a node's log, in the message of a failure
-CHUNK = 65_536  # bytes
-MAX_LINE = 65_536  # bytes without a line end that are kept
 NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
-
-
-def name_begins(pid: int) -> str:
-    """Return the beginning of the name of an environment in a process of this machine."""
-    return f"{socket.gethostname()[:32]}/{pid}/"
-
-
-class Signals(SignalPipe):
-    """Signals that end a run, and the death of children, as bytes on a descriptor."""
-
-    ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-    def __init__(self) -> None:
-        super().__init__((*self.ENDING, signal.SIGCHLD))
-
-    def take(self) -> bool:
-        """Take the signals that came; return whether one of them ends the run."""
-        try:
-            numbers = os.read(self.descriptor, CHUNK)
-        except BlockingIOError:
-            return False
-        return any(number in self.ENDING for number in numbers)
-
-
-class Child:
-    """One process of the run, and its output."""
-
-    def __init__(self, name: str, command: Sequence[str], show: Callable[[str, str], None]) -> None:
-        self.name = name
-        self.tail: deque[str] = deque(maxlen=TAIL_LINES)
-        self._show = show
-        self._partial = b""
-        self.process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        assert self.process.stdout is not None
-        self.descriptor = self.process.stdout.fileno()
-        os.set_blocking(self.descriptor, False)
-
-    def read(self) -> bool:
-        """Show the complete lines that came; return False at the end of the stream."""
-        try:
-            data = os.read(self.descriptor, CHUNK)
-        except BlockingIOError:
-            return True
-        *lines, self._partial = (self._partial + data).split(b"\n")
-        if not data or len(self._partial) > MAX_LINE:
-            lines, self._partial = [*lines, *filter(None, [self._partial])], b""
-        for line in lines:
-            text = line.decode(errors="replace").rstrip()
-            self.tail.append(text)
-            self._show(self.name, text)
-        return bool(data)
-
-    def end(self) -> None:
-        """End the process if it still lives, and close its stream."""
-        if self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(LAST_CHANCE)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-
-def show_on_stderr(name: str, line: str) -> None:
-    """Write one line of a process to standard error, with its name in front.
-
-    If standard error is closed, the run continues without output.
-    """
-    prefix = f"[{name}]"
-    if sys.stderr.isatty():
-        colour = PROCESSES[name].colour if name in PROCESSES else 0
-        prefix = f"\033[{colour}m{prefix}\033[0m"
-    with suppress(OSError):
-        sys.stderr.write(f"{prefix} {line}\n")
 
 
 @dataclass(frozen=True)

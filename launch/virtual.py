@@ -1,7 +1,7 @@
 """Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from forcebound.config.graph import GraphConfig
@@ -40,70 +40,94 @@ def run_virtual(
         DeviceError: If a device of the user's own failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
-    metadata = run_metadata(config)
-    samples: list[Telemetry] = []
-    events: list[Event] = []
-    recorder = None if record is None else Recorder(record, metadata)
+    end_ns = round((duration or config.duration) * 1e9)
+    with ExitStack() as stack:
+        observer = _Observer(None if record is None else Recorder(record, run_metadata(config)))
+        stack.callback(observer.close)
+        simulation = _open(config, observer)
+        for node in simulation.nodes:
+            stack.callback(node.close)
+            stack.callback(node.stop, end_ns)
+        began = time.perf_counter()
+        interrupted = _run(config, simulation, observer, end_ns, may_end_early)
+        took = time.perf_counter() - began
+        observer.take_link_counts(simulation)
+    if not observer.samples and interrupted:
+        if record is not None:
+            record.unlink(missing_ok=True)
+        raise KeyboardInterrupt
+    if not observer.samples:
+        raise RunError("the run ended before its first sample; ask for a longer --duration")
+    return RunResult(
+        TelemetryColumns.from_packets(observer.samples),
+        to_document(config),
+        observer.events,
+        interrupted=interrupted,
+        times_real_time=simulation.time_ns * 1e-9 / took,
+    )
 
-    def observe(packet: Packet) -> None:
+
+class _Observer:
+    """Keeps what a result needs, and records everything if there is a recorder."""
+
+    def __init__(self, recorder: Recorder | None) -> None:
+        self._recorder = recorder
+        self.samples: list[Telemetry] = []
+        self.events: list[Event] = []
+        self.packets = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
+
+    def take(self, packet: Packet) -> None:
         if isinstance(packet, Telemetry):
-            samples.append(packet)
+            self.samples.append(packet)
         elif isinstance(packet, Event):
-            events.append(packet)
-        if recorder is not None:
-            recorder.write(packet)
+            self.events.append(packet)
+        if self._recorder is not None:
+            self._recorder.write(packet)
 
-    observed = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
-
-    device = build_device(config)
-    others = [build_node(kind, config) for kind in NODES if kind != "device"]
-    links = build_links(config)
-    simulation = Simulation([*others, device], links, observe, observed)
-    launcher = EventLog(LAUNCHER)
-    for events_of in (launcher, *(node.events for node in simulation.nodes)):
-        events_of.is_logged = False  # a run of a sweep, or of a second, needs no log
-    device.engage()
-    seconds = duration or config.duration
-    end_ns = round(seconds * 1e9)
-    began = time.perf_counter()
-    interrupted = False
-    ends_it = (KeyboardInterrupt,) if may_end_early else ()
-    try:
-        with without_garbage_collection(), suppress(*ends_it):
-            interrupted = True  # until it has come to its end
-            now = config
-            for part in timetable(config):
-                if part.start_ns < end_ns:
-                    simulation.run(part.start_ns)
-                    apply(now, part.config, simulation)
-                    now = part.config
-                    observe(launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data))
-            simulation.run(end_ns)
-            interrupted = False
+    def take_link_counts(self, simulation: Simulation) -> None:
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
                 if link is not None:
-                    observe(node.events.link_counts(simulation.time_ns, topic, link.counts))
-    finally:
-        took = time.perf_counter() - began
-        for node in simulation.nodes:
-            node.stop(simulation.time_ns)
-            node.close()
-        if recorder is not None:
-            recorder.close()
-    if not samples and interrupted:
-        if record is not None:
-            record.unlink(missing_ok=True)
-        raise KeyboardInterrupt
-    if not samples:
-        raise RunError("the run ended before its first sample; set a longer --duration")
-    columns = TelemetryColumns.from_packets(samples)
-    ran = simulation.time_ns * 1e-9
-    return RunResult(
-        columns,
-        to_document(config),
-        events,
-        interrupted=interrupted,
-        times_real_time=ran / took,
-    )
+                    self.take(node.events.link_counts(simulation.time_ns, topic, link.counts))
+
+    def close(self) -> None:
+        if self._recorder is not None:
+            self._recorder.close()
+
+
+def _open(config: GraphConfig, observer: _Observer) -> Simulation:
+    """Return the graph, its force engaged."""
+    device = build_device(config)
+    others = [build_node(kind, config) for kind in NODES if kind != "device"]
+    links = build_links(config)
+    simulation = Simulation([*others, device], links, observer.take, observer.packets)
+    for node in simulation.nodes:
+        node.events.is_logged = False  # a run of a sweep, or of a second, needs no log
+    device.engage()
+    return simulation
+
+
+def _run(
+    config: GraphConfig,
+    simulation: Simulation,
+    observer: _Observer,
+    end_ns: int,
+    may_end_early: bool,
+) -> bool:
+    """Let the phases of a run happen; return whether it was interrupted."""
+    launcher = EventLog(LAUNCHER)
+    launcher.is_logged = False
+    ends_it = (KeyboardInterrupt,) if may_end_early else ()
+    with without_garbage_collection(), suppress(*ends_it):
+        now = config
+        for part in timetable(config):
+            if part.start_ns < end_ns:
+                simulation.run(part.start_ns)
+                apply(now, part.config, simulation)
+                now = part.config
+                event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
+                observer.take(event)
+        simulation.run(end_ns)
+        return False
+    return True

@@ -27,6 +27,7 @@ from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_links, build_node
+from forcebound.launch.children import name_begins
 from forcebound.launch.live import (
     RECORDING,
     RUN_FILE,
@@ -37,7 +38,6 @@ from forcebound.launch.live import (
 )
 from forcebound.launch.results import run_metadata
 from forcebound.launch.run_lock import is_held, shared
-from forcebound.launch.supervisor import name_begins
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode

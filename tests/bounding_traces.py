@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
+from builders import MS
+
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.messages.packets import Vector
 
@@ -12,8 +14,6 @@ PHANTOM = Dissipation(
 )
 EXACT = replace(PHANTOM, resolution=0.0, hold_limit=1e-3)
 B = 270.0  # N/m, b / T of the PHANToM; also b / T_max of EXACT
-MS = 1_000_000  # ns
-
 #: (elapsed in ns, positions in m, forces asked for in N) of each sample.
 Trace: TypeAlias = Sequence[tuple[int, Vector, Vector]]
 

@@ -19,8 +19,6 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.operators.pressing import PressingHand
 from forcebound.simulation import Simulation
 
-MS = 1_000_000  # ns
-
 DISSIPATION = Dissipation(
     damping=0.27, friction=0.12, resolution=0.0, period=1e-3, hold_limit=1.25e-3, saturation=8.5
 )

@@ -11,18 +11,18 @@ from waiting import free_port
 
 
 class TcpTap:
-    """Listens at two ports in a row and passes on to two others; ends with its ``with`` block.
+    """Listens at a port and passes on to another one; ends with its ``with`` block.
 
     Args:
-        port: Where it listens, and at the next one.
-        target: Where it passes on to, likewise.
+        port: Where it listens.
+        target: Where it passes on to.
 
     Attributes:
         seen: All bytes from the target so far.
     """
 
     def __init__(self, port: int, target: int) -> None:
-        self._ports = {port: target, port + 1: target + 1}
+        self._port, self._target = port, target
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._selector = selectors.DefaultSelector()
@@ -31,14 +31,13 @@ class TcpTap:
 
     @staticmethod
     def free_port() -> int:
-        """Return a port that is free, as is the next one."""
+        """Return a port that is free."""
         return free_port()
 
     def __enter__(self) -> Self:
-        for port, target in self._ports.items():
-            listener = socket.create_server(("127.0.0.1", port))
-            self._open.append(listener)
-            self._selector.register(listener, selectors.EVENT_READ, target)
+        listener = socket.create_server(("127.0.0.1", self._port))
+        self._open.append(listener)
+        self._selector.register(listener, selectors.EVENT_READ, self._target)
         self._thread.start()
         return self
 

@@ -21,6 +21,7 @@ COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})
 
 # Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
 NO_SENTENCES = {
+    "network/notices.py",
     "audit/command.py",
     "audit/report.py",
     "config/schema.py",

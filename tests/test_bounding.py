@@ -5,7 +5,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from bounding_traces import MS, PHANTOM, Trace, forces, run, steady
+from bounding_traces import PHANTOM, Trace, forces, run, steady
+from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -8,7 +8,8 @@ import math
 from dataclasses import dataclass, replace
 
 import pytest
-from bounding_traces import EXACT, MS, PHANTOM, forces, run, steady
+from bounding_traces import EXACT, PHANTOM, forces, run, steady
+from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

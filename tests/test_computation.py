@@ -7,7 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from fakes import MS, press
+from builders import MS
+from fakes import press
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.changes import change

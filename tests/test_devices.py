@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import pytest
+from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,8 +13,6 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import SimulatedDevice, advance, quantise
 from forcebound.messages.packets import Vector
 from forcebound.operators.pressing import PressingHand
-
-MS = 1_000_000  # ns
 
 
 @dataclass(frozen=True)

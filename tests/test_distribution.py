@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import NormalDist
 
 import pytest
+from builders import MS
 from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.loader import from_document, load
@@ -15,8 +16,6 @@ from forcebound.errors import ConfigError
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.distribution import LONGEST, read_distribution
 from forcebound.network.impairment import Impairment
-
-MS = 1_000_000  # ns
 
 
 def table(folder: Path, text: str, name: str = "table.dist") -> Path:

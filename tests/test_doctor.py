@@ -6,17 +6,16 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
+from builders import telemetry_packet
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
-from forcebound.messages.packets import LINKS, TOPICS, Telemetry
+from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor import wording
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.findings import Fact, Finding
 from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
-from forcebound.monitor.wording import NOTICES, REASONS
-from forcebound.network.notices import Notice
-from forcebound.network.remote import KINDS
+from forcebound.monitor.wording import REASONS
 from forcebound.telemetry import TelemetryColumns
 
 PERIOD_NS = 1_000_000
@@ -42,23 +41,15 @@ def telemetry(
     for tick in range(ticks):
         is_answered = tick not in unanswered
         packets.append(
-            Telemetry(
-                seq=tick,
-                time_ns=tick * PERIOD_NS,
+            telemetry_packet(
+                tick,
                 elapsed=1.0 + tick * 1e-3,
-                position=(0.0,),
                 commanded_force=(asked if is_answered else 0.0,),
                 applied_force=(applied if is_answered else 0.0,),
                 force_limit=applied,
-                estimated_energy=0.0,
-                true_energy=None,
-                true_position=None,
-                hand_force=None,
-                engagement=1.0,
                 device_seq=max(0, tick - 1) if is_answered else None,
                 loop_delay=loop_delay if is_answered else None,
                 deadline_misses=tick // lost_every if lost_every else 0,
-                rejected={},
             )
         )
     return TelemetryColumns.from_packets(packets)
@@ -381,7 +372,7 @@ def with_remote(state: dict[str, Any], grown: int) -> Observations:
 def test_a_remote_environment_that_is_not_there_is_a_problem_and_the_only_one() -> None:
     finding = only(with_remote(remote(connected=False), grown=0))
     assert (finding.severity, finding.kind) == ("problem", "remote_not_connected")
-    assert "listens at 127.0.0.1 port 7410 and 7411" in wording.seen(finding)
+    assert "listens at 127.0.0.1 port 7410" in wording.seen(finding)
     assert wording.commands(finding) == ["forcebound node environment FILE"]
 
 
@@ -401,10 +392,6 @@ def test_refused_peers_are_told_while_they_knock() -> None:
     assert (finding.severity, finding.kind) == ("problem", "remote_refused_here")
     assert finding.data == {"count": 3, "recent": 3}
     assert "environment_keys" in wording.advice(finding)
-
-
-def test_each_notice_that_is_a_problem_has_advice() -> None:
-    assert set(NOTICES) == {kind for kind in KINDS if Notice(kind, "").is_problem}
 
 
 def test_no_force_now_is_told_with_the_age_limit() -> None:

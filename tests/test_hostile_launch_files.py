@@ -21,8 +21,6 @@ HOSTILE = {
     "deep flow": "[" * 100_000,
     "deep mappings": "a: " + "{a: " * 50_000,
     "deep keys": "? " * 120_000,
-    "aliases of aliases": "a0: &a0 [1]\n"
-    + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 60)),
     "an alias of itself": "a: &a [*a]",
     "a number of many digits": GOOD.replace("seed: 1", "seed: " + "9" * 200_000),
     "an enormous exponent": GOOD.replace("6 s", "1e999999999 s"),
@@ -61,7 +59,7 @@ def test_a_hostile_file_is_refused_in_bounded_memory(tmp_path: Path, text: str) 
     assert len(message.encode()) < 1_000_000
 
 
-def test_only_so_many_problems_are_told(tmp_path: Path) -> None:
+def test_only_so_many_problems_are_reported(tmp_path: Path) -> None:
     message = problems_of(written(tmp_path, GOOD + "".join(f"x{i}: 1\n" for i in range(500))))
     assert message.count("unknown key in the launch file") == MAX_PROBLEMS
     assert message.endswith(f"and more than these {MAX_PROBLEMS} problems")

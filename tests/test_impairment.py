@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +11,7 @@ from statistics import NormalDist, fmean
 from typing import Any
 
 import pytest
+from builders import MS, TimedPacket
 from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,14 +31,7 @@ from forcebound.network.link import PACKET_SIZE, Link
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
 
-MS = 1_000_000  # ns
 SURELY_NOT = 1e-4  # a result less likely than this is a fault; the seeds are fixed
-
-
-@dataclass(frozen=True)
-class Packet:
-    seq: int
-    time_ns: int
 
 
 def passed(
@@ -46,11 +40,11 @@ def passed(
     seed: int = 1,
     period_ns: int = MS,
     size: int = PACKET_SIZE,
-) -> tuple[Link[Packet], list[tuple[int, Packet]]]:
+) -> tuple[Link[TimedPacket], list[tuple[int, TimedPacket]]]:
     """Send one packet a period; return the link and what came out, in order, with its time."""
-    link: Link[Packet] = Link(impairment, seed, newest_only=False)
+    link: Link[TimedPacket] = Link(impairment, seed, newest_only=False)
     for seq in range(count):
-        link.accept(seq * period_ns, Packet(seq, seq * period_ns), size)
+        link.accept(seq * period_ns, TimedPacket(seq, seq * period_ns), size)
     deliveries = []
     while (due_ns := link.next_due_ns) is not None:
         deliveries += [(due_ns, packet) for packet in link.due(due_ns)]
@@ -124,11 +118,11 @@ impairments |= st.builds(replace, impairments, gemodel=st.none(), loss=share)
 def test_every_packet_is_counted_once(
     impairment: Impairment, seed: int, newest_only: bool, actions: list[tuple[bool, int]]
 ) -> None:
-    link: Link[Packet] = Link(impairment, seed, newest_only)
+    link: Link[TimedPacket] = Link(impairment, seed, newest_only)
     now = delivered = 0
     for seq, (is_asked, wait_ns) in enumerate(actions):
         now += wait_ns
-        link.accept(now, Packet(seq, now), 100)
+        link.accept(now, TimedPacket(seq, now), 100)
         if is_asked:
             delivered += len(link.due(now))
         outcomes = link.lost + link.corrupted + link.delivered + link.superseded + link.queued
@@ -145,12 +139,12 @@ def test_every_packet_is_counted_once(
 def test_seed_and_arrivals_decide_and_asking_does_not(impairment: Impairment, seed: int) -> None:
     _, patient = passed(impairment, 50, seed)
     assert passed(impairment, 50, seed)[1] == patient
-    eager: Link[Packet] = Link(impairment, seed, newest_only=False)
+    eager: Link[TimedPacket] = Link(impairment, seed, newest_only=False)
     asked = []
     for seq in range(50):
         now = seq * MS
         asked += eager.due(now - 1)
-        eager.accept(now, Packet(seq, now))
+        eager.accept(now, TimedPacket(seq, now))
     assert asked + eager.due(10**15) == [packet for _, packet in patient]
 
 
@@ -318,10 +312,10 @@ def test_both_states_of_gilbert_elliott_lose_by_their_own_probability() -> None:
 
 def test_outages_lose_what_arrives_in_them_and_nothing_else() -> None:
     outages = (Outage(0.010, 0.005), Outage(0.013, 0.004), Outage(0.030, 0.0))
-    link: Link[Packet] = Link(Impairment(delay=0.002, outages=outages), 1, newest_only=False)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.002, outages=outages), 1, newest_only=False)
     start_ns = 7_000 * MS  # counted from the first packet, whatever the clock says
     for seq in range(40):
-        link.accept(start_ns + seq * MS, Packet(seq, 0))
+        link.accept(start_ns + seq * MS, TimedPacket(seq, 0))
     arrived = [packet.seq for packet in link.due(10**15)]
     assert arrived == [*range(10), *range(17, 40)]
     assert link.lost == 7
@@ -350,10 +344,10 @@ def test_of_a_packet_that_is_lost_and_duplicated_one_goes_on() -> None:
 
 
 def test_who_wants_the_newest_gets_no_packet_twice() -> None:
-    link: Link[Packet] = Link(Impairment(duplicate=1.0), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(duplicate=1.0), 1, newest_only=True)
     for seq in range(10):
-        link.accept(seq, Packet(seq, seq))
-        assert link.due(seq) == [Packet(seq, seq)]
+        link.accept(seq, TimedPacket(seq, seq))
+        assert link.due(seq) == [TimedPacket(seq, seq)]
     assert link.superseded == 10
 
 
@@ -406,13 +400,13 @@ def test_no_more_than_the_limit_is_on_the_way() -> None:
 
 
 def test_a_changed_limit_counts_what_is_on_the_way() -> None:
-    link: Link[Packet] = Link(Impairment(delay=0.010), 1, newest_only=False)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.010), 1, newest_only=False)
     for seq in range(5):
-        link.accept(0, Packet(seq, 0))
+        link.accept(0, TimedPacket(seq, 0))
     link.change(Impairment(limit=5))
-    link.accept(1, Packet(5, 1))
+    link.accept(1, TimedPacket(5, 1))
     assert link.lost == 1
-    link.accept(10 * MS, Packet(6, 1))
+    link.accept(10 * MS, TimedPacket(6, 1))
     assert link.lost == 1
 
 
@@ -420,7 +414,7 @@ def test_packets_wait_for_the_slot() -> None:
     _, deliveries = passed(Impairment(slot=Slot(0.0035)), 9)
     # 0 opens the slot at 3.5 ms; 4 is the first after it, and opens that at 7.5 ms.
     slots = [3_500_000] * 4 + [7_500_000] * 4 + [11_500_000]
-    assert deliveries == [(slot, Packet(i, i * MS)) for i, slot in enumerate(slots)]
+    assert deliveries == [(slot, TimedPacket(i, i * MS)) for i, slot in enumerate(slots)]
 
 
 def test_a_slot_takes_no_more_than_its_packets() -> None:

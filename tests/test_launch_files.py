@@ -139,7 +139,6 @@ def test_what_is_not_said_keeps_its_default(tmp_path: Path) -> None:
         ("seed: 1", "seed: 1\nrealtime: {cores: none}", ("realtime", "cores"), "none"),
         ("seed: 1", "seed: 1\nrealtime:", ("realtime", "policy"), "fifo"),
         ("delay: 2 ms", "loss: 5 %", ("links", "environment_query", "loss"), 0.05),
-        ("6 s", "&time 6 s\ndescription: *time", ("description",), "6 s"),
         ("seed: 1", "seed: ${env:FB_SEED}", ("seed",), 42),
         ("seed: 1", "seed: ${env:FB_NONE:-5}", ("seed",), 5),
         (

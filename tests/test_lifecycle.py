@@ -2,7 +2,7 @@
 
 import pytest
 
-from forcebound.launch.lifecycle import (
+from forcebound.launch.actions import (
     Action,
     Announce,
     Ended,
@@ -11,9 +11,6 @@ from forcebound.launch.lifecycle import (
     Event,
     Interrupted,
     Kill,
-    Lifecycle,
-    Limits,
-    Phase,
     Reported,
     Start,
     StartRequested,
@@ -21,6 +18,7 @@ from forcebound.launch.lifecycle import (
     Terminate,
     describe_status,
 )
+from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 
 NODES = ("environment", "controller", "device", "recorder")
 LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)

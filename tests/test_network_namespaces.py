@@ -207,7 +207,7 @@ def test_environments_swap_and_the_hand_is_free_between_them(
         run = ("--run", str(graph.run_dir))
         with serving(file, machines.at(machines.environment), keys["server-lab"]) as environment:
             graph.until(lambda: "not serving: " in environment.log, "the refused one to say so")
-            graph.until(lambda: "refused environment" in graph.log, "the graph to say so")
+            graph.until(lambda: "rejected environment" in graph.log, "the graph to say so")
             stopped = graph.order("stop", "environment", *run)
             assert stopped.returncode == 0, stopped.stderr
             graph.until(lambda: graph.log.count("serves now") == 2, "the remote one to serve")

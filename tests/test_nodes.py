@@ -6,7 +6,8 @@ import math
 from itertools import pairwise
 
 import pytest
-from fakes import MS, answer, device_node
+from builders import MS
+from fakes import answer, device_node
 from msgspec.structs import replace
 
 from forcebound.config.loader import load

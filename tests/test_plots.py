@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import telemetry_packet
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from msgspec.structs import replace
@@ -30,10 +31,8 @@ def telemetry(ticks: int = 200, swing: float = 0.0, energy: float = 0.005) -> li
         position = min(0.2 * elapsed, WALL + 0.002) + swing * math.sin(60.0 * elapsed)
         commanded = max(10_000.0 * (position - WALL), 0.0)
         run.append(
-            Telemetry(
-                seq=tick,
-                time_ns=tick * 1_000_000,
-                elapsed=elapsed,
+            telemetry_packet(
+                tick,
                 position=(position,),
                 commanded_force=(min(commanded, 8.5),),
                 applied_force=(min(commanded, 2.0),),
@@ -42,11 +41,6 @@ def telemetry(ticks: int = 200, swing: float = 0.0, energy: float = 0.005) -> li
                 true_energy=energy * elapsed,
                 true_position=(position + 1e-5,),
                 hand_force=(0.0,),
-                engagement=1.0,
-                device_seq=tick,
-                loop_delay=4e-4,
-                deadline_misses=0,
-                rejected={},
             )
         )
     return run

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from fakes import DISSIPATION, MS, FakeDevice, device_node
+from builders import MS
+from fakes import DISSIPATION, FakeDevice, device_node
 from waiting import PATIENCE, until
 
 from forcebound import process, realtime

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import telemetry_packet
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -39,10 +40,9 @@ METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
 
 def telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
     vector = tuple(0.1 * (axis + 1) + tick for axis in range(axes))
-    return Telemetry(
-        seq=tick,
+    return telemetry_packet(
+        tick,
         time_ns=1_000_000 * tick + 400_000,
-        elapsed=1e-3 * tick,
         position=vector,
         commanded_force=vector,
         applied_force=vector,
@@ -51,10 +51,6 @@ def telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
         true_energy=1 / 3,
         true_position=vector,
         hand_force=vector,
-        engagement=1.0,
-        device_seq=tick,
-        loop_delay=4e-4,
-        deadline_misses=0,
         rejected={"age": tick},
     )
 

@@ -4,7 +4,7 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +13,18 @@ import zmq
 from waiting import PATIENCE, free_port
 
 from forcebound.errors import ConfigError
-from forcebound.network import listener, remote, sockets
+from forcebound.network import limits, sockets
 from forcebound.network.ends import RemoteEnd, RemoteSection
 from forcebound.network.keys import KeyPair, new_key
 from forcebound.network.notices import (
     BURST,
-    PAIR_NS,
+    KINDS,
+    SENTENCES,
     WINDOW_NS,
     Notice,
     NoticeLimit,
-    StreamPairs,
 )
-from forcebound.network.remote import RemoteStreams
+from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 
 
@@ -32,6 +32,8 @@ def pair(name: str) -> KeyPair:
     public, secret = (key.decode() for key in zmq.curve_keypair())
     return KeyPair(name, public, secret)
 
+
+BURST_SIZE = 30  # packets: below the send queue less the half of it that may be unacknowledged
 
 GRAPH, SERVER, STRANGER = pair("device-lab"), pair("server-lab"), pair("stranger")
 
@@ -42,17 +44,17 @@ class Peer:
     def __init__(self, end: RemoteEnd, newest_only: bool = True) -> None:
         self.network = Network()
         try:
-            self.streams = RemoteStreams(self.network, end, newest_only)
+            self.link = RemoteLink(self.network, end, newest_only)
         except ConfigError:
             self.network.close()
             raise
-        self.first, *rest = self.streams.watch(time.monotonic_ns())
+        self.first, *rest = self.link.watch(time.monotonic_ns())
         self.notices: list[Notice] = rest
         self.got: list[bytes] = []
 
     def turn(self) -> None:
-        self.notices += self.streams.watch(time.monotonic_ns())
-        self.got += self.streams.subscriber.receive()
+        self.notices += self.link.watch(time.monotonic_ns())
+        self.got += self.link.subscriber.receive()
 
     def kinds(self) -> set[str]:
         return {notice.kind for notice in self.notices}
@@ -85,7 +87,7 @@ def run_until(happened: Callable[[], bool], what: str, *peers: Peer) -> None:
         assert time.monotonic() < end, f"waited {PATIENCE} s for {what}; said: {said}"
         for peer in peers:
             peer.turn()
-        descriptors = [d for peer in peers for d in peer.streams.descriptors]
+        descriptors = [d for peer in peers for d in peer.link.descriptors]
         sockets.wait(descriptors, 1_000_000)
 
 
@@ -100,8 +102,8 @@ def meet(one: Peer, other: Peer) -> None:
     other.got.clear()
 
     def both_heard() -> bool:
-        one.streams.publisher.send(b"one")
-        other.streams.publisher.send(b"other")
+        one.link.send(b"one")
+        other.link.send(b"other")
         return b"other" in one.got and b"one" in other.got
 
     run_until(both_heard, "packets in both directions", one, other)
@@ -129,8 +131,8 @@ def test_packets_pass_in_both_directions(
     graph, environment = (start(end) for end in ends(port, listens, address, secure))
     meet(graph, environment)
     run_until(lambda: bool(graph.notices and environment.notices), "both logs", graph, environment)
-    assert graph.streams.connected
-    assert environment.streams.connected
+    assert graph.link.connected
+    assert environment.link.connected
     assert graph.kinds() == environment.kinds() == {"connected"}
     if secure:
         assert f"server-lab (key {SERVER.public})" in graph.text("connected")
@@ -175,8 +177,8 @@ def test_an_unknown_key_gets_no_byte_and_both_ends_say_why(
         host, guest = start(environment_end), start(replace(graph_end, key=STRANGER))
 
     def both_have_said_so() -> bool:
-        host.streams.publisher.send(b"secret")
-        guest.streams.publisher.send(b"forged")
+        host.link.send(b"secret")
+        guest.link.send(b"forged")
         return "refused_here" in host.kinds() and "refused_there" in guest.kinds()
 
     run_until(both_have_said_so, "both logs", host, guest)
@@ -187,7 +189,7 @@ def test_an_unknown_key_gets_no_byte_and_both_ends_say_why(
         both_have_said_so()
         run_for(0.02, host, guest)
     assert host.got == guest.got == []
-    assert host.streams.status()["peers"] == {"queries": [], "replies": []}
+    assert host.link.status()["peers"] == []
 
 
 def test_a_refused_peer_comes_in_once_it_is_allowed(start: Callable[..., Peer]) -> None:
@@ -205,7 +207,7 @@ def test_a_peer_without_keys_gets_no_byte(start: Callable[..., Peer]) -> None:
     guest = start(replace(environment_end, key=None, peers={}))
 
     def noticed() -> bool:
-        graph.streams.publisher.send(b"secret")
+        graph.link.send(b"secret")
         return "other_security" in guest.kinds() and bool(graph.notices)
 
     run_until(noticed, "both logs", graph, guest)
@@ -222,7 +224,7 @@ def test_keys_where_the_listener_has_none_are_said(start: Callable[..., Peer]) -
     wanted = {"other_security", "wrong_key_there"}
     run_until(lambda: bool(guest.kinds() & wanted), "the log", graph, guest)
     assert "no keys" in guest.text("other_security") + guest.text("wrong_key_there")
-    assert not guest.streams.connected
+    assert not guest.link.connected
 
 
 def test_a_wrong_key_of_the_listener_is_said_and_not_hammered(start: Callable[..., Peer]) -> None:
@@ -236,8 +238,8 @@ def test_a_wrong_key_of_the_listener_is_said_and_not_hammered(start: Callable[..
         guest,
     )
     assert STRANGER.public in guest.text("wrong_key_there")
-    run_for(0.4, graph, guest)  # libzmq alone would have tried 20 times on each stream
-    assert guest.streams.counts["wrong_key_there"] <= 6
+    run_for(0.4, graph, guest)  # libzmq alone would have tried 20 times
+    assert guest.link.counts["wrong_key_there"] <= 6
     assert guest.got == []
 
 
@@ -278,11 +280,11 @@ def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
             graph.turn()
             friend.turn()
         run_for(0.1, graph, friend)
-        assert graph.streams.counts["too_many_connections"] > BURST
-        assert graph.streams.status()["connections"]["queries"] <= listener.MAX_CONNECTIONS
+        assert graph.link.counts["too_many_connections"] > BURST
+        assert graph.link.status()["connections"] <= limits.MAX_CONNECTIONS
         assert len([n for n in graph.notices if n.kind == "too_many_connections"]) == BURST
-        assert graph.streams.connected
-        assert friend.streams.connected
+        assert graph.link.connected
+        assert friend.link.connected
         meet(graph, friend)
         assert "disconnected" not in graph.kinds() | friend.kinds()
         friend.close()
@@ -295,7 +297,7 @@ def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
 def test_more_friends_than_a_port_takes_are_refused_with_a_word(
     start: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(listener, "MAX_PEERS", 1)
+    monkeypatch.setattr(limits, "MAX_PEERS", 1)
     graph_end, environment_end = ends(free_port())
     graph, first = start(graph_end), start(environment_end)
     meet(graph, first)
@@ -315,46 +317,64 @@ def test_a_monitor_that_nobody_reads_stops_nothing(start: Callable[..., Peer]) -
     graph.got.clear()
 
     def heard() -> bool:
-        friend.streams.publisher.send(b"still here")
-        graph.got += graph.streams.subscriber.receive()
+        friend.link.send(b"still here")
+        graph.got += graph.link.subscriber.receive()
         return b"still here" in graph.got
 
     run_until(heard, "a packet while the monitor is full", friend)
-    run_until(lambda: graph.streams.due_ns > time.monotonic_ns(), "the events", graph)
+    run_until(lambda: graph.link.due_ns > time.monotonic_ns(), "the events", graph)
     assert sum(n.kind == "handshake_failed" for n in graph.notices) <= 2 * BURST + 2
     meet(graph, friend)
 
 
-BadPeer = Callable[[RemoteEnd], "zmq.Socket[bytes]"]
+class BadPeer:
+    """A socket that holds the environment's key, sends replies and behaves badly."""
+
+    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", end: RemoteEnd) -> None:
+        self._end = end
+        self._route: list[bytes] = []
+        kind = zmq.ROUTER if end.listens else zmq.DEALER
+        self._socket = context.socket(kind, socket_class=zmq.Socket)
+        self._socket.set(zmq.LINGER, 0)
+        self._socket.set(zmq.CURVE_PUBLICKEY, SERVER.public.encode())
+        self._socket.set(zmq.CURVE_SECRETKEY, SERVER.secret.encode())
+        address = f"tcp://{end.address}:{end.port}"
+        if end.listens:
+            self._socket.set(zmq.CURVE_SERVER, 1)
+            self._socket.bind(address)
+        else:
+            self._socket.set(zmq.CURVE_SERVERKEY, GRAPH.public.encode())
+            self._socket.connect(address)
+
+    def send(self, *frames: bytes) -> None:
+        while self._end.listens and self._socket.poll(0):
+            self._route = self._socket.recv_multipart()[:1]
+        with suppress(zmq.Again):
+            if self._route or not self._end.listens:
+                self._socket.send_multipart([*self._route, *frames], zmq.DONTWAIT)
+
+    def close(self) -> None:
+        self._socket.close()
 
 
 @pytest.fixture
-def bad_peer() -> Iterator[BadPeer]:
-    """Make publishers of replies that hold the environment's key and behave badly."""
+def bad_peer() -> Iterator[Callable[[RemoteEnd], BadPeer]]:
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    made: list[zmq.Socket[bytes]] = []
+    made: list[BadPeer] = []
 
-    def make(end: RemoteEnd) -> "zmq.Socket[bytes]":
-        bad = context.socket(zmq.PUB, socket_class=zmq.Socket)
-        made.append(bad)
-        bad.set(zmq.LINGER, 0)
-        bad.set(zmq.CURVE_PUBLICKEY, SERVER.public.encode())
-        bad.set(zmq.CURVE_SECRETKEY, SERVER.secret.encode())
-        if end.listens:
-            bad.set(zmq.CURVE_SERVER, 1)
-            bad.bind(f"tcp://{end.address}:{end.port + 1}")
-        else:
-            bad.set(zmq.CURVE_SERVERKEY, GRAPH.public.encode())
-            bad.connect(f"tcp://{end.address}:{end.port + 1}")
-        return bad
+    def make(end: RemoteEnd) -> BadPeer:
+        made.append(BadPeer(context, end))
+        return made[-1]
 
     yield make
-    context.destroy(0)
+    for one in made:
+        one.close()
+    context.term()
 
 
 @pytest.mark.parametrize("newest_only", [True, False])
 def test_a_message_of_several_frames_is_one_malformed_packet(
-    start: Callable[..., Peer], bad_peer: BadPeer, newest_only: bool
+    start: Callable[..., Peer], bad_peer: Callable[[RemoteEnd], BadPeer], newest_only: bool
 ) -> None:
     graph_end, environment_end = ends(free_port())
     graph = start(graph_end, newest_only)
@@ -368,15 +388,15 @@ def test_a_message_of_several_frames_is_one_malformed_packet(
     run_for(0.05, graph)
     graph.got.clear()
     for _ in range(20_000):  # with CONFLATE this ends the process: Assertion failed: !_more
-        bad.send_multipart([b"good", b"good", b"good"])
-        graph.got += graph.streams.subscriber.receive()
+        bad.send(b"good", b"good", b"good")
+        graph.got += graph.link.subscriber.receive()
     run_until(lambda: b"" in graph.got, "the bad messages", graph)
     assert set(graph.got) == {b""}
 
 
 @pytest.mark.parametrize("listens", ["graph", "environment"])
 def test_a_message_that_is_too_large_ends_the_connection_which_comes_back(
-    start: Callable[..., Peer], bad_peer: BadPeer, listens: str
+    start: Callable[..., Peer], bad_peer: Callable[[RemoteEnd], BadPeer], listens: str
 ) -> None:
     graph_end, environment_end = ends(free_port(), listens)
     graph = start(graph_end)
@@ -387,10 +407,10 @@ def test_a_message_that_is_too_large_ends_the_connection_which_comes_back(
         return b"good" in graph.got
 
     run_until(heard, "the peer", graph)
-    bad.send(bytes(sockets.MAX_FRAME + 1))
+    bad.send(bytes(limits.MAX_FRAME + 1))
     word = "disconnected" if listens == "graph" else "protocol_error"
     run_until(lambda: word in graph.kinds(), "a word", graph)
-    assert str(sockets.MAX_FRAME) in graph.text(word)
+    assert str(limits.MAX_FRAME) in graph.text(word)
     graph.got.clear()
     run_until(heard, "the peer again", graph)
     assert set(graph.got) == {b"good"}
@@ -402,14 +422,14 @@ def test_only_the_newest_packet_counts_and_the_others_are_counted(
     graph, environment = (start(end) for end in ends(free_port()))
     meet(graph, environment)
     run_for(0.05, graph, environment)
-    before = graph.streams.subscriber.superseded
-    for number in range(50):
-        environment.streams.publisher.send(b"%d" % number)
+    before = graph.link.subscriber.superseded
+    for number in range(BURST_SIZE):
+        environment.link.send(b"%d" % number)
     graph.got.clear()
-    run_until(lambda: b"49" in graph.got, "the newest", graph)
-    assert len(graph.got) + graph.streams.subscriber.superseded - before == 50
-    assert graph.streams.subscriber.take() is None
-    assert graph.streams.subscriber.receive() == []
+    run_until(lambda: b"%d" % (BURST_SIZE - 1) in graph.got, "the newest", graph)
+    assert len(graph.got) + graph.link.subscriber.superseded - before == BURST_SIZE
+    assert graph.link.subscriber.take() is None
+    assert graph.link.subscriber.receive() == []
 
 
 def test_all_packets_are_given_if_a_link_model_wants_them(start: Callable[..., Peer]) -> None:
@@ -418,10 +438,10 @@ def test_all_packets_are_given_if_a_link_model_wants_them(start: Callable[..., P
     meet(graph, environment)
     run_for(0.05, graph, environment)
     graph.got.clear()
-    for number in range(50):
-        environment.streams.publisher.send(b"%d" % number)
-    run_until(lambda: b"49" in graph.got, "the last", graph)
-    assert graph.got == [b"%d" % number for number in range(50)]
+    for number in range(BURST_SIZE):
+        environment.link.send(b"%d" % number)
+    run_until(lambda: b"%d" % (BURST_SIZE - 1) in graph.got, "the last", graph)
+    assert graph.got == [b"%d" % number for number in range(BURST_SIZE)]
 
 
 def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
@@ -429,14 +449,13 @@ def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
     graph_end, environment_end = ends(free_port())
     graph = start(graph_end)
     port = free_port()
-    proxies = [Proxy(port + offset, graph_end.port + offset) for offset in (0, 1)]
+    proxy = Proxy(port, graph_end.port)
     try:
         environment = start(replace(environment_end, port=port))
-        for proxy in proxies:
-            proxy.peers = (graph, environment)
+        proxy.peers = (graph, environment)
         run_until(
-            lambda: all(p.pump() for p in proxies) and graph.streams.connected,
-            "a connection through the proxies",
+            lambda: proxy.pump() and graph.link.connected,
+            "a connection through the proxy",
             graph,
             environment,
         )
@@ -446,13 +465,12 @@ def test_a_peer_that_hangs_is_found(start: Callable[..., Peer]) -> None:
             graph,
             environment,
         )
-        assert not graph.streams.connected
-        assert not environment.streams.connected
+        assert not graph.link.connected
+        assert not environment.link.connected
         assert "silent" in graph.text("disconnected")
         assert "silent" in environment.text("disconnected")
     finally:
-        for proxy in proxies:
-            proxy.close()
+        proxy.close()
 
 
 class Proxy:
@@ -495,25 +513,23 @@ def test_what_is_sent_cannot_be_read_on_the_way(start: Callable[..., Peer]) -> N
     graph_end, environment_end = ends(free_port())
     graph = start(graph_end)
     port = free_port()
-    proxies = [Proxy(port + offset, graph_end.port + offset) for offset in (0, 1)]
+    proxy = Proxy(port, graph_end.port)
     try:
         environment = start(replace(environment_end, port=port))
 
         def heard() -> bool:
-            for proxy in proxies:
-                proxy.pump()
-            graph.streams.publisher.send(b"position of the hand")
-            environment.streams.publisher.send(b"force of the wall")
+            proxy.pump()
+            graph.link.send(b"position of the hand")
+            environment.link.send(b"force of the wall")
             return bool(graph.got and environment.got)
 
-        run_until(heard, "packets through the proxies", graph, environment)
-        on_the_way = b"".join(proxy.seen for proxy in proxies)
+        run_until(heard, "packets through the proxy", graph, environment)
+        on_the_way = proxy.seen
         assert b"CURVE" in on_the_way
         assert b"hand" not in on_the_way
         assert b"wall" not in on_the_way
     finally:
-        for proxy in proxies:
-            proxy.close()
+        proxy.close()
 
 
 def test_a_remote_link_leaves_ipc_in_the_same_process_alone(
@@ -534,7 +550,7 @@ def test_a_remote_link_leaves_ipc_in_the_same_process_alone(
 @pytest.mark.parametrize("address", ["192.0.2.1", "0.0.0.0", "[2001:db8::1]"])
 def test_without_keys_no_other_machine_is_reached(address: str, listens: bool) -> None:
     with Network() as network, pytest.raises(ConfigError) as caught:
-        RemoteStreams(network, RemoteEnd("graph", listens, address, 7410))
+        RemoteLink(network, RemoteEnd("graph", listens, address, 7410))
     if listens or address != "0.0.0.0":
         assert "forcebound keys new" in str(caught.value)
         assert "insecure: true" in str(caught.value)
@@ -562,23 +578,22 @@ def test_insecure_listens_everywhere_without_keys(start: Callable[..., Peer]) ->
 def test_an_address_that_cannot_be_used_says_so(address: str, word: str) -> None:
     end = replace(ends(7410)[0], address=address)
     with Network() as network, pytest.raises(ConfigError, match=word):
-        RemoteStreams(network, end)
+        RemoteLink(network, end)
 
 
-@pytest.mark.parametrize("offset", [0, 1])
-def test_a_port_in_use_is_said_and_leaves_nothing_open(offset: int) -> None:
+def test_a_port_in_use_is_said_and_leaves_nothing_open() -> None:
     port = free_port()
     with Network() as network:
         with (
-            socket.create_server(("127.0.0.1", port + offset)),
-            pytest.raises(ConfigError, match=rf":{port + offset}: the address is in use"),
+            socket.create_server(("127.0.0.1", port)),
+            pytest.raises(ConfigError, match=rf":{port}: the address is in use"),
         ):
-            RemoteStreams(network, ends(port)[0])
+            RemoteLink(network, ends(port)[0])
         graph = ends(port)[0]
         end = time.monotonic() + PATIENCE
         while True:  # ZeroMQ gives the other port back when it finds the time
             try:
-                RemoteStreams(network, graph)
+                RemoteLink(network, graph)
             except ConfigError:
                 assert time.monotonic() < end
                 sockets.wait((), 1_000_000)
@@ -596,8 +611,8 @@ def test_an_end_that_does_not_fit_together_is_refused() -> None:
         replace(environment, peers={GRAPH.public: "a", STRANGER.public: "b"})
     with pytest.raises(ConfigError, match="insecure: true means no keys"):
         replace(graph, insecure=True)
-    with pytest.raises(ConfigError, match="port must be 1 to 65534"):
-        replace(graph, port=65535)
+    with pytest.raises(ConfigError, match="port must be 1 to 65535"):
+        replace(graph, port=65536)
 
 
 def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
@@ -642,12 +657,12 @@ def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
 
 def test_a_flood_of_notices_is_counted_and_summed_up() -> None:
     limit = NoticeLimit()
-    flood = [Notice("refused_here", f"stranger {number}") for number in range(1000)]
-    said = limit.admit(0, flood)
-    assert said == flood[:BURST]
-    assert limit.admit(1, [Notice("connected", "friend")]) == [Notice("connected", "friend")]
+    flood = [Notice("no_key", {"address": f"stranger {number}"}) for number in range(1000)]
+    assert limit.admit(0, flood) == flood[:BURST]
+    friend = Notice("came", {"address": "friend"})
+    assert limit.admit(1, [friend]) == [friend]
     (summary,) = limit.admit(WINDOW_NS, [])
-    assert summary.message.startswith("998 more like this within 10 s: stranger 999")
+    assert summary.message.startswith("998 more like this within 10 s: refused stranger 999")
     assert limit.admit(2 * WINDOW_NS, []) == []
     assert limit.counts == {"refused_here": 1000, "connected": 1}
     assert limit.admit(3 * WINDOW_NS, flood[:1]) == flood[:1]
@@ -655,61 +670,17 @@ def test_a_flood_of_notices_is_counted_and_summed_up() -> None:
 
 def test_each_end_says_at_first_where_it_is(start: Callable[..., Peer]) -> None:
     graph_end, environment_end = ends(free_port())
-    port = graph_end.port
-    ports = f"127.0.0.1, ports {port} (queries) and {port + 1} (replies)"
+    where = f"127.0.0.1 port {graph_end.port}"
     graph, environment = start(graph_end).first, start(environment_end).first
-    words = f"listening at {ports}, with the key device-lab; no peer yet"
+    words = f"listening at {where}, with the key device-lab; no peer yet"
     assert (graph.kind, graph.message) == ("listening", words)
-    assert environment.message == f"connecting to {ports}, with the key server-lab"
+    assert environment.message == f"connecting to {where}, with the key server-lab"
     assert not graph.is_problem
     assert not environment.is_problem
 
 
-def notice(stream: str, address: str, kind: str = "connected") -> Notice:
-    message = f"a friend came from {address} ({stream})"
-    return Notice(kind, message, {"stream": stream, "address": address, "name": "a friend"})
-
-
-def test_what_happens_to_both_streams_is_said_once() -> None:
-    pairs = StreamPairs()
-    assert pairs.pair(0, [notice("replies", "h:2")]) == []
-    assert pairs.due_ns == PAIR_NS
-    (both,) = pairs.pair(PAIR_NS - 1, [notice("queries", "h:1")])
-    assert both.message == "a friend came from h:1 (queries) and h:2 (replies)"
-    assert both.data == {
-        "stream": "queries, replies",
-        "address": "h:1, h:2",
-        "name": "a friend",
-    }
-    assert pairs.due_ns is None
-    (both,) = pairs.pair(0, [notice("queries", "h"), notice("replies", "h")])
-    assert both.message == "a friend came from h (queries and replies)"
-
-
-def test_what_happens_to_one_stream_alone_is_said_after_a_short_time() -> None:
-    pairs = StreamPairs()
-    one = notice("queries", "h:1")
-    assert pairs.pair(0, [one]) == []
-    assert pairs.pair(PAIR_NS - 1, []) == []
-    assert pairs.pair(PAIR_NS, []) == [one]
-    assert pairs.pair(2 * PAIR_NS, []) == []
-
-
-def test_notices_of_one_stream_keep_their_order_and_different_ones_are_no_pair() -> None:
-    pairs = StreamPairs()
-    came, went = notice("queries", "h:1"), notice("queries", "h:1", "disconnected")
-    assert pairs.pair(0, [came, went]) == [came]
-    other = notice("replies", "h:2", "refused_here")
-    assert pairs.pair(0, [other]) == []
-    assert pairs.pair(PAIR_NS, []) == [went, other]
-
-
-def test_a_notice_that_names_no_stream_is_said_at_once() -> None:
-    first = Notice("listening", "listening", {"address": "h"})
-    assert StreamPairs().pair(0, [first]) == [first]
-
-
-def test_every_kind_of_notice_is_documented() -> None:
+def test_every_sentence_is_of_a_documented_kind() -> None:
     page = (Path(__file__).parent.parent / "docs" / "remote.md").read_text()
-    for kind in remote.KINDS:
+    assert {kind for kind, _ in SENTENCES.values()} == set(KINDS)
+    for kind in KINDS:
         assert f"`{kind}`" in page

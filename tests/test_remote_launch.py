@@ -27,7 +27,7 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> Non
     port = free_port()
     remote = f"address: 127.0.0.1, port: {port}, listens: environment"
     file = write_launch_file(tmp_path, "a.yaml", remote)
-    where = f"127.0.0.1, ports {port} (queries) and {port + 1} (replies), without keys"
+    where = f"127.0.0.1 port {port}, without keys"
     with serving(file) as environment:
         until(lambda: f"listening at {where}; no peer yet" in environment.log, "its address")
         name = re.findall(r"this environment is (\S+)", environment.log)[0]
@@ -38,6 +38,6 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> Non
     assert f"connecting to {where}" in ended.log
     assert f"environment {name} serves now" in ended.log
     (connected,) = re.findall(r"connected from .*", environment.log)
-    assert re.fullmatch(r"connected from \S+ \(queries\) and \S+ \(replies\)", connected)
+    assert re.fullmatch(r"connected from \S+", connected)
     (answered,) = re.findall(rf"{name} has answered (\d+) queries", environment.log)
     assert int(answered) > 100

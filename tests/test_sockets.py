@@ -12,6 +12,7 @@ from waiting import PATIENCE, until
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
 from forcebound.network.control import ControlClient
+from forcebound.network.limits import MAX_FRAME
 from forcebound.network.sockets import Network, Publisher
 from forcebound.network.subscriber import Subscriber
 
@@ -195,7 +196,7 @@ def test_a_frame_that_is_too_large_does_not_arrive(network: Network, run_dir: Pa
     subscriber = network.subscriber(endpoint, newest_only=False, bind=True)
     publisher = network.publisher(endpoint, bind=False)
     meet(publisher, subscriber)
-    publisher.send(bytes(sockets.MAX_FRAME + 1))
+    publisher.send(bytes(MAX_FRAME + 1))
     got: list[bytes] = []
 
     def heard_again() -> bool:

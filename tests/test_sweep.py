@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 from waiting import until
 
+from forcebound.bounding import LAWS
 from forcebound.cli import main
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError
@@ -85,6 +86,12 @@ def test_repeated_seeds_and_linear_ranges(tmp_path: Path) -> None:
     assert sorted({case[1] for case in sweep.cases}) == ["0.0 ms", "1.0 ms", "2.0 ms", "3.0 ms"]
 
 
+def test_all_laws_need_no_list(tmp_path: Path) -> None:
+    text = SMALL.replace("[certified, none]", "{ all: laws }")
+    sweep = load_sweep(written(tmp_path, text))
+    assert list(dict.fromkeys(case[0] for case in sweep.cases)) == list(LAWS)
+
+
 def test_random_draws_are_the_same_for_all_combinations_and_every_time(tmp_path: Path) -> None:
     text = SMALL + "random: { count: 5, seed: 3, over: { delay: { from: 0 ms, to: 5 ms } } }\n"
     sweep = load_sweep(written(tmp_path, text))
@@ -111,6 +118,7 @@ def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> Non
         ("from: 1 N/mm", "from: 0 N/mm", 9, "no place for zero"),
         ("from: 1 N/mm", "from: soft", 9, "expected a number"),
         ("[certified, none]", "[]", 8, "no case"),
+        ("[certified, none]", "{ all: lows }", 8, "did you mean 'laws'?"),
         ("duration: 50 ms", "duration: 5 mm", 5, "duration"),
         ("x: stiffness", "x: stifness", 10, "did you mean 'stiffness'?"),
         ("launch: stiff_wall", "launch: stif_wall", 4, "no launch file"),

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from builders import MS, TimedPacket, telemetry_packet
 from click.testing import CliRunner
 from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
-from test_impairment import MS, Packet
 
 from forcebound.cli import main
 from forcebound.config.loader import from_document, load
@@ -138,14 +138,14 @@ def test_it_is_the_last_row_at_or_before(rows: list[tuple[int, int | None]], sin
     assert trace.delay_ns(since) == rows[row][1]
 
 
-def link_of(impairment: Impairment = NAMED, newest_only: bool = False) -> Link[Packet]:
+def link_of(impairment: Impairment = NAMED, newest_only: bool = False) -> Link[TimedPacket]:
     return Link(impairment, 1, newest_only, wifi())
 
 
-def through(link: Link[Packet], arrivals: list[int]) -> dict[int, int]:
+def through(link: Link[TimedPacket], arrivals: list[int]) -> dict[int, int]:
     """When each packet is through, in ns, by its number, in the order of delivery."""
     for seq, time_ns in enumerate(arrivals):
-        link.accept(time_ns, Packet(seq, time_ns))
+        link.accept(time_ns, TimedPacket(seq, time_ns))
     found: dict[int, int] = {}
     while (due_ns := link.next_due_ns) is not None:
         found |= {packet.seq: due_ns for packet in link.due(due_ns)}
@@ -166,12 +166,12 @@ def test_time_counts_from_the_first_packet_of_the_link() -> None:
 
 
 def test_falling_delays_reorder_packets() -> None:
-    link = Link[Packet](NAMED, 1, False, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+    link = Link[TimedPacket](NAMED, 1, False, DelayTrace((0.0, 0.001), (0.005, 0.001)))
     assert list(through(link, [0, MS])) == [1, 0]
 
 
 def test_who_wants_the_newest_gets_no_packet_that_was_overtaken() -> None:
-    link = Link[Packet](NAMED, 1, True, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+    link = Link[TimedPacket](NAMED, 1, True, DelayTrace((0.0, 0.001), (0.005, 0.001)))
     assert list(through(link, [0, MS])) == [1]
     assert link.superseded == 1
 
@@ -188,7 +188,7 @@ def test_a_trace_goes_with_loss_duplicates_and_outages() -> None:
     assert not in_gap & set(found)
     assert {found[seq] - seq * MS for seq in found if seq % 30 < 10} == {4 * MS}
     assert {found[seq] - seq * MS for seq in found if seq % 30 >= 20} == {2 * MS}
-    plain = Link[Packet](Impairment(loss=0.3, duplicate=0.3), 1, False)
+    plain = Link[TimedPacket](Impairment(loss=0.3, duplicate=0.3), 1, False)
     assert set(found) == set(through(plain, arrivals)) - in_gap  # the same chances as without
     assert 0.15 < link.duplicated / 3000 < 0.25
 
@@ -204,13 +204,13 @@ def test_the_rate_comes_on_top() -> None:
 
 
 def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
-    link: Link[Packet] = Link(Impairment(), 1, False)
-    link.accept(0, Packet(0, 0))
+    link: Link[TimedPacket] = Link(Impairment(), 1, False)
+    link.accept(0, TimedPacket(0, 0))
     link.change(NAMED, wifi())
-    link.accept(5 * MS, Packet(1, 0))
-    link.accept(15 * MS, Packet(2, 0))  # lost: outages and traces count from the first packet
+    link.accept(5 * MS, TimedPacket(1, 0))
+    link.accept(15 * MS, TimedPacket(2, 0))  # lost: outages and traces count from the first packet
     link.change(Impairment(delay=0.001))
-    link.accept(16 * MS, Packet(3, 0))
+    link.accept(16 * MS, TimedPacket(3, 0))
     assert [packet.seq for packet in link.due(9 * MS)] == [0, 1]
     assert [packet.seq for packet in link.due(17 * MS)] == [3]
     assert link.lost == 1
@@ -219,7 +219,7 @@ def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
 def test_a_link_is_not_silently_perfect_without_its_trace() -> None:
     with pytest.raises(ValueError, match=r"needs the delays of its trace wifi\.csv"):
         Link(NAMED, 1, False)
-    link: Link[Packet] = Link(Impairment(), 1, False)
+    link: Link[TimedPacket] = Link(Impairment(), 1, False)
     with pytest.raises(ValueError, match="needs the delays of its trace"):
         link.change(NAMED)
 
@@ -329,23 +329,12 @@ def test_a_tick_that_a_newer_answer_overtook_counts_as_lost() -> None:
 
 
 def telemetry(seq: int, answered: int | None, delay: float | None) -> Telemetry:
-    return Telemetry(
-        seq=seq,
-        time_ns=seq * MS,
+    return telemetry_packet(
+        seq,
         elapsed=0.499 + seq * 1e-3 if answered is not None else 0.0,
-        position=(0.0,),
-        commanded_force=(0.0,),
-        applied_force=(0.0,),
-        force_limit=1.0,
-        estimated_energy=0.0,
-        true_energy=None,
-        true_position=None,
-        hand_force=None,
         engagement=0.0 if answered is None else 1.0,
         device_seq=answered,
         loop_delay=delay,
-        deadline_misses=0,
-        rejected={},
     )
 
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -103,26 +104,39 @@ def walls_started() -> Iterator[Callable[..., Wall]]:
 
 
 class FakeGraph:
-    """Stands in for a controller: sends any bytes on one port, takes what comes on the next."""
+    """Stands in for a controller that listens: sends any bytes to who has greeted."""
 
     def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]") -> None:
-        self.queries, self.replies = context.socket(zmq.PUB), context.socket(zmq.SUB)
-        self.queries.linger = self.replies.linger = 0
-        self.replies.subscribe(b"")
+        self.socket = context.socket(zmq.ROUTER)
+        self.socket.linger = 0
         self.port = free_port()
-        self.queries.bind(f"tcp://127.0.0.1:{self.port}")
-        self.replies.bind(f"tcp://127.0.0.1:{self.port + 1}")
+        self.socket.bind(f"tcp://127.0.0.1:{self.port}")
+        self._routes: set[bytes] = set()
+        self._replies: deque[bytes] = deque()
 
     def send(self, *frames: bytes) -> None:
-        self.queries.send_multipart(frames)
+        self._take()
+        for route in self._routes:
+            self.socket.send_multipart([route, *frames])
 
     def reply(self, timeout: float = PATIENCE) -> EnvironmentReply | None:
         """Return the next reply, or None if none comes in time."""
-        if not self.replies.poll(round(timeout * 1e3)):
-            return None
-        packet = decode(self.replies.recv())  # refuses what is not of version 2 in every key
+        end = time.monotonic() + timeout
+        self._take()
+        while not self._replies:
+            if not self.socket.poll(max(0, round((end - time.monotonic()) * 1e3))):
+                return None
+            self._take()
+        packet = decode(self._replies.popleft())  # refuses what is not of version 2 in every key
         assert isinstance(packet, EnvironmentReply)
         return packet
+
+    def _take(self) -> None:
+        while self.socket.poll(0):
+            route, *frames = self.socket.recv_multipart()
+            self._routes.add(route)
+            if frames != [b""]:
+                self._replies.append(*frames)
 
     def ask(self, query: EnvironmentQuery) -> EnvironmentReply:
         """Send a query once and return what comes next."""

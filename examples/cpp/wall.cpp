@@ -59,43 +59,41 @@ int main(int argc, char** argv) try {
     if (decltype(least) value; word >> value && word.eof() && value >= least && value <= most) return value;
     throw Refused(Text("expected ") + expected + ", got '" + argv[place] + "'");
   };
-  const int port = number(2, 1, 65534, "PORT, a whole number from 1 to 65534");
+  const int port = number(2, 1, 65535, "PORT, a whole number from 1 to 65535");
   const double stiffness = argc > 4 ? number(3, 0.0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9") : 10'000;
   const double surface = argc > 4 ? number(4, -1.0, 1.0, "SURFACE in m, a number from -1 to 1") : 0.01;
   const Text name = "cpp-wall-" + std::to_string(std::random_device{}()) + "-" + std::to_string(std::random_device{}());
   const auto say = [&](const auto&... words) { ((std::cout << name << ": ") << ... << words) << std::endl; };
-  const auto endpoint_at = [&](int port) { return "tcp://" + Text(argv[1]) + ":" + std::to_string(port); };
+  const Text endpoint = "tcp://" + Text(argv[1]) + ":" + std::to_string(port);
   zmq::context_t context;
-  zmq::socket_t queries(context, zmq::socket_type::sub), replies(context, zmq::socket_type::pub);
-  const std::pair<zmq::socket_t&, Text> links[] = {{queries, endpoint_at(port)}, {replies, endpoint_at(port + 1)}};
-  queries.set(zmq::sockopt::subscribe, ""), queries.set(zmq::sockopt::rcvtimeo, 200);  // ms
-  for (const auto& [socket, endpoint] : links) {
-    socket.set(zmq::sockopt::linger, 0), socket.set(zmq::sockopt::immediate, true);
-    socket.set(zmq::sockopt::ipv6, true), socket.set(zmq::sockopt::maxmsgsize, int64_t{65536});
-    if (argc == 7) {
-      socket.set(zmq::sockopt::curve_serverkey, key_of(argv[6], "public-key"));
-      socket.set(zmq::sockopt::curve_publickey, key_of(argv[5], "public-key"));
-      socket.set(zmq::sockopt::curve_secretkey, key_of(argv[5], "secret-key"));
-    }
-    socket.connect(endpoint);  // after all of these
+  zmq::socket_t socket(context, zmq::socket_type::dealer);
+  socket.set(zmq::sockopt::linger, 0), socket.set(zmq::sockopt::immediate, true), socket.set(zmq::sockopt::ipv6, true);
+  socket.set(zmq::sockopt::maxmsgsize, int64_t{65536}), socket.set(zmq::sockopt::rcvtimeo, 200);  // ms
+  if (argc == 7) {
+    socket.set(zmq::sockopt::curve_serverkey, key_of(argv[6], "public-key"));
+    socket.set(zmq::sockopt::curve_publickey, key_of(argv[5], "public-key"));
+    socket.set(zmq::sockopt::curve_secretkey, key_of(argv[5], "secret-key"));
   }
+  socket.connect(endpoint);  // after all of these
   for (int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stopped = 1; });
-  say("a wall of ", stiffness, " N/m at ", surface, " m, for the graph at ", links[0].second);
+  say("a wall of ", stiffness, " N/m at ", surface, " m, for the graph at ", endpoint);
   int64_t answered = 0, dropped = 0, heard_at = now(), answered_at = 0;
   std::optional<Text> serving;
   while (!stopped) {
     std::optional<Query> newest;  // the last readable one of all that wait; a flood cannot keep us taking
     for (int taken = 0; taken < 1000; taken++) try {
         zmq::message_t frame, further;
-        if (zmq_msg_recv(frame.handle(), queries.handle(), taken ? ZMQ_DONTWAIT : 0) < 0) break;  // none, or a signal
-        for (bool more = frame.more(); more; more = further.more()) (void)queries.recv(further);
+        if (zmq_msg_recv(frame.handle(), socket.handle(), taken ? ZMQ_DONTWAIT : 0) < 0) break;  // none, or a signal
+        for (bool more = frame.more(); more; more = further.more()) (void)socket.recv(further);
+        if (frame.size() == 0 && !frame.more()) continue;  // a greeting
         newest = read(frame);
       } catch (const std::exception& reason) {
         if (++dropped % 1000 == 1) say("dropped ", dropped, " so far: ", reason.what());
       }
+    if (!newest) socket.send(zmq::message_t(), zmq::send_flags::dontwait);  // greets: the graph sends to who has sent
     if (!newest && now() - heard_at > 3 * SECOND) {  // once refused, ZeroMQ does not try again
       heard_at = now(), say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
-      for (const auto& [socket, endpoint] : links) socket.disconnect(endpoint), socket.connect(endpoint);
+      socket.disconnect(endpoint), socket.connect(endpoint);
     }
     if (!newest) continue;
     const auto& [seq, time_ns, device_seq, device_time_ns, elapsed, position, environment] = *newest;
@@ -112,7 +110,7 @@ int main(int argc, char** argv) try {
     packer.pack_map(10), pack("packet", "environment_reply"), pack("version", 2), pack("seq", answered++);
     pack("time_ns", now()), pack("force", force), pack("environment", name), pack("query_seq", seq);
     pack("query_time_ns", time_ns), pack("device_seq", device_seq), pack("device_time_ns", device_time_ns);
-    replies.send(zmq::buffer(bytes.data(), bytes.size()), zmq::send_flags::dontwait), answered_at = now();
+    socket.send(zmq::buffer(bytes.data(), bytes.size()), zmq::send_flags::dontwait), answered_at = now();
   }
   say(answered, " answered, ", dropped, " dropped");
 } catch (const std::exception& error) { return std::cerr << "wall: " << error.what() << std::endl, 2; }

@@ -4,7 +4,7 @@
 import { randomBytes } from "node:crypto";
 import { existsSync, readFileSync } from "node:fs";
 import { decode, encode } from "@msgpack/msgpack";
-import { Publisher, Subscriber } from "zeromq";
+import { Dealer } from "zeromq";
 
 const SECOND = 1_000_000_000n; // ns
 const BIG = { useBigInt64: true }; // 64-bit integers as BigInt: a Number spoils the echo
@@ -23,7 +23,7 @@ function number(word, least, most, expected, fits = Number.isFinite) {
 }
 
 const [address, key, graphKey] = [words[0], words[4], words[5]];
-const port = number(words[1], 1, 65534, "PORT, a whole number from 1 to 65534", Number.isInteger);
+const port = number(words[1], 1, 65535, "PORT, a whole number from 1 to 65535", Number.isInteger);
 const stiffness = number(words[2] ?? "10000", 0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9");
 const surface = number(words[3] ?? "0.01", -1, 1, "SURFACE in m, a number from -1 to 1");
 const name = `javascript-wall-${randomBytes(8).toString("hex")}`;
@@ -38,16 +38,15 @@ function keyOf(text, kind) {
   return found[1];
 }
 
-const common = { linger: 0, immediate: true, ipv6: true, maxMessageSize: 65536 };
+const options = { linger: 0, immediate: true, ipv6: true, maxMessageSize: 65536, sendTimeout: 0 };
 if (key) {
-  common.curveServerKey = keyOf(graphKey, "public-key");
-  common.curvePublicKey = keyOf(key, "public-key");
-  common.curveSecretKey = keyOf(key, "secret-key");
+  options.curveServerKey = keyOf(graphKey, "public-key");
+  options.curvePublicKey = keyOf(key, "public-key");
+  options.curveSecretKey = keyOf(key, "secret-key");
 }
-const [queries, replies] = [new Subscriber(common), new Publisher({ ...common, sendTimeout: 0 })];
-const links = [[queries, `tcp://${address}:${port}`], [replies, `tcp://${address}:${port + 1}`]];
-queries.subscribe();
-for (const [socket, endpoint] of links) socket.connect(endpoint);
+const [socket, endpoint] = [new Dealer(options), `tcp://${address}:${port}`];
+socket.connect(endpoint);
+const unlessNow = (error) => { if (error.code !== "EAGAIN") throw error; }; // nothing came, or nobody takes it
 
 const isCount = (value) => typeof value === "bigint" ? value >= 0n && value < 2n ** 63n
   : Number.isSafeInteger(value) && value >= 0;
@@ -82,9 +81,10 @@ let [answered, dropped, serving, heardAt, answeredAt] = [0, 0, undefined, now(),
 async function newest() {
   let query;
   for (let taken = 0; taken < 1000; taken++) { // a flood cannot keep us taking
-    queries.receiveTimeout = taken === 0 ? 200 : 0; // ms
-    const frames = await queries.receive().catch((error) => { if (error.code !== "EAGAIN") throw error; });
+    socket.receiveTimeout = taken === 0 ? 200 : 0; // ms
+    const frames = await socket.receive().catch(unlessNow);
     if (!frames) break;
+    if (frames.length === 1 && frames[0].length === 0) continue; // a greeting
     try {
       query = read(frames);
     } catch (reason) {
@@ -94,12 +94,13 @@ async function newest() {
   return query;
 }
 
-say(`a wall of ${stiffness} N/m at ${surface} m, for the graph at ${links[0][1]}`);
+say(`a wall of ${stiffness} N/m at ${surface} m, for the graph at ${endpoint}`);
 while (!stopped) {
   const query = await newest();
+  if (!query) await socket.send("").catch(unlessNow); // greets: the graph sends to who has sent
   if (!query && now() - heardAt > 3n * SECOND) { // once refused, ZeroMQ does not try again
     say("no query for 3 s; is the graph there, and does it let our key in? Its log tells");
-    for (const [socket, endpoint] of links) socket.disconnect(endpoint), socket.connect(endpoint);
+    socket.disconnect(endpoint), socket.connect(endpoint);
     heardAt = now();
   }
   if (!query) continue;
@@ -111,9 +112,9 @@ while (!stopped) {
   if (refused && heardAt - answeredAt < SECOND) continue;
   // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
   const force = position.map((x, axis) => axis === 0 && x > surface ? stiffness * (Number(x) - surface) : 0);
-  await replies.send(encode({ packet: "environment_reply", version: 2, seq: answered++, time_ns: now(), device_seq,
-    device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name }, BIG));
+  await socket.send(encode({ packet: "environment_reply", version: 2, seq: answered++, time_ns: now(), device_seq,
+    device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name }, BIG)).catch(unlessNow);
   answeredAt = now();
 }
 say(`${answered} answered, ${dropped} dropped`);
-queries.close(), replies.close();
+socket.close();

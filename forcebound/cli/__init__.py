@@ -1,16 +1,17 @@
 """Command line. Heavy imports happen inside the commands that need them.
 
-Exit status: 0 done, 1 the run failed, 2 the input was wrong. With ``--json`` a command prints one
-JSON document on standard output and nothing else there.
+Exit status: 0 done, 1 the run failed, 2 the input was wrong, 130 Ctrl-C. With ``--json`` a command
+prints one JSON document on standard output and nothing else there.
 """
 
 import logging
 from importlib.metadata import version
+from typing import Any
 
 import click
 
 from forcebound.cli import check, graph, keys, run, study
-from forcebound.cli.common import print_table
+from forcebound.cli.common import INTERRUPTED, print_table
 
 __all__ = ["main", "print_table"]
 
@@ -35,7 +36,18 @@ COMMANDS = (
 )
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Group(click.Group):
+    """A group of commands that Ctrl-C ends quietly, wherever it comes."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            click.echo("forcebound: interrupted", err=True)
+            ctx.exit(INTERRUPTED)
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(version("forcebound"), prog_name="forcebound")
 def main() -> None:
     """Force feedback over a network that provably stays passive."""

@@ -73,3 +73,34 @@ def check_environment(
         click.echo("\n".join(lines(document)))
     if not document["passed"]:
         raise RunError(f"{kind} breaks its contract")
+
+
+def _add_command(section: str, summary: str) -> None:
+    @check.command(section, help=summary, short_help=summary.partition("\n")[0])
+    @click.argument("kind", metavar="FILE[:NAME]")
+    @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+    @json_option
+    @reports_errors
+    def command(kind: str, arguments: tuple[str, ...], as_json: bool) -> None:
+        from forcebound.launch.check import PROMISES_OF, check_part, promise_lines
+
+        document = check_part(section, kind, arguments)
+        if as_json:
+            print_json(document)
+        else:
+            click.echo("\n".join(promise_lines(document, PROMISES_OF[section])))
+        if not document["passed"]:
+            raise RunError(f"{kind} breaks its contract")
+
+
+_STATUS = """
+
+Takes a file of your own, or a kind that is installed. Exit status 1: it breaks a promise; 2: there
+is none such, or its code does not come back."""
+
+_add_command(
+    "law", "Check a bounding law; whether it is passive is a question for the audit." + _STATUS
+)
+_add_command("device", "Check a device: opens it, and writes zero force to hardware." + _STATUS)
+_add_command("operator", "Check an operator: the hand on a simulated device." + _STATUS)
+_add_command("controller", "Check a controller." + _STATUS)

@@ -15,6 +15,7 @@ P = ParamSpec("P")
 
 
 ARGUMENTS = "[NAME:=VALUE]..."
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
 
 def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
@@ -27,9 +28,6 @@ def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
         except ForceboundError as error:
             click.echo(f"forcebound: {error}", err=True)
             sys.exit(2 if isinstance(error, ConfigError) else 1)
-        except KeyboardInterrupt:
-            click.echo("forcebound: interrupted", err=True)
-            sys.exit(130)
 
     return wrapper
 

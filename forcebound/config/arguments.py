@@ -125,7 +125,7 @@ class Arguments:
 def check_overrides_are_used(
     overrides: Sequence[str], used: set[str], declared: Mapping[str, Argument], problems: Problems
 ) -> None:
-    """Note each override that changes nothing, since no value of the launch file asks for it."""
+    """Note each override that changes nothing, because no value of the launch file uses it."""
     for text in overrides:
         name = text.partition(":=")[0]
         if name in declared and name not in used:

@@ -1,4 +1,4 @@
-"""The files of a launch file, and how they are merged.
+"""A launch file and the files that it includes, as one tree.
 
 ``include: other.yaml`` at the top of a file is read the same way and lies beneath the including
 file: what the including file says wins, key by key. A section that names another ``kind`` is

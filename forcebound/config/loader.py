@@ -1,12 +1,12 @@
-"""Loader of launch files; it reports every problem at once.
+"""Launch files read into configurations, with every problem reported at once.
 
 1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
 2. :mod:`forcebound.config.arguments` finds the value of each argument, and
-   :mod:`forcebound.config.substitution` puts them in their places.
+   :mod:`forcebound.config.substitution` puts them where they are used.
 3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
    (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
-Each step notes its problems and passes on what is sound, so that a person sees all of them.
+Each step notes its problems and passes on what is sound, so that all of them are seen at once.
 """
 
 import math
@@ -33,7 +33,7 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.phases import KEY, phase_duration, read_phases
-from forcebound.config.problems import Place, Problems
+from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
@@ -76,8 +76,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
 def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     """Return the same as :func:`load`, for a command in the foreground.
 
-    A user's files are loaded and called in the sandbox first, where they may hang or exit. This
-    process then loads them, too, without calling them. The log says what is not certified.
+    Files of the user's own are loaded and run in the sandbox first, where they may hang or exit.
+    This process then loads them, too, and asks nothing. The log says what is not certified.
 
     Raises:
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
@@ -153,7 +153,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     """Return one part by itself, such as an environment, outside any launch file.
 
     Args:
-        section: ``"operator"``, ``"controller"`` or ``"environment"``.
+        section: ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
         kind: As in a launch file; a relative path starts from the current folder.
         overrides: Its parameters, each ``name:=value``.
 
@@ -175,6 +175,19 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     made = _model(Section(value, section, value, problems))
     problems.raise_if_any()
     return made
+
+
+def law_of(kind: str) -> str:
+    """Return a law's kind, absolute if it is in a file; a relative path starts from here.
+
+    Raises:
+        ConfigError: If there is no such law.
+    """
+    if kind not in LAWS:
+        raise ConfigError(unknown("law", kind, LAWS))
+    law = LAWS.resolve(kind, Path())
+    LAWS[law]  # a file is loaded, and checked
+    return law
 
 
 def from_document(document: Mapping[str, Any]) -> GraphConfig:

@@ -1,4 +1,4 @@
-"""Parameters of a running graph, by name: impairments of its links, its environment.
+"""Parameters: values of links and environment that can change while a graph runs.
 
 A parameter is named by its place in a launch file: ``links.environment_query.delay``,
 ``environment.compute_delay``, ``environment.stiffness``.

@@ -1,4 +1,4 @@
-"""Scripted runs: what a graph goes through, one phase after the other.
+"""Phases: parts of a run, each with parameters of its own.
 
 ::
 
@@ -56,7 +56,7 @@ def read_phases(
     if not entries and not listed.is_broken:
         problems.add(f"phases must be a list of mappings, got {listed}", listed.place)
     if len(entries) > MAX_PHASES:
-        problems.add(f"{len(entries)} phases; at most {MAX_PHASES} can be told apart", listed.place)
+        problems.add(f"{len(entries)} phases; at most {MAX_PHASES} make one run", listed.place)
         entries = ()
     plain = {name: value for name, value in root.entries.items() if name != KEY}
     plain.setdefault("duration", Value(1.0, root.place))  # that of a phase is its own
@@ -129,8 +129,8 @@ def timetable(config: GraphConfig) -> list[Part]:
     plain = replace(config, phases=())
     start_ns = 0
     for phase in config.phases:
-        settings = describe(phase.settings) or "as in the launch file"
-        message = f"phase {phase.name}: {settings}"
+        what = describe(phase.settings) or "as the launch file says"
+        message = f"phase {phase.name}: {what}"
         parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
         start_ns += round(phase.duration * 1e9)
     return parts

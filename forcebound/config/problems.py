@@ -83,10 +83,10 @@ class Problems:
         self._found: list[Problem] = []
 
     def add(self, message: str, place: Place, related: Related | None = None) -> None:
-        """Note one problem; the same one twice (an alias) counts once.
+        """Note one problem; the same one twice counts once.
 
         Raises:
-            ConfigError: If these are more than ``MAX_PROBLEMS``; it reports those found so far.
+            ConfigError: If these are more than ``MAX_PROBLEMS``; it holds those that were noted.
         """
         # Half a surrogate pair, quoted from a path, could not be printed.
         message = message.encode("utf-8", "backslashreplace").decode()
@@ -108,7 +108,7 @@ class Problems:
         return bool(self._found)
 
     def error(self) -> ConfigError:
-        """Return one error with all problems: by file in the order met, then by line."""
+        """Return the error that holds them all: by file in the order met, then by line."""
         names = list(dict.fromkeys(problem.place.name for problem in self._found))
         ordered = sorted(
             self._found, key=lambda p: (names.index(p.place.name), p.place.line, p.place.column)

@@ -1,7 +1,7 @@
 """The JSON schema of launch files, for completion and checks in editors.
 
-It is weaker than the loader's checks: a key that an included file may give is not required, and
-units are text. The loader rejects all that it rejects.
+It is less strict than the loader: a key that an included file may give is not required here, and
+units are text. What it refuses, the loader refuses too.
 """
 
 from collections.abc import Mapping

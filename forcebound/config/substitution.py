@@ -1,4 +1,4 @@
-"""Substitution in launch files: ``$(arg name)`` and ``${env:NAME}``.
+"""Substitutions in a launch file: ``$(arg name)`` and ``${env:NAME}``.
 
 A value that is nothing but one substitution takes the substitute's type: ``seed: $(arg seed)`` with
 ``seed:=3`` is the number 3. Inside other text the substitute is pasted as it was written:
@@ -22,7 +22,7 @@ _KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 
 
 class Substitution:
-    """Puts the values of arguments and of environment variables in their places.
+    """Puts the values of arguments and of the process's environment where they are used.
 
     Attributes:
         used: Names of the arguments that were used.

@@ -1,4 +1,4 @@
-"""The delays that a run had, as a trace; and the files that launch files name under ``trace``."""
+"""Delay traces: of recorded runs, and the files that launch files name under ``trace``."""
 
 import json
 from collections.abc import Mapping

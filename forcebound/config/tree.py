@@ -1,4 +1,4 @@
-"""Tree of a launch file: values with their line and column.
+"""Trees of values with their places, read from the text of a launch file.
 
 ruamel.yaml splits the text into YAML 1.2 events, each with line and column; the events become a
 tree of :class:`Value`. Whatever is wrong is noted and reading goes on, unless the text is no YAML
@@ -14,11 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
-from forcebound.config.problems import Place, Problems, Related, unknown
+from forcebound.config.problems import Place, Problems, Related
 from forcebound.errors import ConfigError
 
 MAX_DEPTH = 40  # levels of nesting
-MAX_VALUES = 20_000  # an alias counts as all that it stands for
 
 
 class _Broken:
@@ -42,7 +41,6 @@ class Value:
     key: Place | None = None  # of the key that it stands under
     text: str = ""  # as written, if it is a scalar
     related: Related | None = None  # the other end, if it came through an argument
-    size: int = 1
 
     @property
     def entries(self) -> "Mapping[str, Value]":
@@ -155,7 +153,6 @@ class _Tree:
         self._lines = re.split(r"\r\n|[\n\r\x85\u2028\u2029]", text)  # as the parser counts lines
         self._name = name
         self._problems = problems
-        self._anchors: dict[str, Value] = {}
 
     def document(self, events: Iterable[Any]) -> Value | None:
         stream = iter(events)
@@ -215,10 +212,9 @@ class _Tree:
         if depth > MAX_DEPTH:
             self._stop(f"nested deeper than {MAX_DEPTH} levels", event)
         kind = type(event).__name__
-        if kind == "AliasEvent":
-            if event.anchor not in self._anchors:
-                self._stop(unknown("alias", f"*{event.anchor}", self._anchors), event)
-            return self._anchors[event.anchor]
+        if event.anchor is not None:  # of an anchor or an alias
+            message = f"anchors and aliases ({event.anchor}) are not read; an argument does that"
+            self._stop(f"{message}: $(arg {event.anchor})", event)
         if any("\ud800" <= char <= "\udfff" for char in getattr(event, "value", "")):
             self._problems.add("half a surrogate pair is not a character", place)
             return Value(BROKEN, place)
@@ -231,15 +227,10 @@ class _Tree:
         else:
             content = event.value if event.style else scalar(event.value)
             value = Value(content, place, text=event.value)
-        if value.size > MAX_VALUES:
-            self._stop(f"more than {MAX_VALUES} values", event)
-        if event.anchor is not None:
-            self._anchors[event.anchor] = value
         return value
 
     def _mapping(self, place: Place, stream: Iterator[Any], depth: int) -> Value:
         entries: dict[str, Value] = {}
-        size = 1
         for event in stream:
             if type(event).__name__ == "MappingEndEvent":
                 break
@@ -247,7 +238,6 @@ class _Tree:
             value = replace(self._value(next(stream), stream, depth + 1), key=key.place)
             if value.content is None and not value.text:  # the parser places nothing a line below
                 value = replace(value, place=key.place)
-            size += value.size
             if isinstance(key.content, Mapping | tuple) or key.content is None:
                 self._problems.add(f"a key must be a name, got {key}", key.place)
             elif key.text in entries:
@@ -259,7 +249,7 @@ class _Tree:
                 )
             else:
                 entries[key.text] = value
-        return Value(entries, place, size=size)
+        return Value(entries, place)
 
     def _sequence(self, place: Place, stream: Iterator[Any], depth: int) -> Value:
         values: list[Value] = []
@@ -267,4 +257,4 @@ class _Tree:
             if type(event).__name__ == "SequenceEndEvent":
                 break
             values.append(self._value(event, stream, depth + 1))
-        return Value(tuple(values), place, size=1 + sum(value.size for value in values))
+        return Value(tuple(values), place)

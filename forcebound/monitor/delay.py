@@ -90,7 +90,7 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-    cores = realtime.stand_aside(RunDocument.read(run_dir).core)
+    cores = realtime.leave_core(RunDocument.read(run_dir).core)
     try:
         with Network() as network:
             endpoint = topic_endpoint(run_dir, TELEMETRY)

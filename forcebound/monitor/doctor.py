@@ -19,7 +19,8 @@ from forcebound.config.graph import GraphConfig
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.findings import Fact, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
-from forcebound.monitor.wording import NOTICES, REASONS
+from forcebound.monitor.wording import REASONS
+from forcebound.network.notices import KINDS
 from forcebound.process import COMPLETE
 
 NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
@@ -169,12 +170,11 @@ def _remote(seen: Observations) -> Iterator[Finding]:
             data = {
                 "listens_at" if remote["listens"] else "connects_to": remote["address"],
                 "port": remote["port"],
-                "next_port": remote["port"] + 1,
                 "other_end": "launch" if name == "environment" else "node environment",
             }
             severity: Severity = "note" if is_served else "problem"
             yield Finding(severity, "remote_not_connected", where, data)
-        for kind in NOTICES:
+        for kind in (name for name, kind in KINDS.items() if kind.is_problem):
             count = remote["counts"].get(kind, 0)
             recent = process.growth("remote", "counts", kind)
             if count:

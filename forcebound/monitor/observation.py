@@ -135,7 +135,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """
     with while_running(run_dir):
         run = RunDocument.read(run_dir)
-        cores = realtime.stand_aside(run.core)  # looking must not disturb
+        cores = realtime.leave_core(run.core)  # looking must not disturb
         try:
             seen = _look(run_dir, run, duration)
         finally:

@@ -5,7 +5,7 @@ format: ``{delay:.1f ms}`` writes 0.0123 s as ``12.3 ms``. A text may have furth
 a ``|``: such a part is left out if one of its values is None or missing.
 
 To add a finding: one line in :data:`FINDINGS`. To add a reason for a rejected packet: one line in
-:data:`REASONS`. To add a kind of notice of the remote link: one line in :data:`NOTICES`.
+:data:`REASONS`. The remote link's are in :data:`forcebound.network.notices.KINDS`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from forcebound import realtime
 from forcebound.monitor.findings import Fact, Finding
-from forcebound.network.remote import KINDS
+from forcebound.network.notices import KINDS
 
 # One of these units is so many times smaller than the SI unit.
 _UNITS = {
@@ -88,8 +88,7 @@ FINDINGS: dict[str, Text] = {
         "connected with the graph, {queries:.3g} queries/s; {serving} serves|, and {waiting} waits"
     ),
     "remote_not_connected": Text(
-        "nobody is there|; it listens at {listens_at}|; it connects to {connects_to}"
-        "| port {port} and {next_port}",
+        "nobody is there|; it listens at {listens_at}|; it connects to {connects_to}| port {port}",
         "start the other end",
         "forcebound {other_end} FILE",
     ),
@@ -232,31 +231,12 @@ FINDINGS |= {
 }
 FINDINGS["rejected_unknown"] = Text(f"{_REJECTED}a reason of a newer version", _ENCODER)
 
-# Kinds of notice of the remote link that are problems: what to do, and a command.
-NOTICES: dict[str, tuple[str, str]] = {
-    "refused_here": (
-        "if it is wanted, add its key to remote.environment_keys (at an environment: graph_key)",
-        "",
-    ),
-    "refused_there": ("add our public key there", "forcebound keys show NAME"),
-    "wrong_key_of_ours": ("give the peer our present key", "forcebound keys show NAME"),
-    "wrong_key_there": ("copy its present public key to this machine", ""),
-    "other_security": ("use the same remote: section on both machines", ""),
-    "handshake_timeout": ("does a browser, a port scan or the like connect to this port?", ""),
-    "handshake_failed": (
-        "does the other end use keys, too (the same remote: section)? Its own log can tell. Else: "
-        "which other program uses this port?",
-        "",
-    ),
-    "too_many_connections": ("end the peers that are not wanted", ""),
-    "protocol_error": (_OTHER_SOFTWARE, ""),
-    "no_answer": ("start the other end; check remote.address, remote.port and firewalls", ""),
-}
 FINDINGS |= {
-    f"remote_{kind}": Text(
-        f"{KINDS[kind]} ({kind}: {{count}} times, {{recent}} just now)", *advised
+    f"remote_{name}": Text(
+        f"{kind.meaning} ({name}: {{count}} times, {{recent}} just now)", kind.action, kind.command
     )
-    for kind, advised in NOTICES.items()
+    for name, kind in KINDS.items()
+    if kind.is_problem
 }
 
 # Likely causes of a finding: only what to do.

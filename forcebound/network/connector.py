@@ -11,19 +11,13 @@ from contextlib import suppress
 
 import zmq
 
+from forcebound.network.limits import HANDSHAKE_TIMEOUT_NS, NO_ANSWER_NS
 from forcebound.network.monitor import MISMATCH, Monitor, SocketEvent
 from forcebound.network.notices import Notice
-from forcebound.network.sockets import (
-    HANDSHAKE_MS,
-    HANDSHAKE_TIMEOUT_NS,
-    HEARTBEAT_TIMEOUT_MS,
-    MAX_FRAME,
-)
 from forcebound.network.zap import FULL
 
 FIRST_PAUSE_NS = 500_000_000
 LONGEST_PAUSE_NS = 5_000_000_000
-NO_ANSWER_NS = 3_000_000_000  # after this time without a connection it is said, once
 _FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH,
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL,
@@ -35,7 +29,6 @@ class Connector:
     """The connection of one socket.
 
     Args:
-        stream: What travels there: ``"queries"`` or ``"replies"``.
         socket: It has been connected to ``endpoint``.
         endpoint: ``tcp://HOST:PORT``, exactly as it was connected.
         monitor: Of the socket.
@@ -45,20 +38,18 @@ class Connector:
 
     def __init__(
         self,
-        stream: str,
         socket: "zmq.Socket[bytes]",
         endpoint: str,
         monitor: Monitor,
         own: tuple[str, str],
         listener: tuple[str, str],
     ) -> None:
-        self.stream = stream
         self._socket = socket
         self._endpoint = endpoint
         self._monitor = monitor
         self._own = own
         self._listener = listener
-        self._where = f"{endpoint.removeprefix('tcp://')} ({stream})"
+        self._address = endpoint.removeprefix("tcp://")
         self._is_up = False
         self._since_ns: int | None = None  # of the present attempt
         self._alone_ns: int | None = None  # since when there is no connection; None: that was said
@@ -81,7 +72,7 @@ class Connector:
     @property
     def peers(self) -> list[str]:
         """Name or address of the other end while it is there."""
-        return [self._listener[0] or self._where] if self._is_up else []
+        return [self._listener[0] or self._address] if self._is_up else []
 
     @property
     def due_ns(self) -> int | None:
@@ -108,18 +99,14 @@ class Connector:
         if self._has_more:
             return notices  # what is still to come may change the rest
         if self._lost_ns is not None and time_ns >= self._lost_ns + self._pause_ns:
-            notices.append(self._protocol_error())
+            notices.append(self._notice("broken"))
             self._leave(time_ns, 0)
         if self._retry_ns is not None and time_ns >= self._retry_ns:
             self._retry_ns = None
             self._socket.connect(self._endpoint)
         if self._alone_ns is not None and time_ns >= self._alone_ns + NO_ANSWER_NS:
             self._alone_ns = None
-            message = (
-                f"no connection to {self._where} for {NO_ANSWER_NS // 10**9} s: nothing listens "
-                "there, or a firewall or a lost network is between; still trying"
-            )
-            notices.append(self._notice("no_answer", message))
+            notices.append(self._notice("no_answer"))
         return notices
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
@@ -130,10 +117,10 @@ class Connector:
         elif event.kind == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._is_up, self._lost_ns, self._alone_ns = True, None, None
             self._pause_ns = FIRST_PAUSE_NS
-            return [self._notice("connected", f"connected to {self._peer} at {self._where}")]
+            return [self._notice("met")]
         elif event.kind in _FAILURES and self._retry_ns is None:
             self._alone_ns = None
-            notice = self._failed(time_ns, event)
+            notice = self._notice(self._failure(time_ns, event))
             self._leave(time_ns, self._pause_ns)
             return [notice]
         elif event.kind == zmq.EVENT_DISCONNECTED:
@@ -142,11 +129,7 @@ class Connector:
                 self._lost_ns = time_ns
             if was_up:
                 self._alone_ns = time_ns
-                message = (
-                    f"{self._peer} at {self._where} has gone: it left, or was silent for "
-                    f"{HEARTBEAT_TIMEOUT_MS} ms; connecting again"
-                )
-                return [self._notice("disconnected", message)]
+                return [self._notice("lost")]
         return []
 
     def _leave(self, time_ns: int, pause_ns: int) -> None:
@@ -156,53 +139,23 @@ class Connector:
         self._retry_ns = time_ns + pause_ns
         self._pause_ns = min(2 * self._pause_ns, LONGEST_PAUSE_NS)
 
-    def _failed(self, time_ns: int, event: SocketEvent) -> Notice:
+    def _failure(self, time_ns: int, event: SocketEvent) -> str:
+        """Return the code of the notice of a handshake that failed."""
         with_keys = bool(self._own[1])
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            if str(event.value) == FULL:
-                why = "it has as many connections as it takes"
-            else:
-                why = (
-                    f"our key {self._own[0]} ({self._own[1]}) is not in its list of who may "
-                    "connect; add it to the launch file there, or use the key that is in it"
-                )
-            return self._notice("refused_there", f"{self._where} refused us: {why}")
+            return "there_full" if str(event.value) == FULL else "there_unknown"
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and event.value == MISMATCH:
-            why = (
-                "it uses no keys (CURVE), and we do: start it with keys"
-                if with_keys
-                else "it uses keys (CURVE), and we do not: name the keys in the launch file"
-            )
-            return self._notice("other_security", f"cannot talk to {self._where}: {why}")
+            return "there_no_keys" if with_keys else "there_keys"
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
             if self._since_ns is not None and time_ns - self._since_ns >= HANDSHAKE_TIMEOUT_NS:
-                why = f"it did not finish its handshake in {HANDSHAKE_MS / 1000:g} s"
-                return self._notice("handshake_timeout", f"cannot talk to {self._where}: {why}")
-            why = (
-                f"most likely {self._listener[1]} ({self._listener[0]}) is not its public key: ask "
-                "there with `forcebound keys show NAME`; it may also use no keys"
-                if with_keys
-                else "most likely it uses keys (CURVE), and we do not"
-            )
-            message = f"{self._where} ended the connection during the handshake: {why}"
-            return self._notice("wrong_key_there" if with_keys else "other_security", message)
-        message = f"cannot talk to {self._where}: what answers there breaks the protocol of ZeroMQ"
-        return self._notice("handshake_failed", message)
+                return "there_too_slow"
+            return "there_wrong_key" if with_keys else "there_likely_keys"
+        return "there_no_zmtp"
 
-    def _protocol_error(self) -> Notice:
-        message = (
-            f"{self._where} broke the protocol, as with a message of over {MAX_FRAME} bytes: the "
-            "connection was ended; connecting again"
-        )
-        return self._notice("protocol_error", message)
-
-    @property
-    def _peer(self) -> str:
-        name, key = self._listener
-        return f"{name} (key {key})" if key else "a peer without keys"
-
-    def _notice(self, kind: str, message: str) -> Notice:
-        data = {"stream": self.stream, "address": self._endpoint.removeprefix("tcp://")}
+    def _notice(self, code: str) -> Notice:
+        data = {"address": self._address}
         if self._listener[1]:
             data |= {"name": self._listener[0], "key": self._listener[1]}
-        return Notice(kind, message, data)
+        if code == "there_unknown":
+            data["own"] = f"{self._own[0]} ({self._own[1]})"
+        return Notice(code, data)

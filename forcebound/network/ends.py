@@ -15,7 +15,7 @@ from forcebound.network.addresses import Host, check_free, numeric_address, reso
 from forcebound.network.keys import KeyPair
 from forcebound.quantities import CheckedText, Range, check_ranges
 
-DEFAULT_PORT = 7410  # queries; replies use the next one
+DEFAULT_PORT = 7410
 Role = Literal["graph", "environment"]
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ _WITHOUT_KEYS = (
 _NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
 
 
-_PORTS = Range(at_least=1, at_most=65534, hint=" (replies use the next port)")
+_PORTS = Range(at_least=1, at_most=65535)
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RemoteEnd:
         role: ``"graph"`` sends queries, ``"environment"`` replies.
         listens: Whether this end listens.
         address: Of the end that listens: IPv4, IPv6 in brackets, or a name.
-        port: Of the queries; replies use the next one.
+        port: TCP port of the end that listens.
         key: Our own pair; None: no keys.
         peers: Who may be at the other end: name by public key. One, if we connect.
         insecure: Whether a link without keys may leave this machine.
@@ -77,7 +77,7 @@ class RemoteSection:
 
     Attributes:
         address: Of the end that listens, as the other one reaches it.
-        port: Of the queries; replies use the next one.
+        port: TCP port of the end that listens.
         listens: Which end listens.
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose
@@ -166,8 +166,8 @@ class RemoteSection:
             _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
             if listens and len(problems) == before:
                 _noting(problems, "remote.address: ", check_free, host, 0)
-            for port in (self.port, self.port + 1) if listens and len(problems) == before else ():
-                _noting(problems, "remote.port: ", check_free, host, port)
+            if listens and len(problems) == before:
+                _noting(problems, "remote.port: ", check_free, host, self.port)
         if problems:
             raise ConfigError("\n".join(problems))
 

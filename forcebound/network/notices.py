@@ -1,11 +1,203 @@
-"""What happened on a link to another machine, in words, and never more than a log can bear."""
+"""Notices of the link to another machine: codes with data, their sentences, a limit for the log.
+
+A notice carries a code and what it is about; the sentence is made when somebody reads it. To add
+one: a line in :data:`SENTENCES`, and for a new kind a line in :data:`KINDS`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from forcebound.network.limits import (
+    HANDSHAKE_MS,
+    HEARTBEAT_TIMEOUT_MS,
+    MAX_CONNECTIONS,
+    MAX_FRAME,
+    NO_ANSWER_NS,
+)
 
 BURST = 2  # notices of one kind in a window; the others are counted
 WINDOW_NS = 10_000_000_000
-PAIR_NS = 250_000_000  # what happens to both streams of a link does not do so in one instant
+
+
+class Kind(NamedTuple):
+    """A kind of notice.
+
+    Attributes:
+        meaning: What has happened.
+        action: What to do; empty if it is no problem.
+        command: A shell command for it; capital letters stand for what the user knows.
+    """
+
+    meaning: str
+    action: str = ""
+    command: str = ""
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether somebody should do something about it."""
+        return bool(self.action)
+
+
+_OTHER_SOFTWARE = "find who sends it: a node of your own, or of another version of forcebound"
+
+KINDS: Mapping[str, Kind] = {
+    "listening": Kind("this end waits for the other one"),
+    "connecting": Kind("this end looks for the other one"),
+    "connected": Kind("a peer is there; packets pass from now on"),
+    "disconnected": Kind("a peer has gone"),
+    "refused_here": Kind(
+        "a peer was refused: its key is not in our list",
+        "if it is wanted, add its key to remote.environment_keys (at an environment: graph_key)",
+    ),
+    "refused_there": Kind(
+        "we were refused: our key is not in the list there, or its port is full",
+        "add our public key there",
+        "forcebound keys show NAME",
+    ),
+    "wrong_key_of_ours": Kind(
+        "a peer expects another public key of ours",
+        "give the peer our present key",
+        "forcebound keys show NAME",
+    ),
+    "wrong_key_there": Kind(
+        "the listener ended our handshake, most likely because it has another key",
+        "copy its present public key to this machine",
+    ),
+    "other_security": Kind(
+        "one end uses keys and the other does not", "use the same remote: section on both machines"
+    ),
+    "handshake_timeout": Kind(
+        "a peer was silent or too slow in its handshake",
+        "does a browser, a port scan or the like connect to this port?",
+    ),
+    "handshake_failed": Kind(
+        "what came is no handshake of this link",
+        "does the other end use keys, too (the same remote: section), and the same version? The end"
+        " that listens cannot tell a peer without keys from another program; the peer's log can. "
+        "Else: who else uses this port?",
+    ),
+    "too_many_connections": Kind(
+        "the port has as many connections as it takes", "end the peers that are not wanted"
+    ),
+    "protocol_error": Kind(
+        "a peer sent a message that is too large, or broke the protocol", _OTHER_SOFTWARE
+    ),
+    "no_answer": Kind(
+        "nobody answers at the address",
+        "start the other end; check remote.address, remote.port and firewalls",
+    ),
+}
+
+_ENDED = "ended the connection of {address}: "
+_CANNOT = "cannot talk to {address}: "
+_HANDSHAKE = f"{HANDSHAKE_MS / 1000:g} s"
+
+# By code: the kind, and the sentence with the keys of the notice's data.
+SENTENCES: Mapping[str, tuple[str, str]] = {
+    "listening": ("listening", "listening at {address} port {port}, {keys}; no peer yet"),
+    "connecting": ("connecting", "connecting to {address} port {port}, {keys}"),
+    "came": ("connected", "{peer} connected from {address}"),
+    "met": ("connected", "connected to {peer} at {address}"),
+    "left": (
+        "disconnected",
+        f"{{peer}} at {{address}} has gone: it left, was silent for {HEARTBEAT_TIMEOUT_MS} ms, or "
+        f"sent a message of over {MAX_FRAME} bytes",
+    ),
+    "lost": (
+        "disconnected",
+        f"{{peer}} at {{address}} has gone: it left, or was silent for {HEARTBEAT_TIMEOUT_MS} ms; "
+        "connecting again",
+    ),
+    "unknown_key": (
+        "refused_here",
+        "refused {address}: its key {key} is not in the list of who may connect; if it should be, "
+        "name it under {list} in the launch file",
+    ),
+    "no_key": ("refused_here", "refused {address}: it uses another security than this end"),
+    "full": (
+        "too_many_connections",
+        "refused {address}: {peer} may connect, but this port has as many peers as it takes",
+    ),
+    "too_many": (
+        "too_many_connections",
+        f"{_ENDED}this port has more than {MAX_CONNECTIONS} connections",
+    ),
+    "expects_other_key": (
+        "wrong_key_of_ours",
+        f"{_ENDED}it expects another public key of ours than we have: give it the right one",
+    ),
+    "uses_no_keys": ("other_security", f"{_ENDED}it uses no keys (CURVE)"),
+    "uses_keys": (
+        "other_security",
+        f"{_ENDED}it uses keys (CURVE), which this end does not (insecure, or without keys)",
+    ),
+    "too_slow": (
+        "handshake_timeout",
+        f"{_ENDED}it did not finish its handshake in {_HANDSHAKE}",
+    ),
+    "left_as_without_keys": (
+        "handshake_failed",
+        f"{_ENDED}it left during the handshake, as one does that uses no keys or does not speak "
+        "ZMTP",
+    ),
+    "left_as_with_keys": (
+        "handshake_failed",
+        f"{_ENDED}it left during the handshake, as one does that uses keys or does not speak ZMTP",
+    ),
+    "no_zmtp": (
+        "handshake_failed",
+        f"{_ENDED}it does not speak ZMTP, the protocol of ZeroMQ, left during the handshake, or "
+        "has another version of forcebound",
+    ),
+    "there_full": (
+        "refused_there",
+        "{address} refused us: it has as many connections as it takes",
+    ),
+    "there_unknown": (
+        "refused_there",
+        "{address} refused us: our key {own} is not in its list of who may connect; add it to the "
+        "launch file there, or use the key that is in it",
+    ),
+    "there_no_keys": (
+        "other_security",
+        f"{_CANNOT}it uses no keys (CURVE), and we do: start it with keys",
+    ),
+    "there_keys": (
+        "other_security",
+        f"{_CANNOT}it uses keys (CURVE), and we do not: name the keys in the launch file",
+    ),
+    "there_too_slow": (
+        "handshake_timeout",
+        f"{_CANNOT}it did not finish its handshake in {_HANDSHAKE}",
+    ),
+    "there_wrong_key": (
+        "wrong_key_there",
+        "{address} ended the connection during the handshake: most likely {key} ({name}) is not "
+        "its public key: ask there with `forcebound keys show NAME`; it may also use no keys",
+    ),
+    "there_likely_keys": (
+        "other_security",
+        "{address} ended the connection during the handshake: most likely it uses keys (CURVE), "
+        "and we do not",
+    ),
+    "there_no_zmtp": (
+        "handshake_failed",
+        f"{_CANNOT}what answers there breaks the protocol of ZeroMQ, or has another version of "
+        "forcebound",
+    ),
+    "broken": (
+        "protocol_error",
+        f"{{address}} broke the protocol, as with a message of over {MAX_FRAME} bytes: the "
+        "connection was ended; connecting again",
+    ),
+    "no_answer": (
+        "no_answer",
+        f"no connection to {{address}} for {NO_ANSWER_NS // 10**9} s: nothing listens there, or a "
+        "firewall or a lost network is between; still trying",
+    ),
+    "socket_error": ("handshake_failed", "a socket of the remote link: {error}"),
+}
 
 
 @dataclass(frozen=True)
@@ -13,90 +205,41 @@ class Notice:
     """Something happened to a connection.
 
     Attributes:
-        kind: A word for machines; :data:`forcebound.network.remote.KINDS` lists them.
-        message: What happened, and what to do, for the log.
-        data: Details as text, such as ``stream``, ``address``, ``key``.
+        code: A key of :data:`SENTENCES`.
+        data: Details as text, such as ``address``, ``key``, ``name``.
+        more: How many like this one were not reported.
     """
 
-    kind: str
-    message: str
+    code: str
     data: Mapping[str, str] = field(default_factory=dict)
+    more: int = 0
+
+    @property
+    def kind(self) -> str:
+        """A key of :data:`KINDS`."""
+        return SENTENCES[self.code][0]
+
+    @property
+    def message(self) -> str:
+        """What happened, and what to do, for the log."""
+        sentence = SENTENCES[self.code][1].format_map({**self.data, "peer": self._peer})
+        if not self.more:
+            return sentence
+        return f"{self.more} more like this within {WINDOW_NS // 10**9} s: {sentence}"
 
     @property
     def is_problem(self) -> bool:
         """Whether somebody should do something about it."""
-        return self.kind not in ("listening", "connecting", "connected", "disconnected")
+        return KINDS[self.kind].is_problem
 
     @property
-    def place(self) -> str:
-        """Where it happened, as the message writes it: ``192.168.1.20:7410 (queries)``."""
-        return f"{self.data.get('address')} ({self.data.get('stream')})"
-
-
-class StreamPairs:
-    """Makes one notice of two that say the same of the two streams of a link.
-
-    A notice is held back until the other stream's comes, another one of its own stream, or the end
-    of a short time.
-    """
-
-    def __init__(self) -> None:
-        self._held: dict[str, tuple[int, Notice]] = {}  # stream: until when, what
-
-    @property
-    def due_ns(self) -> int | None:
-        """When :meth:`pair` wants to be called at the latest; None if nothing is held back."""
-        return min((end_ns for end_ns, _ in self._held.values()), default=None)
-
-    def pair(self, time_ns: int, notices: list[Notice]) -> list[Notice]:
-        """Return what is to be said at ``time_ns``."""
-        said: list[Notice] = []
-        for notice in notices:
-            other = self._take_other(notice)
-            if other is not None:
-                said.append(_of_both(*sorted((other, notice), key=lambda n: n.data["stream"])))
-                continue
-            stream = notice.data.get("stream", "")
-            said += self._release(stream)
-            if notice.place in notice.message:
-                self._held[stream] = (time_ns + PAIR_NS, notice)
-            else:
-                said.append(notice)
-        for stream, (end_ns, _) in list(self._held.items()):
-            if time_ns >= end_ns:
-                said += self._release(stream)
-        return said
-
-    def _release(self, stream: str) -> list[Notice]:
-        _, notice = self._held.pop(stream, (0, None))
-        return [] if notice is None else [notice]
-
-    def _take_other(self, notice: Notice) -> Notice | None:
-        for stream, (_, held) in self._held.items():
-            if stream != notice.data.get("stream") and _without_place(held) == _without_place(
-                notice
-            ):
-                del self._held[stream]
-                return held
-        return None
-
-
-def _without_place(notice: Notice) -> tuple[str, str]:
-    return notice.kind, notice.message.replace(notice.place, "")
-
-
-def _of_both(first: Notice, second: Notice) -> Notice:
-    addresses = dict.fromkeys(notice.data["address"] for notice in (first, second))
-    streams = [notice.data["stream"] for notice in (first, second)]
-    place = f"{first.place} and {second.place}"
-    if len(addresses) == 1:
-        place = f"{first.data['address']} ({' and '.join(streams)})"
-    data = {**first.data, "stream": ", ".join(streams), "address": ", ".join(addresses)}
-    return Notice(first.kind, first.message.replace(first.place, place), data)
+    def _peer(self) -> str:
+        key = self.data.get("key")
+        return f"{self.data.get('name')} (key {key})" if key else "a peer without keys"
 
 
 class NoticeLimit:
-    """Lets the first few notices of a kind through, and says how many came after them."""
+    """Lets the first few notices of a kind through, and then gives how many more there were."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
@@ -104,8 +247,8 @@ class NoticeLimit:
         self._last: dict[str, Notice] = {}
 
     def admit(self, time_ns: int, notices: list[Notice]) -> list[Notice]:
-        """Return what may be said at ``time_ns``; all notices are counted by kind."""
-        said = self._summaries(time_ns)
+        """Return what may be reported at ``time_ns``; all notices are counted by kind."""
+        admitted = self._summaries(time_ns)
         for notice in notices:
             kind = notice.kind
             self.counts[kind] = self.counts.get(kind, 0) + 1
@@ -113,18 +256,17 @@ class NoticeLimit:
             self._windows[kind] = (end_ns, number + 1)
             self._last[kind] = notice
             if number < BURST:
-                said.append(notice)
-        return said
+                admitted.append(notice)
+        return admitted
 
     def _summaries(self, time_ns: int) -> list[Notice]:
-        said = []
+        summaries = []
         for kind, (end_ns, number) in list(self._windows.items()):
             if time_ns < end_ns:
                 continue
             del self._windows[kind]
             last, more = self._last.pop(kind), number - BURST
             if more > 0:
-                message = f"{more} more like this within {WINDOW_NS // 10**9} s: {last.message}"
                 data = {**last.data, "suppressed": str(more - 1)}
-                said.append(replace(last, message=message, data=data))
-        return said
+                summaries.append(replace(last, data=data, more=more))
+        return summaries

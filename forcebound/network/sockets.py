@@ -41,18 +41,20 @@ from zmq.backend import Socket as _CompiledSocket
 from forcebound.errors import ConfigError
 from forcebound.network.control import ControlClient, ControlServer
 from forcebound.network.keys import KeyPair
+from forcebound.network.limits import (
+    HANDSHAKE_MS,
+    HEARTBEAT_MS,
+    HEARTBEAT_TIMEOUT_MS,
+    MAX_FRAME,
+    QUEUE_LIMIT,
+    RECONNECT_MS,
+    TCP_CONNECT_MS,
+    TCP_RECEIVE_QUEUE,
+    TCP_RECONNECT_MAX_MS,
+    TCP_SEND_QUEUE,
+)
 from forcebound.network.subscriber import Subscriber
 
-MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
-QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
-HANDSHAKE_MS = 2_000
-HANDSHAKE_TIMEOUT_NS = HANDSHAKE_MS * 900_000  # a failure after this was that limit
-RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
-TCP_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream
-TCP_RECONNECT_MAX_MS = 200
-TCP_CONNECT_MS = 1_000  # a lost SYN is sent again by the kernel only after 1, 3, 7 ... s
-HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
-HEARTBEAT_TIMEOUT_MS = 300
 MONITORED = (
     zmq.EVENT_CONNECTED
     | zmq.EVENT_CONNECT_DELAYED
@@ -113,7 +115,8 @@ def make_socket(
 
     Args:
         context: Where its input and output thread lives.
-        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP`` or ``zmq.PAIR``.
+        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP``,
+            ``zmq.PAIR``, ``zmq.ROUTER`` or ``zmq.DEALER``.
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
         guard: Who may be at the other end; None: who can reach the endpoint.
@@ -124,29 +127,12 @@ def make_socket(
         ConfigError: If the endpoint is malformed, in use or not permitted.
     """
     socket = context.socket(kind)
-    socket.set(zmq.LINGER, 0)
-    socket.set(zmq.IMMEDIATE, int(kind != zmq.SUB))
-    socket.set(zmq.IPV6, 1)
-    socket.set(zmq.MAXMSGSIZE, MAX_FRAME)
-    socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-    socket.set(zmq.RECONNECT_IVL, RECONNECT_MS)
-    socket.set(zmq.SNDHWM, QUEUE_LIMIT)
-    socket.set(zmq.RCVHWM, QUEUE_LIMIT)
-    if endpoint.startswith("tcp:"):
-        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-        socket.set(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
-        socket.set(zmq.RECONNECT_IVL_MAX, TCP_RECONNECT_MAX_MS)
-        socket.set(zmq.CONNECT_TIMEOUT, TCP_CONNECT_MS)
-        socket.set(zmq.SNDHWM, TCP_QUEUE)
-    if endpoint.startswith("inproc:"):
-        socket.set(zmq.RCVHWM, 0)  # its writer is the input and output thread: see 10
+    for option, value in _options(kind, endpoint).items():
+        socket.set(option, value)
     if guard is not None:
         _set_guard(socket, guard)
     if kind == zmq.SUB:
         socket.set(zmq.SUBSCRIBE, b"")
-    if kind == zmq.REQ:  # a request without an answer may be followed by another one
-        socket.set(zmq.REQ_RELAXED, 1)
-        socket.set(zmq.REQ_CORRELATE, 1)
     if monitor:
         socket.monitor(monitor, MONITORED)
     try:
@@ -164,6 +150,34 @@ def make_socket(
             f"cannot {'bind' if bind else 'connect'} to {endpoint}: {advice}"
         ) from None
     return socket
+
+
+def _options(kind: int, endpoint: str) -> dict[int, int]:
+    """Return the options of a socket that are whole numbers."""
+    options: dict[int, int] = {
+        zmq.LINGER: 0,
+        zmq.IMMEDIATE: int(kind != zmq.SUB),
+        zmq.IPV6: 1,
+        zmq.MAXMSGSIZE: MAX_FRAME,
+        zmq.HANDSHAKE_IVL: HANDSHAKE_MS,
+        zmq.RECONNECT_IVL: RECONNECT_MS,
+        zmq.SNDHWM: QUEUE_LIMIT,
+        zmq.RCVHWM: QUEUE_LIMIT,
+    }
+    if endpoint.startswith("tcp:"):
+        options |= {
+            zmq.HEARTBEAT_IVL: HEARTBEAT_MS,
+            zmq.HEARTBEAT_TIMEOUT: HEARTBEAT_TIMEOUT_MS,
+            zmq.RECONNECT_IVL_MAX: TCP_RECONNECT_MAX_MS,
+            zmq.CONNECT_TIMEOUT: TCP_CONNECT_MS,
+            zmq.SNDHWM: TCP_SEND_QUEUE,
+            zmq.RCVHWM: TCP_RECEIVE_QUEUE,
+        }
+    if endpoint.startswith("inproc:"):
+        options[zmq.RCVHWM] = 0  # its writer is the input and output thread: see 10
+    if kind == zmq.REQ:  # a request without an answer may be followed by another one
+        options |= {zmq.REQ_RELAXED: 1, zmq.REQ_CORRELATE: 1}
+    return options
 
 
 class Publisher:

@@ -23,14 +23,12 @@ class Verdict:
     """What was decided about one peer.
 
     Attributes:
-        stream: Domain of the socket that it came to.
         address: Of the peer, without its port.
         key: Its public key in Z85; empty without CURVE.
         name: Of the key, if it is known.
         status: ``ALLOWED``, ``REFUSED`` or ``FULL``.
     """
 
-    stream: str
     address: str
     key: str
     name: str
@@ -44,7 +42,7 @@ class ZapHandler:
         socket: REP, bound to :data:`ENDPOINT`.
         allowed: Names by public key (Z85). Peers without CURVE are refused.
         without_keys: Whether, instead, everybody may come who uses no CURVE.
-        has_room: Whether a stream takes one more peer.
+        has_room: Whether the port takes one more peer.
     """
 
     def __init__(
@@ -52,7 +50,7 @@ class ZapHandler:
         socket: "zmq.Socket[bytes]",
         allowed: Mapping[str, str],
         without_keys: bool,
-        has_room: Callable[[str], bool],
+        has_room: Callable[[], bool],
     ) -> None:
         self._socket = socket
         self._allowed = dict(allowed)
@@ -71,19 +69,18 @@ class ZapHandler:
             frames = self._socket.recv_multipart(zmq.DONTWAIT)
         except zmq.Again:
             return None
-        version, request, domain, address, _, mechanism, *credentials = (*frames, *[b""] * 6)[
+        version, request, _, address, _, mechanism, *credentials = (*frames, *[b""] * 6)[
             : max(len(frames), 6)
         ]
         key = ""
         if mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32:
             key = z85.encode(credentials[0]).decode("ascii")
-        stream = domain.decode("ascii", "replace")
         if self._without_keys:
             may = version == b"1.0" and mechanism == b"NULL"
         else:
             may = version == b"1.0" and key in self._allowed
-        status = REFUSED if not may else ALLOWED if self._has_room(stream) else FULL
+        status = REFUSED if not may else ALLOWED if self._has_room() else FULL
         reply = [b"1.0", request, status.encode(), b"", key.encode() if may else b"", b""]
         self._socket.send_multipart(reply, zmq.DONTWAIT)
         peer = address.decode("ascii", "replace").removeprefix("::ffff:")
-        return Verdict(stream, peer, key, self._allowed.get(key, ""), status)
+        return Verdict(peer, key, self._allowed.get(key, ""), status)

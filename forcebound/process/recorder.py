@@ -62,7 +62,7 @@ def record(
         stop: Ends the loop.
     """
     realtime.enter(realtime.Settings(core=core), name)
-    sink = _Patient(sink)
+    sink = _FailSafeSink(sink)
     counts = {topic: 0 for topic, _ in streams}
     rejected: dict[str, int] = {}
     with Network() as network:
@@ -107,7 +107,7 @@ def record(
     return _recorder_status(counts, rejected, sink)
 
 
-class _Patient:
+class _FailSafeSink:
     """A sink that says once that it cannot write, and then throws away what it gets.
 
     Attributes:
@@ -135,7 +135,7 @@ class _Patient:
 
 
 def _recorder_status(
-    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _Patient
+    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _FailSafeSink
 ) -> dict[str, Any]:
     return {
         **readiness(counts),

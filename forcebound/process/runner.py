@@ -40,7 +40,7 @@ from forcebound.messages.packets import (
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link
-from forcebound.network.remote import RemoteStreams
+from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.process.endpoints import (
@@ -87,7 +87,7 @@ class Runner:
         network: Network,
         spin_ns: int = 0,
         configure: "Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None" = None,
-        remote: RemoteStreams | None = None,
+        remote: RemoteLink | None = None,
     ) -> None:
         self._node = node
         self._network = network
@@ -212,7 +212,7 @@ class Runner:
         """Impair a link that was perfect."""
         self._inbox.set_link(topic, link)
 
-    def _connect_remote(self, remote: RemoteStreams) -> None:
+    def _connect_remote(self, remote: RemoteLink) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
 
         What goes out goes to this machine's sockets, too; what comes in is passed on to them, on
@@ -222,7 +222,7 @@ class Runner:
         came: type[Packet] = EnvironmentReply
         if remote.end.role == "environment":
             sent, came = came, sent
-        here, there = self._publish[sent], remote.publisher.send
+        here, there = self._publish[sent], remote.send
 
         def both(data: bytes) -> None:
             there(data)
@@ -319,7 +319,7 @@ def run(
     _logger.info("; ".join(fact.sentence for fact in facts))
     try:
         with Network() as network:
-            end = None if remote_end is None else RemoteStreams(network, remote_end)
+            end = None if remote_end is None else RemoteLink(network, remote_end)
             runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
             realtime.freeze_garbage()
             runner.run(stop, facts, engages_itself)

@@ -1,4 +1,4 @@
-"""Plan of a sweep: a launch file, and the values of its arguments.
+"""Sweep files: a launch file, and the values that its arguments take.
 
 ::
 
@@ -8,7 +8,7 @@
     duration: 4 s                  # instead of the launch file's
     set: { approach_speed: 100 mm/s }
     over:                          # every combination; the last one varies fastest
-      law: [none, certified]                                          # a list
+      law: [none, certified]                                          # a list, or { all: laws }
       stiffness: { from: 0.1 N/mm, to: 20 N/mm, count: 20, scale: log }   # a range
       seed: { repeat: 5 }                                             # 1 to 5, or from: on
     random: { count: 50, seed: 7, over: { delay: { from: 0 ms, to: 5 ms } } }   # drawn jointly
@@ -26,6 +26,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
+from forcebound.bounding import LAWS
 from forcebound.config.document import MAX_BYTES, find
 from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import FORMAT
@@ -40,6 +41,9 @@ MAX_CASES = 2_000_000
 
 KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
 MAP_KEYS = ("x", "y", "value", "per", "limits", "title", "scale")
+
+#: What ``{ all: NAME }`` stands for: the names of a table.
+TABLES: Mapping[str, Mapping[str, object]] = {"laws": LAWS}
 
 SHIPPED = Path(__file__).parent
 
@@ -261,10 +265,16 @@ def _values(section: Section, draw: _Draw | None) -> list[str]:
         if not value.content:
             section.add(f"{section.name}: an empty list leaves no case", value)
             return []
-        texts = [entry.text for entry in value.content]
-        return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
+        return _drawn([entry.text for entry in value.content], draw)
     if not isinstance(value.content, Mapping):
         return [value.text]
+    if "all" in value.entries:
+        section.check_keys(("all",))
+        table = value.entries["all"]
+        if table.text not in TABLES:
+            section.add(unknown("table", table.text, TABLES), table)
+            return []
+        return _drawn(list(TABLES[table.text]), draw)
     if "repeat" in value.entries:
         section.check_keys(_REPEAT)
         read = section.read(_REPEAT) or {"repeat": 0}
@@ -273,6 +283,10 @@ def _values(section: Section, draw: _Draw | None) -> list[str]:
     section.check_keys(fields)
     found = section.read(fields)
     return [] if found is None else _range(section, found, draw)
+
+
+def _drawn(texts: list[str], draw: _Draw | None) -> list[str]:
+    return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
 
 
 def _range(section: Section, read: Mapping[str, Any], draw: _Draw | None) -> list[str]:

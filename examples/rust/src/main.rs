@@ -59,41 +59,39 @@ fn serve() -> Fallible<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if ![2, 4, 6].contains(&arguments.len()) { return Err("usage: ADDRESS PORT [STIFFNESS SURFACE [KEY_FILE GRAPH_KEY]]".into()) }
     let word = |place: usize, default| arguments.get(place).map_or(default, String::as_str);
-    let (address, port) = (&arguments[0], number(&arguments[1], 1_u16, 65534, "PORT, a whole number from 1 to 65534")?);
+    let (address, port) = (&arguments[0], number(&arguments[1], 1_u16, 65535, "PORT, a whole number from 1 to 65535")?);
     let stiffness = number(word(2, "10000"), 0.0, 1e9, "STIFFNESS in N/m, a number from 0 to 1e9")?;
     let surface = number(word(3, "0.01"), -1.0, 1.0, "SURFACE in m, a number from -1 to 1")?;
     let name = format!("rust-wall-{:016x}", std::collections::hash_map::RandomState::new().build_hasher().finish());
     let context = zmq::Context::new();
-    let (queries, replies) = (context.socket(zmq::SUB)?, context.socket(zmq::PUB)?);
-    let links = [(&queries, format!("tcp://{address}:{port}")), (&replies, format!("tcp://{address}:{}", port + 1))];
-    queries.set_subscribe(b"")?;
-    for (socket, endpoint) in &links {
-        (socket.set_linger(0)?, socket.set_immediate(true)?, socket.set_ipv6(true)?, socket.set_maxmsgsize(65536)?);
-        if let [_, _, _, _, key, graph_key] = &arguments[..] {
-            socket.set_curve_serverkey(&key_of(graph_key, "public-key")?)?;
-            socket.set_curve_publickey(&key_of(key, "public-key")?)?;
-            socket.set_curve_secretkey(&key_of(key, "secret-key")?)?;
-        }
-        socket.connect(endpoint)?; // after all of these
+    let (socket, endpoint) = (context.socket(zmq::DEALER)?, format!("tcp://{address}:{port}"));
+    (socket.set_linger(0)?, socket.set_immediate(true)?, socket.set_ipv6(true)?, socket.set_maxmsgsize(65536)?);
+    if let [_, _, _, _, key, graph_key] = &arguments[..] {
+        socket.set_curve_serverkey(&key_of(graph_key, "public-key")?)?;
+        socket.set_curve_publickey(&key_of(key, "public-key")?)?;
+        socket.set_curve_secretkey(&key_of(key, "secret-key")?)?;
     }
+    socket.connect(&endpoint)?; // after all of these
     let on_signal = stop as extern "C" fn(libc::c_int) as libc::sighandler_t;
     for signal in [libc::SIGINT, libc::SIGTERM] { unsafe { libc::signal(signal, on_signal) }; }
-    println!("{name}: a wall of {stiffness} N/m at {surface} m, for the graph at {}", links[0].1);
+    println!("{name}: a wall of {stiffness} N/m at {surface} m, for the graph at {endpoint}");
     let start = Instant::now();
     let now = || start.elapsed().as_nanos() as u64;
     let (mut answered, mut dropped, mut serving, mut heard_at, mut answered_at) = (0, 0, None, 0, 0);
     while !STOPPED.load(Ordering::Relaxed) {
-        let _ = queries.poll(zmq::POLLIN, 200); // ms; a signal ends it early
+        let _ = socket.poll(zmq::POLLIN, 200); // ms; a signal ends it early
         let mut newest = None; // the last readable one of all that wait; a flood cannot keep us taking
-        for frames in std::iter::from_fn(|| queries.recv_multipart(zmq::DONTWAIT).ok()).take(1000) {
+        for frames in std::iter::from_fn(|| socket.recv_multipart(zmq::DONTWAIT).ok()).take(1000) {
+            if frames == [b""] { continue } // a greeting
             newest = read(&frames).map_err(|reason| {
                 dropped += 1;
                 if dropped % 1000 == 1 { println!("{name}: dropped {dropped} so far: {reason}") }
             }).ok().or(newest);
         }
+        if newest.is_none() { let _ = socket.send("", zmq::DONTWAIT); } // greets: the graph sends to who has sent
         if newest.is_none() && now() - heard_at > 3 * SECOND { // once refused, ZeroMQ does not try again
             println!("{name}: no query for 3 s; is the graph there, and does it let our key in? Its log tells");
-            for (socket, endpoint) in &links { (socket.disconnect(endpoint)?, socket.connect(endpoint)?); }
+            (socket.disconnect(&endpoint)?, socket.connect(&endpoint)?);
             heard_at = now();
         }
         let query = match newest { Some(query) => query, None => continue };
@@ -111,7 +109,7 @@ fn serve() -> Fallible<()> {
         let reply = Reply { packet: "environment_reply", version: 2, seq: answered, time_ns: now(), force,
             device_seq: query.device_seq, device_time_ns: query.device_time_ns,
             query_seq: query.seq, query_time_ns: query.time_ns, environment: &name };
-        replies.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT)?;
+        let _ = socket.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT); // unless nobody takes it
         (answered, answered_at) = (answered + 1, now());
     }
     println!("{name}: {answered} answered, {dropped} dropped");

@@ -1,0 +1,99 @@
+"""What every controller promises, and a check of it."""
+
+import math
+from collections.abc import Iterable, Iterator
+from random import Random
+from typing import Any
+
+from forcebound.contract import (
+    Report,
+    Violation,
+    copy_of,
+    describe_raised,
+    first_of_each,
+    value_faults,
+    vector_fault,
+)
+from forcebound.controllers import Controller, ControllerModel
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+
+PROMISES: dict[str, str] = {
+    "opens": f"opens for 1 to {MAX_AXES} axes, and closes",
+    "answers": "takes every state and reply, whether or not replies come",
+    "shape": "queries and forces are tuples with one number per axis, or there is no force",
+    "finite": "queries and forces are finite",
+    "pure": "the same calls, in the same order from open on, return the same",
+    "value": "is a frozen dataclass that can be copied, changed and pickled",
+}
+
+
+def check(
+    model: ControllerModel,
+    axes: Iterable[int] = range(1, MAX_AXES + 1),
+    seed: int = 1,
+    states: int = 300,
+) -> Report:
+    """Return which of the ``PROMISES`` a controller keeps.
+
+    Args:
+        model: With the parameters that matter.
+        axes: Numbers of axes that it is opened for.
+        seed: Of the random states and replies.
+        states: For each number of axes.
+    """
+    found = list(value_faults(model))
+    asked = 0
+    for count in axes:
+        runs = []
+        for one in (model, copy_of(model)):
+            asked += states
+            try:
+                controller = one.open(count)
+                runs.append(list(_drive(controller, count, Random(seed), states, found)))
+                controller.close()
+            except (Exception, SystemExit) as error:
+                raised = describe_raised(error)
+                found.append(Violation("opens", "an instance, and an end", raised, f"{count} axes"))
+                break
+        if len(runs) == 2 and runs[0] != runs[1]:
+            place = next(k for k, pair in enumerate(zip(*runs, strict=True)) if pair[0] != pair[1])
+            one_answer, other = runs[0][place], runs[1][place]
+            where = f"call {place} for {count} axes"
+            found.append(Violation("pure", f"{one_answer}, as before", other, where))
+    return Report(PROMISES, first_of_each(found), asked)
+
+
+def _drive(
+    controller: Controller, axes: int, random: Random, states: int, found: list[Violation]
+) -> Iterator[str]:
+    """What it returns to states, and to replies of which some are missing."""
+
+    def call(method: Any, *arguments: Any, units: tuple[str, ...]) -> str:
+        where = f"{method.__name__} for {axes} axes"
+        try:
+            answer = method(*arguments)
+            vectors = (answer,) if len(units) == 1 else tuple(answer)
+        except (Exception, SystemExit) as error:
+            found.append(Violation("answers", "an answer", describe_raised(error), where))
+            return "no answer"
+        for vector, unit in zip(vectors, units, strict=False):
+            if vector is None and unit == "N":
+                continue
+            fault = vector_fault(vector, axes, unit)
+            if fault is not None:
+                found.append(Violation("shape", fault.expected, fault.got, where))
+            elif not all(math.isfinite(entry) for entry in vector):
+                found.append(Violation("finite", "finite numbers", repr(vector), where))
+        return repr(answer)
+
+    for seq in range(states):
+        time_ns = seq * 1_000_000
+        position = tuple(random.uniform(-0.05, 0.05) for _ in range(axes))
+        velocity = tuple(random.uniform(-0.5, 0.5) for _ in range(axes))
+        state = DeviceState(seq, time_ns, time_ns * 1e-9, position, velocity, (0.0,) * axes)
+        yield call(controller.on_state, state, time_ns, units=("N",))
+        yield call(controller.query, state, units=("m", "m/s"))
+        if random.random() < 0.7:
+            force = tuple(random.uniform(-10.0, 10.0) for _ in range(axes))
+            reply = EnvironmentReply(seq, time_ns, seq, time_ns, seq, time_ns, force, "one")
+            yield call(controller.on_reply, reply, time_ns + 400_000, units=("N",))

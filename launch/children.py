@@ -1,0 +1,101 @@
+"""The processes of a launcher: their lines, their end, and the signals that concern them."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from forcebound.process import SignalPipe
+from forcebound.processes import PROCESSES
+
+LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
+TAIL_LINES = 20  # of a node's log, in the message of a failure
+CHUNK = 65_536  # bytes
+MAX_LINE = 65_536  # bytes without a line end that are kept
+
+
+def name_begins(pid: int) -> str:
+    """Return the beginning of the name of an environment in a process of this machine."""
+    return f"{socket.gethostname()[:32]}/{pid}/"
+
+
+class Signals(SignalPipe):
+    """Signals that end a run, and the death of children, as bytes on a descriptor."""
+
+    ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        super().__init__((*self.ENDING, signal.SIGCHLD))
+
+    def take(self) -> bool:
+        """Take the signals that came; return whether one of them ends the run."""
+        try:
+            numbers = os.read(self.descriptor, CHUNK)
+        except BlockingIOError:
+            return False
+        return any(number in self.ENDING for number in numbers)
+
+
+class Child:
+    """One process of the run, and its output."""
+
+    def __init__(self, name: str, command: Sequence[str], show: Callable[[str, str], None]) -> None:
+        self.name = name
+        self.tail: deque[str] = deque(maxlen=TAIL_LINES)
+        self._show = show
+        self._partial = b""
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        assert self.process.stdout is not None
+        self.descriptor = self.process.stdout.fileno()
+        os.set_blocking(self.descriptor, False)
+
+    def read(self) -> bool:
+        """Show the complete lines that came; return False at the end of the stream."""
+        try:
+            data = os.read(self.descriptor, CHUNK)
+        except BlockingIOError:
+            return True
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        if not data or len(self._partial) > MAX_LINE:
+            lines, self._partial = [*lines, *filter(None, [self._partial])], b""
+        for line in lines:
+            text = line.decode(errors="replace").rstrip()
+            self.tail.append(text)
+            self._show(self.name, text)
+        return bool(data)
+
+    def end(self) -> None:
+        """End the process if it still lives, and close its stream."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(LAST_CHANCE)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def show_on_stderr(name: str, line: str) -> None:
+    """Write one line of a process to standard error, with its name in front.
+
+    If standard error is closed, the run continues without output.
+    """
+    prefix = f"[{name}]"
+    if sys.stderr.isatty():
+        colour = PROCESSES[name].colour if name in PROCESSES else 0
+        prefix = f"\033[{colour}m{prefix}\033[0m"
+    with suppress(OSError):
+        sys.stderr.write(f"{prefix} {line}\n")

@@ -1,0 +1,39 @@
+"""Builders of packets and times that several test modules share."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from forcebound.messages.packets import Telemetry
+
+MS = 1_000_000  # ns
+
+
+@dataclass(frozen=True)
+class TimedPacket:
+    """All that a link looks at in a packet."""
+
+    seq: int
+    time_ns: int
+
+
+def telemetry_packet(tick: int = 0, **fields: Any) -> Telemetry:
+    """Return a tick at 1 kHz: at rest, answered at once, no ground truth; ``fields`` differ."""
+    usual: dict[str, Any] = {
+        "seq": tick,
+        "time_ns": tick * MS,
+        "elapsed": tick * 1e-3,
+        "position": (0.0,),
+        "commanded_force": (0.0,),
+        "applied_force": (0.0,),
+        "force_limit": 1.0,
+        "estimated_energy": 0.0,
+        "true_energy": None,
+        "true_position": None,
+        "hand_force": None,
+        "engagement": 1.0,
+        "device_seq": tick,
+        "loop_delay": 4e-4,
+        "deadline_misses": 0,
+        "rejected": {},
+    }
+    return Telemetry(**usual | fields)

@@ -1,0 +1,198 @@
+"""Contracts of laws, devices, operators and controllers: kept by what ships, and able to fail."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from forcebound.bounding import LAWS
+from forcebound.bounding import contract as laws
+from forcebound.bounding.none import NONE
+from forcebound.cli import main
+from forcebound.contract import Report
+from forcebound.controllers import CONTROLLERS
+from forcebound.controllers import contract as controllers
+from forcebound.controllers.direct import DirectController
+from forcebound.devices import DEVICES
+from forcebound.devices import contract as devices
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.devices.plant import SimulatedDevice
+from forcebound.operators import OPERATORS, Operator
+from forcebound.operators import contract as operators
+from forcebound.operators.trajectory import TrajectoryHand
+
+ticks = count()
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_every_law_keeps_its_promises(law: str) -> None:
+    assert laws.check(law, samples=500).violations == ()
+
+
+@pytest.mark.parametrize("kind", sorted(DEVICES))
+def test_every_device_keeps_its_promises(kind: str) -> None:
+    report = devices.check(DEVICES[kind]())
+    assert report.violations == ()
+    assert report.questions > 0
+
+
+@pytest.mark.parametrize("kind", sorted(OPERATORS))
+def test_every_operator_keeps_its_promises(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "path.csv"
+    path.write_text("time,x\n0,0\n1,0.01\n")
+    made: Operator = TrajectoryHand(file=path) if kind == "trajectory" else OPERATORS[kind]()
+    assert operators.check(made).violations == ()
+
+
+@pytest.mark.parametrize("kind", sorted(CONTROLLERS))
+def test_every_controller_keeps_its_promises(kind: str) -> None:
+    assert controllers.check(CONTROLLERS[kind]()).violations == ()
+
+
+# Each promise can be broken
+
+
+@pytest.fixture
+def check_law(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Report]:
+    def check(**changed: Any) -> Report:
+        monkeypatch.setitem(LAWS, "broken", replace(NONE, **changed))
+        return laws.check("broken", samples=50)
+
+    return check
+
+
+def test_a_law_without_a_summary_or_with_an_error_is_found(
+    check_law: Callable[..., Report],
+) -> None:
+    assert not check_law(summary="").held["summary"]
+
+    def fails(state: float, sample: Any, device: Any) -> tuple[float, float, float]:
+        return sample.nothing, 0.0, 0.0
+
+    assert not check_law(limit=fails).held["answers"]
+
+
+class Held(SimulatedDevice):
+    """A device that holds what the test wants."""
+
+    def __init__(self, model: "Odd") -> None:
+        super().__init__(model, None, 1.25e-3)
+        self._odd = model
+
+    def read(self, time_ns: int) -> Any:
+        return self._odd.reading if self._odd.reading is not None else super().read(time_ns)
+
+    def write(self, time_ns: int, force: Any) -> Any:
+        return tuple(self._odd.gain * f for f in super().write(time_ns, force))
+
+    def close(self) -> None:
+        if self._odd.fails_to_close:
+            raise OSError("busy")
+
+
+@dataclass(frozen=True)
+class Odd(PhantomPremium15):
+    reading: Any = None
+    gain: float = 1.0
+    fails_to_close: bool = False
+
+    def open(self, operator: Operator | None, hold_limit: float) -> Held:
+        return Held(self)
+
+
+@pytest.mark.parametrize(
+    ("changed", "promise"),
+    [
+        ({"reading": (0.0, 0.0)}, "shape"),
+        ({"reading": (float("inf"),)}, "shape"),
+        ({"gain": 2.0}, "bounded"),
+        ({"fails_to_close": True}, "opens"),
+    ],
+)
+def test_what_a_device_breaks_is_found(changed: dict[str, Any], promise: str) -> None:
+    assert not devices.check(Odd(**changed)).held[promise]
+
+
+@dataclass(frozen=True)
+class OddHand:
+    mass: float = 0.1
+    stiffness: float = 100.0
+    damping: float = 1.0
+    step: float = 0.0
+    counts: bool = False
+
+    def target(self, elapsed: float) -> Any:
+        if self.counts:
+            return (1e-9 * next(ticks),)
+        return (self.step if elapsed > 0.5 else 0.0,)
+
+
+@pytest.mark.parametrize(
+    ("changed", "promise"),
+    [({"mass": -1.0}, "passive"), ({"step": 0.1}, "even"), ({"counts": True}, "pure")],
+)
+def test_what_an_operator_breaks_is_found(changed: dict[str, Any], promise: str) -> None:
+    assert not operators.check(OddHand(**changed), seconds=1.0).held[promise]
+
+
+@dataclass(frozen=True)
+class OddController(DirectController):
+    answer: Any = None
+    counts: bool = False
+
+    def open(self, axes: int) -> "OddController":
+        return self
+
+    def on_state(self, state: Any, time_ns: int) -> Any:
+        return (float(next(ticks)),) * len(state.position) if self.counts else self.answer
+
+
+@pytest.mark.parametrize(
+    ("changed", "promise"),
+    [
+        ({"answer": (1.0, 2.0)}, "shape"),
+        ({"answer": (float("nan"),)}, "finite"),
+        ({"counts": True}, "pure"),
+    ],
+)
+def test_what_a_controller_breaks_is_found(changed: dict[str, Any], promise: str) -> None:
+    assert not controllers.check(OddController(**changed), axes=(1,)).held[promise]
+
+
+# The commands
+
+
+def invoke(*words: str) -> Any:
+    return CliRunner().invoke(main, ["check", *words], catch_exceptions=False)
+
+
+def test_the_command_prints_one_document(tmp_path: Path) -> None:
+    result = invoke("controller", "direct", "--json")
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert document["part"] == {"kind": "direct"}
+    assert document["passed"]
+
+
+def test_the_command_names_a_broken_promise_and_ends_with_1(tmp_path: Path) -> None:
+    file = tmp_path / "my_hand.py"
+    file.write_text(
+        "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Jump:\n"
+        "    mass: float = -1.0\n    stiffness: float = 1.0\n    damping: float = 1.0\n\n"
+        "    def target(self, elapsed: float) -> tuple[float, ...]:\n        return (0.0,)\n"
+    )
+    result = invoke("operator", str(file))
+    assert result.exit_code == 1
+    assert "BROKEN  passive" in result.output
+    assert "expected >= 0 kg" in result.output
+
+
+def test_what_there_is_not_ends_with_2() -> None:
+    result = invoke("law", "certfied")
+    assert result.exit_code == 2
+    assert "did you mean 'certified'?" in result.stderr

@@ -1,0 +1,33 @@
+"""The studies outside the package run: the fit of Table 1 and the grid of the certificate."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXPERIMENTS = Path(__file__).parent.parent / "experiments"
+
+
+def study(name: str, *words: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, str(EXPERIMENTS / name), *words], capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize("name", ["fit_table1.py", "certificate_grid.py"])
+def test_a_study_explains_its_options(name: str) -> None:
+    done = study(name, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout
+
+
+def test_a_short_fit_of_table_1_prints_a_hand() -> None:
+    pytest.importorskip("cma", reason="cma is not installed (extra: fit)")
+    done = study("fit_table1.py", "--seconds", "0.1")
+    assert done.returncode == 0, done.stderr
+    errors = re.search(r"all ([\d.]+)  fitted ([\d.]+)  predicted ([\d.]+)", done.stdout)
+    assert errors is not None, done.stdout
+    assert all(0.0 < float(error) < 3.0 for error in errors.groups())
+    assert "hand" in done.stdout
