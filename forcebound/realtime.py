@@ -43,6 +43,7 @@ PERMIT_FIFO = (
     "add '@realtime - rtprio 95' to /etc/security/limits.d/ and yourself to that group, "
     "or give CAP_SYS_NICE"
 )
+PERMIT_AWAKE = "give this user the right to write /dev/cpu_dma_latency"
 PERMIT_LOCK = "add '@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
 
 # What :func:`enter` sets or cannot set, by the code of the fact.
@@ -67,7 +68,11 @@ SENTENCES = {
         "memory not locked, because the limit is {limit} B: expect rare late ticks; " + PERMIT_LOCK
     ),
     "memory_refused": "memory not locked: {error}",
+    "awake": "processors kept out of deep sleep",
+    "awake_refused": "processors may sleep deeply: {error}; " + PERMIT_AWAKE,
 }
+
+CPU_LATENCY = "/dev/cpu_dma_latency"  # <kernel: admin-guide/pm/cpuidle, PM QoS>
 
 TIMER_SLACK_NS = 1  # smallest that is not "the default of 50 us"
 
@@ -85,12 +90,14 @@ class Settings:
         core: Number of the core that the chain of nodes shares; None: wherever the kernel likes,
             and then never SCHED_FIFO.
         lock_memory: Whether pages in use stay in memory.
+        deep_sleep: Whether idle processors may sleep deeply, from which waking takes longer.
         spin_ns: How long before an instant the sleep ends and the spinning begins, in ns.
     """
 
     policy: str = "fifo"
     core: int | None = None
     lock_memory: bool = True
+    deep_sleep: bool = True
     spin_ns: int = 30_000
 
 
@@ -109,7 +116,7 @@ class Fact:
     @property
     def is_hindrance(self) -> bool:
         """Whether ticks may be late because of it."""
-        return self.code not in ("core", "fifo", "memory_locked")
+        return self.code not in ("core", "fifo", "memory_locked", "awake")
 
     @property
     def sentence(self) -> str:
@@ -175,6 +182,8 @@ def enter(settings: Settings, role: str) -> list[Fact]:
     facts = [_pin(settings.core), _schedule(settings, role)]
     if settings.lock_memory:
         facts.append(_lock_memory())
+    if not settings.deep_sleep:
+        facts.append(_stay_awake())
     return facts
 
 
@@ -288,6 +297,16 @@ def _lock_memory() -> Fact:
     if _libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
         return Fact("memory_refused", {"error": os.strerror(ctypes.get_errno())})
     return Fact("memory_locked")
+
+
+def _stay_awake() -> Fact:
+    """Ask the kernel for no latency of waking; it holds for as long as this process lives."""
+    try:
+        descriptor = os.open(CPU_LATENCY, os.O_WRONLY | os.O_CLOEXEC)  # never closed: see above
+        os.write(descriptor, bytes(4))
+    except OSError as error:
+        return Fact("awake_refused", {"error": str(error.strerror)})
+    return Fact("awake")
 
 
 def _has_capability(number: int) -> bool:

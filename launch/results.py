@@ -10,11 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
-from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns
 from forcebound.user_module import source_of
 
@@ -59,6 +57,8 @@ class RunResult:
         Raises:
             ConfigError: If there is no such file or it is no recording of a run.
         """
+        from forcebound.recording import read  # slow, and no node process needs it
+
         recording = read(path)
         if not recording.complete:
             _logger.warning("recording incomplete: of %s is used what can be read", path)
@@ -77,6 +77,8 @@ class RunResult:
 
         A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
         """
+        from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
+
         events = summarize_events(self.events)
         if not self.is_complete:
             events["faults"]["recording_incomplete"] = 1

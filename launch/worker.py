@@ -22,7 +22,6 @@ from typing import Any
 
 from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load_tried
 from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Tuner
@@ -42,7 +41,6 @@ from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.processes import PROCESSES
-from forcebound.recording import Recorder
 
 _logger = logging.getLogger(__name__)
 
@@ -74,10 +72,10 @@ def run_node(
     description = " ".join((str(file), *arguments))
     with process.Stop() as stop:
         if run_dir is None:
-            _serve_remotely(kind, load_tried(file, arguments), description, stop)
+            _serve_remotely(kind, _loaded(file, arguments), description, stop)
             return 0
         if not supervised:
-            config = load_tried(file, arguments)
+            config = _loaded(file, arguments)
             check_run_directory(run_dir)
             _run_by_hand(kind, config, description, run_dir, stop)
             return 0
@@ -98,6 +96,13 @@ def run_node(
             if not _has_launcher(run):
                 shutil.rmtree(run_dir, ignore_errors=True)
         return 0
+
+
+def _loaded(file: Path, arguments: Sequence[str]) -> GraphConfig:
+    """The configuration of a launch file that is run by hand."""
+    from forcebound.config.loader import load_tried  # a supervised process reads no launch file
+
+    return load_tried(file, arguments)
 
 
 def _serve_remotely(kind: str, config: GraphConfig, description: str, stop: process.Stop) -> None:
@@ -194,6 +199,7 @@ def _run(
         policy=config.realtime.policy,
         core=run.core,
         lock_memory=config.realtime.lock_memory,
+        deep_sleep=config.realtime.deep_sleep,
         spin_ns=round(config.realtime.spin * 1e9),
     )
     if kind == "controller" and config.remote is not None:
@@ -211,6 +217,8 @@ def _run(
 
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
+    from forcebound.recording import Recorder  # slow, and no other process needs it
+
     offset_ns = time.time_ns() - time.monotonic_ns()
     _logger.info("recording to %s", run.record)
     recorder = Recorder(run.record, run.metadata, offset_ns)

@@ -118,7 +118,7 @@ class EnvironmentNode(Node):
                 self._is_serving = packet.environment == self.name
                 if self._is_serving or packet.environment is None:
                     self._refused_for = None
-                elif not self._knocks(packet.environment, time_ns):
+                elif not self._may_probe(packet.environment, time_ns):
                     continue
                 self._waiting = packet
         state = (self._is_serving, self._refused_for)
@@ -177,7 +177,7 @@ class EnvironmentNode(Node):
         )
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
-    def _knocks(self, serving: str, time_ns: int) -> bool:
+    def _may_probe(self, serving: str, time_ns: int) -> bool:
         """Whether to answer a query that is meant for another environment."""
         if self._refused_for is None:
             self._knocked_ns = time_ns - KNOCK_INTERVAL_NS

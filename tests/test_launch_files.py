@@ -1,5 +1,7 @@
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,10 @@ from forcebound.config.document import shipped
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import COMPUTATION, KINDS
 from forcebound.config.loader import arguments_of, from_document, load
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import restore, to_document
 from forcebound.config.schema import json_schema
 from forcebound.config.tree import scalar
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.nodes.device import ServoSettings
 
@@ -62,6 +65,27 @@ def test_a_resolved_document_is_plain_json_and_reads_back_the_same(shipped_name:
     config = load(shipped_name)
     text = json.dumps(to_document(config), allow_nan=False)
     assert from_document(json.loads(text)) == config
+    assert restore(json.loads(text)) == config
+
+
+def test_a_node_process_needs_no_parser_for_its_document(tmp_path: Path) -> None:
+    document = written(tmp_path, json.dumps(to_document(load("stress"))), "launch.json")
+    program = (
+        "import json, sys\n"
+        "from forcebound.config.resolved import restore\n"
+        "restore(json.load(open(sys.argv[1])))\n"
+        "sys.exit(str(sorted({'pydantic', 'ruamel.yaml', 'pint'} & set(sys.modules)) or ''))\n"
+    )
+    command = [sys.executable, "-c", program, str(document)]
+    out = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert out.stderr.strip() == ""
+
+
+@pytest.mark.parametrize("change", [{"seed": None}, {"device": {}}, {"links": 3}])
+def test_what_is_no_resolved_document_is_refused(change: dict[str, Any]) -> None:
+    damaged = {**to_document(load("stiff_wall")), **change}
+    with pytest.raises(ConfigError, match="no resolved launch document"):
+        restore({name: value for name, value in damaged.items() if value is not None})
 
 
 def test_a_resolved_document_is_itself_a_launch_file(shipped_name: str, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -126,6 +127,21 @@ def test_the_recorder_keeps_off_the_core_of_the_chain() -> None:
     became = enter("recorder", core=CORES[-1])
     assert became["policy"] == os.SCHED_OTHER
     assert became["cores"] == (CORES[:-1] or CORES)
+
+
+def test_processors_are_kept_awake_only_on_request_and_a_refusal_is_a_hindrance(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    latency = tmp_path / "cpu_dma_latency"
+    monkeypatch.setattr(realtime, "CPU_LATENCY", str(latency))
+    assert not {"awake", "awake_refused"} & set(enter("device", core=None)["facts"])
+    settings = realtime.Settings(policy="other", lock_memory=False, deep_sleep=False)
+    (refused,) = [f for f in realtime.enter(settings, "device") if f.code == "awake_refused"]
+    assert refused.is_hindrance
+    latency.touch()
+    (awake,) = [f for f in realtime.enter(settings, "device") if f.code == "awake"]
+    assert not awake.is_hindrance
+    assert latency.read_bytes() == bytes(4)
 
 
 @pytest.mark.parametrize("code", sorted(realtime.SENTENCES))

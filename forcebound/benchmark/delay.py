@@ -45,7 +45,12 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
             for name, one in contestants.items()
             for share, target in TARGETS_US.items()
         },
-        "conditions": {**surroundings, "core": settings.core, "policy_asked": settings.policy},
+        "conditions": {
+            **surroundings,
+            "core": settings.core,
+            "policy_asked": settings.policy,
+            "deep_sleep": settings.deep_sleep,
+        },
     }
 
 

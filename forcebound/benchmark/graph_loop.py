@@ -118,6 +118,7 @@ def settings_of(config: GraphConfig) -> Settings:
         policy=settings.policy,
         core=choose_core(settings.cores),
         lock_memory=settings.lock_memory,
+        deep_sleep=settings.deep_sleep,
         spin_ns=round(settings.spin * 1e9),
     )
 

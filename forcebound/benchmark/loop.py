@@ -62,7 +62,12 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
         "rate_hz": rate,
         "contestants": {name: one.summary() for name, one in contestants.items()},
         "comparisons": _compare(contestants),
-        "conditions": {**surroundings, "core": settings.core, "policy_asked": settings.policy},
+        "conditions": {
+            **surroundings,
+            "core": settings.core,
+            "policy_asked": settings.policy,
+            "deep_sleep": settings.deep_sleep,
+        },
     }
 
 

@@ -97,12 +97,14 @@ class RealtimeConfig:
         policy: Scheduling class: ``fifo`` goes before ordinary processes.
         cores: Core of the chain of nodes: one that is chosen, none in particular, or its number.
         lock_memory: Whether no page of memory may be moved to disk.
+        deep_sleep: Whether idle processors may sleep deeply; false costs energy.
         spin: Time before an instant at which sleeping turns into spinning.
     """
 
     policy: Literal["fifo", "other"] = "fifo"
     cores: Literal["auto", "none"] | Annotated[int, NOT_NEGATIVE] = "auto"
     lock_memory: bool = True
+    deep_sleep: bool = True
     spin: Annotated[Time, NOT_NEGATIVE] = 30e-6
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
-from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns
 
 RECORDING_SUFFIX = ".mcap"
@@ -55,6 +54,8 @@ def read_trace(file: Path) -> DelayTrace:
 def _read(file: Path, modified_ns: int, size: int) -> DelayTrace:
     # The loader checks what the links then use, and a sweep does so thousands of times.
     if file.suffix == RECORDING_SUFFIX:
+        from forcebound.recording import read  # slow, and few traces are recordings
+
         recording = read(file)
         try:
             document = json.loads(recording.metadata.get("launch", "{}"))

@@ -1,4 +1,4 @@
-"""Addresses of launch files: their meaning, loopback or not, free or in use."""
+"""Addresses of a launch file: resolved, on this machine or not, free or in use."""
 
 import ipaddress
 import re

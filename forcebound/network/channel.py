@@ -6,7 +6,7 @@ ZeroMQ's own greeting (PROBE_ROUTER) does not leave before the first message wit
 is not repeated after a lost connection with IMMEDIATE 0 (libzmq 4.3.5).
 
 Neither socket waits or raises when it sends: what a peer does not take is dropped. A send may
-swallow the edge of the socket's descriptor; whoever waits for it asks
+swallow the edge of the socket's descriptor; who waits for it asks
 :meth:`forcebound.network.subscriber.Subscriber.pending` first.
 """
 

@@ -1,4 +1,4 @@
-"""Computation time of an environment: a pure, seeded model, as for the delay of a link.
+"""Computation time of an environment: a pure, seeded model, as the delay of a link.
 
 The words are those of a link (:class:`forcebound.network.impairment.Impairment`): ``delay``,
 ``jitter``, ``distribution``, ``correlation``, ``distribution_file``, ``trace``. Nothing else of an
@@ -16,7 +16,7 @@ class ComputationTime:
     Args:
         impairment: Its settings of the delay; the default: no time at all.
         seed: At least 0; see :func:`forcebound.network.link.link_seed`.
-        trace: What the file ``impairment.trace`` says.
+        trace: Content of the file ``impairment.trace``.
 
     Raises:
         ValueError: If the impairment names a trace and it is not given.
@@ -33,7 +33,7 @@ class ComputationTime:
         self.change(Impairment() if impairment is None else impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
-        """Let computations that begin from now on take what ``impairment`` says.
+        """Let computations that begin from now on take the time of ``impairment``.
 
         Raises:
             ValueError: If the impairment names a trace and it is not given.

@@ -1,4 +1,4 @@
-"""A connection to a port on another machine: what ended it, and connecting again.
+"""The connection to a port on another machine: causes of its end, and connecting again.
 
 libzmq connects again by itself after a connection was lost, and does not after the peer has refused
 it (ZAP), uses another security, or has broken the protocol (a message over MAXMSGSIZE). It then
@@ -52,9 +52,9 @@ class Connector:
         self._address = endpoint.removeprefix("tcp://")
         self._is_up = False
         self._since_ns: int | None = None  # of the present attempt
-        self._alone_ns: int | None = None  # since when there is no connection; None: that was said
+        self._alone_ns: int | None = None  # since when there is no connection; None: reported
         self._begun = False
-        self._lost_ns: int | None = None  # lost, and libzmq has not said that it tries again
+        self._lost_ns: int | None = None  # lost, and libzmq has not reported that it tries again
         self._retry_ns: int | None = None  # disconnected by us until then
         self._pause_ns = FIRST_PAUSE_NS
         self._has_more = False

@@ -1,4 +1,4 @@
-"""Control sockets of processes: a msgpack map answers a msgpack map."""
+"""Requests to a process and their answers: a msgpack map for a msgpack map."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -12,7 +12,7 @@ _MAX_ITEMS = 256  # in a list or map of a request or its answer
 
 
 class ControlServer:
-    """Answers requests, msgpack maps, from whoever looks after this process."""
+    """Answers requests, msgpack maps, from the launcher and other programs of the user."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket

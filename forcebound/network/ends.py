@@ -1,7 +1,7 @@
-"""The two ends of the link to another machine: what the section ``remote`` makes of each of them.
+"""The two ends of the link to another machine, as the section ``remote`` sets them.
 
-What is wrong with the section on any machine is told when it is made, what this machine lacks (a
-key file, an address, a free port) by :meth:`RemoteSection.check_here`.
+What is wrong with the section on any machine is an error when it is made; what this machine lacks
+(a key file, an address, a free port) is one of :meth:`RemoteSection.check_here`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -154,7 +154,7 @@ class RemoteSection:
             folder: Where keys are; the key folder by default.
 
         Raises:
-            ConfigError: If anything is missing; it tells all that is.
+            ConfigError: If anything is missing; it names all that is.
         """
         listens = role == self.listens
         problems: list[str] = []
@@ -184,7 +184,7 @@ def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> st
             f"this machine holds the secrets of several environment_keys ({', '.join(ours)}): "
             "leave only its own one in its launch file"
         )
-    # Without a secret, key_pair says for which file it looked.
+    # Without a secret, the error of key_pair names the file.
     return ours[0] if ours else environment_keys[0]
 
 

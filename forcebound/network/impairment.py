@@ -98,7 +98,7 @@ class Impairment:
         loss: Probability of a packet being lost, 0 to 1.
         distribution: Of the deviation; see the head of this module.
         distribution_file: Table of the deviation instead, in the format of tc's ``.dist`` files.
-        trace: File of recorded delays, instead of ``delay`` and ``jitter``; whoever builds the link
+        trace: File of recorded delays, instead of ``delay`` and ``jitter``; who builds the link
             reads it (:class:`forcebound.network.trace.DelayTrace`).
         correlation: Of a delay with the one before, 0 to 1.
         loss_correlation: Of a loss with the one before.

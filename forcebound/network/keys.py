@@ -1,4 +1,4 @@
-"""CURVE key pairs in files; secret keys are readable by their owner alone.
+"""CURVE key pairs in files; the secret ones are for their owner alone.
 
 A pair ``NAME`` is two files in the key folder, in the format of ``zmq.auth`` (ZPL)::
 
@@ -79,7 +79,7 @@ def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
     if variables.get("FORCEBOUND_KEYS"):
         return Path(variables["FORCEBOUND_KEYS"]).expanduser()
     config = Path(variables.get("XDG_CONFIG_HOME", ""))
-    base = config if config.is_absolute() else Path.home() / ".config"  # as the XDG standard says
+    base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
     return base / "forcebound" / "keys"
 
 

@@ -1,20 +1,20 @@
-"""Impaired link: a pure, seeded model.
+"""A link of a bad network: a pure, seeded model of what happens to packets.
 
 A link knows no clock and no socket. The receiving runner, live or in virtual time, hands it every
 packet that arrives with the time (:meth:`Link.accept`), and asks which packets are through
 (:meth:`Link.due`) and when the next one will be (:attr:`Link.next_due_ns`). The same seed and the
-same arrivals give the same deliveries, whoever asks and however often.
+same arrivals give the same deliveries, however often one asks.
 
 The words and their meaning are those of Linux netem (:mod:`forcebound.network.impairment`). In
 this order, each decided by a generator of its own:
 
-1. A packet may be duplicated, and may be lost: by chance, because the link is down, or because its
-   trace says so. Of one that is duplicated and lost by chance, one goes on; the others are gone. A
-   copy goes the same way, with chances of its own, and is not copied again.
+1. A packet may be duplicated, and may be lost: by chance, because the link is down, or by its
+   trace. Of one that is duplicated and lost by chance, one goes on; the others are gone. A copy
+   goes the same way, with chances of its own, and is not copied again.
 2. When ``limit`` packets are on the way, it is lost.
 3. If it is reordered, it is through at once. If not, at ``arrival + delay + deviation``, but never
    before its arrival: so jitter reorders packets too. With a trace, at ``arrival`` and the delay
-   that the trace says for now. With a ``rate`` then at the later of this and the time at which the
+   that the trace has for now. With a ``rate`` then at the later of this and the time at which the
    packet before is through, plus its own size over the rate.
 4. With slots, it waits for the slot.
 5. Packets come out by that time; equal times, in the order in which they arrived. A corrupt one
@@ -122,7 +122,7 @@ class Link(Generic[PacketT]):
             impairment: What the link does to packets.
             seed: At least 0; see :func:`link_seed`.
             newest_only: Deliver only the newest of the packets that are through.
-            trace: What the file ``impairment.trace`` says.
+            trace: Content of the file ``impairment.trace``.
 
         Raises:
             ValueError: If the impairment names a trace and it is not given.
@@ -152,7 +152,7 @@ class Link(Generic[PacketT]):
 
         Args:
             impairment: What the link does.
-            trace: What the file ``impairment.trace`` says. Like outages, its time counts from the
+            trace: Content of the file ``impairment.trace``. Like outages, its time counts from the
                 link's first packet.
 
         Raises:

@@ -1,4 +1,4 @@
-"""The connections of a port that listens: who is there, who failed and why, who has to go.
+"""The connections of a port that listens: established peers, failures, surplus connections.
 
 libzmq's monitor gives little: ACCEPTED and DISCONNECTED name a descriptor, the result of a
 handshake names nothing. What can be relied on:
@@ -12,8 +12,8 @@ handshake names nothing. What can be relied on:
    it, made before a look at the queue that finds no such event, is of that connection for sure.
 
 libzmq has no limit on connections. Here, beyond ``MAX_CONNECTIONS``, the oldest that is not
-established is shut (4 makes sure that no other is hit): whoever holds a key is through its
-handshake in milliseconds, whoever holds none can only wait.
+established is shut (4 makes sure that no other is hit): a peer that holds a key is through its
+handshake in milliseconds, one that holds none can only wait.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Connections of a socket, from the monitor events of libzmq."""
+"""Events of the connections of a socket, from libzmq."""
 
 import struct
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How bytes travel: ZeroMQ sockets with every known trap handled in one place.
+"""ZeroMQ sockets, with every known trap handled in one place.
 
 Only this room imports zmq, and only ``make_socket`` opens sockets. What was measured (pyzmq 27.3,
 libzmq 4.3.5) and what is done:
@@ -11,12 +11,12 @@ libzmq 4.3.5) and what is done:
 4. A peer may send a frame of any size: MAXMSGSIZE. libzmq then ends the connection, and an end that
    *connected* does not try again: on ipc the stream is silent until this process starts anew, which
    the device answers with zero force; on tcp :mod:`forcebound.network.remote` connects again.
-5. A peer that connects and says nothing holds the socket for 30 s: HANDSHAKE_IVL.
+5. A peer that connects and sends nothing holds the socket for 30 s: HANDSHAKE_IVL.
 6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
 8. ``zmq_poll`` counts in milliseconds. ``select`` on the sockets' descriptors waits to the
-   microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS says
-   so, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
+   microsecond; but such a descriptor is edge-triggered, so a socket is emptied, until EVENTS shows
+   it, before its descriptor is waited for. And asking EVENTS is a system call of 4 to 10 us in a
    cold loop, so only sockets whose descriptor is readable are asked.
 9. A message of several frames aborts a process whose CONFLATE socket reads it between two of them
    (``Assertion failed: !_more``, fq.cpp), on ipc too. So no socket has CONFLATE: it is read until
@@ -120,7 +120,7 @@ def make_socket(
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
         guard: Who may be at the other end; None: who can reach the endpoint.
-        monitor: ``inproc`` endpoint at which the socket tells what happens to it; empty: none. Its
+        monitor: ``inproc`` endpoint at which the socket reports its events; empty: none. Its
             reader must have no limit on its queue, and stop the monitor before it leaves.
 
     Raises:
@@ -188,7 +188,7 @@ class Publisher:
 
     @property
     def send(self) -> Callable[[bytes], Any]:
-        """What sends one packet to whoever is there; to be kept by who sends often."""
+        """Function that sends one packet to all who are there; keep it if you send often."""
         # The compiled method itself: pyzmq's Python one around it serves features not used here.
         return partial(_CompiledSocket.send, self._socket)
 
@@ -316,7 +316,7 @@ class Waiter:
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
     """Sleep until a descriptor is readable, or the time is over; return those that are.
 
-    A ZeroMQ descriptor is edge-triggered: it says that something *happened* on a socket. So it may
+    A ZeroMQ descriptor is edge-triggered: it shows that something *happened* on a socket. So it may
     be waited for only after everything on the socket was received, and it may have been nothing of
     interest.
 

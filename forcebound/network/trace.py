@@ -1,4 +1,4 @@
-"""Recorded delays, to be replayed on a link; and the CSV file that holds them.
+"""Recorded delays, to be replayed on a link, and their CSV file.
 
 The file has the header ``time_s,delay_s`` and a row for each packet that was watched: when it was
 sent, strictly increasing, and how long it took, both in s. A packet without a delay was lost. Only

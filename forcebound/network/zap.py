@@ -1,4 +1,4 @@
-"""Who may connect: the authenticator of ZeroMQ (ZAP, RFC 27), served from the process's own loop.
+"""The authenticator of ZeroMQ (ZAP, RFC 27), which decides who may connect; no thread.
 
 libzmq asks it about each peer of a socket that has a ZAP domain, after the peer has proved that it
 holds the secret of its key, and before any message passes. Nobody answers for it: with

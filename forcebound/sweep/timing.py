@@ -1,4 +1,4 @@
-"""Timing of a whole run before its simulation: the arrival of each answer.
+"""The timing of a whole run, before it is simulated: which answer arrives when.
 
 What the network does to a packet never depends on the forces in it. So the tick that each force
 answers, the engage ramp and the age limit follow from delays, jitter, losses and the time that the
