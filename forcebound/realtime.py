@@ -1,4 +1,4 @@
-"""Real-time execution: scheduling, placement, memory, and waiting for an instant.
+"""Punctuality of a process: scheduling, placement, memory, and waiting for an instant.
 
 How it works:
 

@@ -1,4 +1,4 @@
-"""What a lifecycle takes and what it gives: events of a run, and actions on its processes."""
+"""Events that a lifecycle takes, and the actions on processes that it returns."""
 
 import signal
 from dataclasses import dataclass

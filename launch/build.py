@@ -1,4 +1,4 @@
-"""Builder of the nodes and links of a graph from its configuration."""
+"""Nodes and links of a graph, made from its configuration."""
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of

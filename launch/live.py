@@ -69,7 +69,7 @@ _logger = logging.getLogger(__name__)
 class RunDocument:
     """What the processes of a run need in addition to the launch document."""
 
-    launcher: int  # process id of who starts them and whose end is theirs
+    launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
     streams: list[list[str]]  # topic, endpoint: each costs the loop the waking of the recorder
@@ -169,7 +169,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
     Raises:
         ConfigError: If the chain cannot be placed, the recording not be written, a key be missing,
-            the address not be ours or a port be in use; it reports all problems.
+            the address not be ours or a port be in use; the message names all that is wrong.
     """
     problems = []
     checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
@@ -191,7 +191,7 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
     steps = []
     before = config
     for part in timetable(config):
-        # Whom it does not concern is not disturbed: least of all the servo.
+        # Processes that it does not concern are not disturbed, least of all the servo.
         concerned = holders(differences(before, part.config))
         begin = partial(_begin, run_dir, part, sorted(concerned))
         steps.append(Step(part.start_ns, begin, part.message, part.data))
@@ -224,7 +224,7 @@ def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
 
 
 def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
-    """Leave what runs, for processes that start and for those who look into the run or change it.
+    """Leave what runs, for processes that start and for commands that look into the run.
 
     Returns:
         The request that brings a running process to it; see
@@ -242,11 +242,11 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
 
 @contextmanager
 def updating(run_dir: Path, patience: float) -> Iterator[bool]:
-    """Lock the launch document while it is read and written.
+    """Lock the launch document between reading and writing it.
 
     Args:
         run_dir: Of the run.
-        patience: How long to wait for another one who changes it, in s.
+        patience: How long to wait for another command that changes it, in s.
 
     Yields:
         Whether the lock was taken.
@@ -312,8 +312,8 @@ def run_folders() -> set[Path]:
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     """Remove the run directories of this user that a crash has left; return them.
 
-    Only those that were made for one run, whose owners have all ended (:mod:`.run_lock`), and that
-    hold no recording, which may be wanted after a crash.
+    Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
+    hold no recording: after a crash it may be of use.
     """
     removed = []
     for run_dir in sorted(path for folder in folders for path in folder.glob(f"{PREFIX}*")):

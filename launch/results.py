@@ -47,7 +47,7 @@ class RunResult:
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
-    interrupted: bool = False  # ended on request before its time
+    interrupted: bool = False  # it was ended before its time
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Codec of packets: strict msgpack.
+"""Codec of packets: bytes and back, strictly, with msgpack.
 
 A packet on the wire is one msgpack map: ``"packet"`` (name of the topic), one key per field of its
 class and ``"version"``; ``docs/protocol.md`` is the page for those who write a peer.

@@ -1,4 +1,4 @@
-"""What each process decides: a node is a function of time and packets.
+"""Nodes, what each process decides: a node is a function of time and packets.
 
 A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.process` live,
 :mod:`forcebound.simulation` in virtual time) calls :meth:`Node.step` with the time and the packets

@@ -5,8 +5,8 @@ query that comes meanwhile waits, and only the newest waits. The injected comput
 top of what the environment's own code needs.
 
 A query names the environment whose answers the graph takes. If that is another one, this one is
-refused: it says so, and keeps quiet until the graph wants it, but for an answer now and then, by
-which the graph sees whom it refuses.
+rejected: it emits an event and waits. Once a second it answers all the same, so that the graph
+knows that it is there.
 """
 
 import logging
@@ -28,7 +28,7 @@ from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 
-KNOCK_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is refused
+PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 
 _logger = logging.getLogger(__name__)
 
@@ -66,10 +66,10 @@ class EnvironmentNode(Node):
         self._done_ns = 0
         self._seq = 0
         self._is_serving = False
-        self._told: tuple[bool, str | None] = (False, None)
-        self._tell_ns = 0
+        self._emitted: tuple[bool, str | None] = (False, None)
+        self._emit_ns = 0
         self._refused_for: str | None = None  # who serves instead
-        self._knocked_ns = 0
+        self._probed_ns = 0
         self.events = EventLog("environment")
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
@@ -122,10 +122,10 @@ class EnvironmentNode(Node):
                     continue
                 self._waiting = packet
         state = (self._is_serving, self._refused_for)
-        if state != self._told and time_ns >= self._tell_ns:
-            self._told = state
+        if state != self._emitted and time_ns >= self._emit_ns:
+            self._emitted = state
             if state != (False, None):
-                replies.append(self._tell(time_ns))
+                replies.append(self._emit_state(time_ns))
         if self._answering is not None and time_ns >= self._done_ns:
             replies.append(self._reply(*self._answering, time_ns))
             self._answering = None
@@ -164,9 +164,9 @@ class EnvironmentNode(Node):
             "failures": self.faults,
         }
 
-    def _tell(self, time_ns: int) -> Event:
-        """Say whether the graph takes our answers; queries may change it as often as they come."""
-        self._tell_ns = time_ns + STATE_INTERVAL_NS
+    def _emit_state(self, time_ns: int) -> Event:
+        """Return an event: whether this one serves; each query may change that."""
+        self._emit_ns = time_ns + STATE_INTERVAL_NS
         data = {"environment": self.name}
         if self._refused_for is None:
             message = f"serving this graph now, as {self.name}"
@@ -180,11 +180,11 @@ class EnvironmentNode(Node):
     def _may_probe(self, serving: str, time_ns: int) -> bool:
         """Whether to answer a query that is meant for another environment."""
         if self._refused_for is None:
-            self._knocked_ns = time_ns - KNOCK_INTERVAL_NS
+            self._probed_ns = time_ns - PROBE_INTERVAL_NS
         self._refused_for = serving
-        if time_ns - self._knocked_ns < KNOCK_INTERVAL_NS:
+        if time_ns - self._probed_ns < PROBE_INTERVAL_NS:
             return False
-        self._knocked_ns = time_ns
+        self._probed_ns = time_ns
         return True
 
     def _force(self, query: EnvironmentQuery) -> Vector | None:

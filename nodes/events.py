@@ -1,4 +1,4 @@
-"""Events of a process: in its log, and as recorded packets."""
+"""Events of a process: lines of its log, and packets that are recorded."""
 
 import logging
 from collections.abc import Mapping
@@ -61,9 +61,9 @@ class EventLog:
 
     def link_counts(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
         """Return an event that says how many packets had which fate on the link of a topic."""
-        told = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
+        fates = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
         data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
-        return self.emit(time_ns, LINK_COUNTED, f"{topic}: {told or 'nothing'}", data)
+        return self.emit(time_ns, LINK_COUNTED, f"{topic}: {fates or 'nothing'}", data)
 
 
 def _bounded(data: Mapping[str, str]) -> dict[str, str]:

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 
 def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() -> None:
     with live_graph("remote_wall", f"port:={free_port()}", is_alone=False) as graph:
-        graph.until(lambda: "environment on another machine" in graph.log, "it to wait")
+        graph.until(lambda: "waiting for a remote environment" in graph.log, "it to wait")
         graph.process.send_signal(signal.SIGINT)
         out, _ = graph.process.communicate(timeout=PATIENCE)
         assert graph.process.returncode == 130
@@ -40,4 +40,4 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> Non
     (connected,) = re.findall(r"connected from .*", environment.log)
     assert re.fullmatch(r"connected from \S+", connected)
     (answered,) = re.findall(rf"{name} has answered (\d+) queries", environment.log)
-    assert int(answered) > 100
+    assert int(answered) > 10

@@ -3,7 +3,7 @@
 import platform
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -123,6 +123,10 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
                 if name in row["difficulties"][assumed]:
                     yield from _leak(row["law"], row["difficulties"][assumed][name], name)
         yield ""
+    yield from _by_difficulty(laws)
+
+
+def _by_difficulty(laws: Sequence[dict[str, Any]]) -> Iterator[str]:
     yield "## By axis of difficulty\n"
     yield "Lowest loss plus work. Cases are hard on several axes at once.\n"
     for axis in laws[0]["difficulties"]:

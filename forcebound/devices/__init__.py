@@ -31,7 +31,7 @@ class Device(Protocol):
         ...
 
     def engage(self, time_ns: int) -> None:
-        """Tell the device that the run starts now; a simulated hand begins to move."""
+        """Start the run now; a simulated hand begins to move."""
         ...
 
     def read(self, time_ns: int) -> Vector:

@@ -28,6 +28,7 @@ import math
 from typing import Protocol
 
 from forcebound.compiled import jit
+from forcebound.devices import DeviceModel
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
@@ -148,37 +149,12 @@ def quantise(x: float, resolution: float) -> float:
     return math.floor(x / resolution + 0.5) * resolution
 
 
-class PlantParameters(Protocol):
-    """What :class:`SimulatedDevice` asks of its parameters; units as in :func:`advance`."""
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        ...
+class PlantModel(DeviceModel, Protocol):
+    """Parameters of a simulated device: those of any device, and what only the plant knows."""
 
     @property
     def mass(self) -> float:
         """Apparent mass of the device, in kg."""
-        ...
-
-    @property
-    def damping(self) -> float:
-        """In N s/m."""
-        ...
-
-    @property
-    def friction(self) -> float:
-        """In N."""
-        ...
-
-    @property
-    def resolution(self) -> float:
-        """In m; 0 for none."""
-        ...
-
-    @property
-    def saturation(self) -> float:
-        """In N."""
         ...
 
     @property
@@ -197,7 +173,7 @@ class SimulatedDevice:
     """
 
     def __init__(
-        self, parameters: PlantParameters, operator: Operator | None, hold_limit: float
+        self, parameters: PlantModel, operator: Operator | None, hold_limit: float
     ) -> None:
         operator = NoHand() if operator is None else operator
         self._parameters = parameters

@@ -58,7 +58,7 @@ def check(
     seed: int = 1,
     rounds: int = 100,
     at_most: int | None = None,
-    tell: Callable[[str, int, int], None] = lambda question, done, total: None,
+    progress: Callable[[str, int, int], None] = lambda question, done, total: None,
 ) -> Report:
     """Return which of the ``PROMISES`` an environment keeps.
 
@@ -71,7 +71,7 @@ def check(
         rounds: Random questions for each number of axes and each scale.
         at_most: About how many questions to ask, each twice: some of all, drawn at random; at
             least ``FEWEST`` for each number of axes. None: all.
-        tell: Called before each answer with the question, the answers until now and all.
+        progress: Called before each answer with the question, the answers until now and all.
     """
     axes = tuple(dict.fromkeys(axes))
     questions: dict[int, Sequence[Question]] = {}
@@ -87,7 +87,7 @@ def check(
     for count in axes:
 
         def answer(environment: Environment, question: Question) -> "Answer":
-            tell(str(question), next(given), 2 * total)
+            progress(str(question), next(given), 2 * total)
             return _answer(environment, question)
 
         found += _check_axes(model, count, questions[count], answer)

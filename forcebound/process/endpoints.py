@@ -1,4 +1,4 @@
-"""Endpoints of the processes of a run on one machine."""
+"""Endpoints at which the processes of a run meet on one machine."""
 
 from pathlib import Path
 

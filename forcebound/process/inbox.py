@@ -1,4 +1,4 @@
-"""Inbox of a node: sockets, decoding, and models of impaired links.
+"""Inbox of a node: its sockets, the decoding, and the models of impaired links.
 
 Strategy:
 

@@ -1,4 +1,4 @@
-"""Readiness of a process: packets received, and topics it still waits for."""
+"""Readiness of a process: what it has received, and what it still waits for."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -146,8 +146,8 @@ class Runner:
     ) -> None:
         """Publish an event, and log it; see :meth:`forcebound.nodes.events.EventLog.emit`."""
         time_ns = time.monotonic_ns()
-        told = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
-        self._publish[Event](encode(told))
+        emitted = self._node.events.emit(time_ns, event, message, data, is_fault=is_fault)
+        self._publish[Event](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
         """Sleep until a node that wakes on arrival has something to do, then let it do that.
@@ -240,8 +240,8 @@ class Runner:
             return {"error": str(error)}
         if changed:
             values = {name: str(value) for name, value in changed.items()}
-            told = ", ".join(f"{name} = {value}" for name, value in values.items())
-            self.emit("parameter_set", f"changed: {told}", values)
+            changes = ", ".join(f"{name} = {value}" for name, value in values.items())
+            self.emit("parameter_set", f"changed: {changes}", values)
         return {"configured": True}
 
     def status(self) -> dict[str, Any]:

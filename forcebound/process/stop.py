@@ -1,4 +1,4 @@
-"""Stop of a process's loop, by a signal or on request."""
+"""Signals as bytes on a descriptor, and the request that ends the loop of a process."""
 
 import os
 import signal
@@ -54,7 +54,7 @@ class SignalPipe:
 
 
 class Stop(SignalPipe):
-    """A request to end the loop, from SIGTERM, SIGINT or from anyone who holds it.
+    """A request to end the loop, from SIGTERM, SIGINT or :meth:`request`.
 
     Attributes:
         requested: Whether it was made; :attr:`descriptor` is readable then.

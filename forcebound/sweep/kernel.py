@@ -136,16 +136,10 @@ ENVIRONMENTS: dict[str, tuple[Callable[..., float], tuple[str, ...]]] = {
 }
 
 
-def move(
-    s: Floats,
-    instant: int,
-    duration: float,
-    steps: int,
-    elapsed: float,
-    path: int,
-    targets: Floats,
+def aim(
+    s: Floats, instant: int, duration: float, elapsed: float, path: int, targets: Floats
 ) -> None:
-    """Integrate every lane over ``duration`` to ``elapsed``; ``instant`` counts both instants."""
+    """Set the velocity of every lane's target for the next ``duration``, in s."""
     if path == PRESSING:
         for i in range(WIDTH):
             end = pressing_target(
@@ -168,6 +162,19 @@ def move(
         for i in range(WIDTH):
             end = targets[instant * WIDTH + i]
             s[TARGET_VELOCITY * WIDTH + i] = (end - s[TARGET * WIDTH + i]) / duration
+
+
+def move(
+    s: Floats,
+    instant: int,
+    duration: float,
+    steps: int,
+    elapsed: float,
+    path: int,
+    targets: Floats,
+) -> None:
+    """Integrate every lane over ``duration`` to ``elapsed``; ``instant`` counts both instants."""
+    aim(s, instant, duration, elapsed, path, targets)
     h = duration / steps
     for i in range(WIDTH):
         inertia = 2.0 * s[MASS * WIDTH + i] / h
