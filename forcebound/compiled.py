@@ -41,7 +41,6 @@ def _cache_folder() -> str | None:
     return None
 
 
-@cache
 def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False) -> Callable[P, R]:
     """Return ``function`` compiled to machine code, cached on disk where that is possible.
 
@@ -54,16 +53,22 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
         fast: Allow reassociation of sums, so that results differ in rounding. Never for anything
             that must equal the interpreted function.
     """
+    compiled: Callable[P, R] = _compiled(function, parallel, fast)
+    return compiled
+
+
+@cache
+def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
     import numba
 
     folder = _cache_folder() if _is_known_by_name(function) else None
     if folder is not None:
-        vars(numba.config)["CACHE_DIR"] = folder  # a module made at run time, unknown to checkers
+        config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
+        config.CACHE_DIR = folder
     allow_in_kernels(_called_by(function))
-    compiled: Callable[P, R] = numba.njit(
+    return numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True
     )(function)
-    return compiled
 
 
 def _is_known_by_name(function: Callable[..., Any]) -> bool:

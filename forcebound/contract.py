@@ -79,7 +79,8 @@ def vector_fault(answer: object, axes: int, unit: str) -> Fault | None:
         axes: How many entries it must have.
         unit: Of the entries.
     """
-    entries = answer.tolist() if hasattr(answer, "tolist") else answer
+    tolist = getattr(answer, "tolist", None)  # of an array
+    entries: object = answer if tolist is None else tolist()
     expected = f"a tuple with {axes} number{'s' * (axes > 1)} in {unit}, one per axis"
     if isinstance(entries, str | bytes) or not isinstance(entries, Sequence):
         return Fault(expected, shown(answer))

@@ -82,7 +82,7 @@ def _drive(
             fault = vector_fault(vector, axes, unit)
             if fault is not None:
                 found.append(Violation("shape", fault.expected, fault.got, where))
-            elif not all(math.isfinite(entry) for entry in vector):
+            elif not all(math.isfinite(entry) for entry in vector or ()):
                 found.append(Violation("finite", "finite numbers", repr(vector), where))
         return repr(answer)
 
