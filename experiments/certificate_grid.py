@@ -1,4 +1,4 @@
-"""How stiff does each law show a wall, over a grid of walls, delays and speeds?
+"""Displayed stiffness of each law over a grid of walls, delays and speeds.
 
     python experiments/certificate_grid.py [--json]
 

@@ -1,4 +1,4 @@
-"""Finds the hand of ``forcebound reproduce table1``: python experiments/fit_table1.py --half odd.
+"""Fit of the hand of ``forcebound reproduce table1``: python experiments/fit_table1.py --half odd.
 
 Nine numbers are sought: mass, stiffness and damping of the one hand; approach speed, way to the
 wall and target depth for each of the two speeds. The cost is the root-mean-square logarithm of ours

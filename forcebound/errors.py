@@ -1,4 +1,4 @@
-"""What can go wrong, and who was wrong.
+"""Errors, by who has to act.
 
 ::
 

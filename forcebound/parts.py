@@ -35,7 +35,7 @@ class Form:
 
     Attributes:
         methods: Of a frozen dataclass: it needs one of them. With their numbers of arguments
-            beside ``self``.
+            besides ``self``.
         instance_of: ``"module:NAME"`` of the class that the part is an object of; None: the part is
             itself a class.
     """
@@ -129,19 +129,19 @@ class Table(MutableMapping[str, Part], Generic[Part]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-    def resolve(self, kind: str, beside: Path) -> str:
+    def resolve(self, kind: str, folder: Path) -> str:
         """Return a kind that means the same in every process: of a file ``/PATH/FILE.py:NAME``.
 
         Args:
             kind: A name, ``FILE.py`` or ``FILE.py:NAME``.
-            beside: Folder from which a relative path starts.
+            folder: Folder from which a relative path starts.
 
         Raises:
             ConfigError: If it names a file that cannot be loaded.
         """
         if not user_module.names_file(kind) or user_module.is_absolute(kind):
             return kind
-        return self.kind_of(self._load_file(kind, beside)) or kind
+        return self.kind_of(self._load_file(kind, folder)) or kind
 
     def kind_of(self, part: object) -> str | None:
         """Return the kind under which the table has a part; None if it does not have it."""
@@ -187,8 +187,8 @@ class Table(MutableMapping[str, Part], Generic[Part]):
             part = self._load_offered(self._entry_points[kind])
         return part
 
-    def _load_file(self, kind: str, beside: Path) -> Any:
-        part = user_module.load(kind, beside, self.form.fits, self.form.expected)
+    def _load_file(self, kind: str, folder: Path) -> Any:
+        part = user_module.load(kind, folder, self.form.fits, self.form.expected)
         file, _, name = (user_module.kind_of(part) or "").rpartition(":")
         self.form.check(part, f"{name} of {Path(file).name}")
         return part
@@ -217,5 +217,5 @@ def _check_arguments(part: type, method: str, count: int, name: str) -> None:
     try:
         inspect.signature(call).bind(*range(given))
     except (TypeError, ValueError) as error:
-        message = f"class {name}: {method} must take {count} arguments beside self: {error}"
+        message = f"class {name}: {method} must take {count} arguments besides self: {error}"
         raise ConfigError(message) from None

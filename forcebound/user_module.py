@@ -49,30 +49,30 @@ def is_absolute(kind: str) -> bool:
     return match["name"] is not None and Path(match["file"]).is_absolute()
 
 
-def file_of(kind: str, beside: Path) -> Path:
+def file_of(kind: str, folder: Path) -> Path:
     """Return the absolute path of the file that a ``kind`` names.
 
     Args:
         kind: ``FILE.py`` or ``FILE.py:NAME``.
-        beside: Folder from which a relative path starts.
+        folder: Folder from which a relative path starts.
     """
-    return (beside / _match(kind)["file"]).absolute()
+    return (folder / _match(kind)["file"]).absolute()
 
 
-def load(kind: str, beside: Path, fits: Callable[[object], bool], expected: str) -> Any:
+def load(kind: str, folder: Path, fits: Callable[[object], bool], expected: str) -> Any:
     """Return the part that ``kind`` names: a class or another object of the file.
 
     Args:
         kind: ``FILE.py`` or ``FILE.py:NAME``.
-        beside: Folder from which a relative path starts.
-        fits: Tells the part from helpers that stand beside it.
+        folder: Folder from which a relative path starts.
+        fits: Distinguishes the part from helpers in the same file.
         expected: What the file should define, for messages.
 
     Raises:
         ConfigError: If there is no such file, its code fails (with the line), or it does not define
             the name, or no part, or several.
     """
-    path = file_of(kind, beside)
+    path = file_of(kind, folder)
     if path not in _files:
         _files[path] = _load(path)
     name = _name_in(_files[path], path, _match(kind)["name"], fits, expected)

@@ -1,4 +1,4 @@
-"""Any bytes are a packet or a PacketError with a known reason; what is accepted comes back.
+"""Fuzz target of the codec: any bytes give a packet, which encodes back, or a PacketError.
 
 Run by ``make fuzz``; one input again: ``python fuzz/codec.py FILE``.
 """

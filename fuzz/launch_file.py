@@ -1,4 +1,4 @@
-"""Any bytes are a launch file or a ConfigError; what is accepted comes back from its document.
+"""Fuzz target of launch files: any bytes give a configuration or a ConfigError.
 
 Run by ``make fuzz``; one input again: ``python fuzz/launch_file.py FILE``.
 """

@@ -1,4 +1,4 @@
-"""How a graph starts: launch files, their schema, and the supervisor of the processes."""
+"""Start of graphs, live and in virtual time, and supervision of their processes."""
 
 if __name__ != "forcebound.launch":
     raise ImportError(f"import forcebound.launch, not {__name__}")

@@ -74,7 +74,7 @@ def build_device(config: GraphConfig) -> DeviceNode:
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
-    if not isinstance(device, SimulatedDevice):  # which cannot fail, and is asked in sweeps
+    if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = GuardedDevice(device)
     return DeviceNode(device, dissipation_of(model, servo), servo)
 
@@ -97,12 +97,12 @@ def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
 
 
 def change_link(link: Link[Packet], impairment: Impairment) -> None:
-    """Impair what arrives from now on as ``impairment`` says."""
+    """Impair later packets by ``impairment``."""
     link.change(impairment, trace_of(impairment))
 
 
 def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
-    """Answer from the next query on as ``environment`` says, and in its time."""
+    """Answer from the next query on with ``environment`` and its computation time."""
     computation = environment.computation
     node.change(environment.model, computation, trace_of(computation))
 

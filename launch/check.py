@@ -37,7 +37,7 @@ CHECKS: Mapping[str, Callable[[Any], Report]] = {
     "operator": operators.check,
     "controller": controllers.check,
 }
-ASKING, TIMING = 10.0, 2.0  # s, about: how long the contract's questions and the calls may take
+QUERYING, TIMING = 10.0, 2.0  # s, about, for the queries of the contract and for the timed calls
 
 
 def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[str, Any]:
@@ -91,14 +91,14 @@ def check_environment(
     rest: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Return what the contract test finds of an environment, in plain JSON types.
+    """Return the findings of the contract test of an environment, in plain JSON types.
 
-    A file of the user's own runs in a child. Whose answers take long is asked fewer questions.
+    A user's file runs in a sandboxed process. A slow environment gets fewer queries.
 
     Args:
         kind: ``FILE.py``, ``FILE.py:CLASS`` or a kind that comes with the package.
         arguments: Its parameters, each ``name:=value``.
-        axes: Numbers of axes to ask with; none: 1 to 6.
+        axes: Numbers of axes; none: 1 to 6.
         rest: Forces expected at rest, each ``POSITION=FORCE``.
         progress: Called before each answer.
 
@@ -138,7 +138,7 @@ def check_here(
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
-    at_most = round(ASKING / usual / 2)
+    at_most = round(QUERYING / usual / 2)
     report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, progress)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     return {
@@ -186,7 +186,7 @@ def lines(document: Mapping[str, Any]) -> list[str]:
     text.append(f"at rest, on the first axis: {shown}")
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
-        text.append(f"asked {document['questions']} of {known} questions, since answers take long")
+        text.append(f"{document['questions']} of {known} queries, since answers are slow")
     answer = document["seconds_per_answer"]
     if answer["answers"]:
         text.append(
@@ -210,7 +210,7 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
     still = (0.0,) * axes
     try:
         force = float(environment.force((position, *still[1:]), still, 1.0)[0])
-    except (Exception, SystemExit):  # the contract reports it
+    except (Exception, SystemExit):  # reported by the contract
         return None
     return force if math.isfinite(force) else None
 
@@ -224,7 +224,7 @@ def _times(environment: Environment, axes: int, calls: int, progress: Progress) 
         began = time.perf_counter()
         try:
             environment.force(position, (0.1,) * axes, 1.0)
-        except (Exception, SystemExit):  # the contract reports it
+        except (Exception, SystemExit):  # reported by the contract
             return []
         times.append(time.perf_counter() - began)
     return times

@@ -1,4 +1,4 @@
-"""A launch file in real time: a directory, four processes, and the recording that they leave.
+"""Live run of a launch file: a run directory, four processes, a recording.
 
 The run directory is private (0700) and holds the sockets and two documents for the processes:
 ``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
@@ -67,7 +67,7 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RunDocument:
-    """What the processes of one run must know beside the launch file."""
+    """What the processes of a run need in addition to the launch document."""
 
     launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares
@@ -109,7 +109,7 @@ def run_live(
 
     Args:
         config: What to run.
-        duration: How long with an engaged force, in s; None: as the launch file says.
+        duration: Duration with an engaged force, in s; None: that of the launch file.
         record: Where to keep the recording; None: nowhere.
         limits: How long start and stop may take.
         file: Launch file, with its arguments, by which one may know the graph.
@@ -209,7 +209,7 @@ def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, 
     try:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return {}  # the node has said that it cannot read it
+        return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
     return {name: value for name, value in changed.items() if node in holders([name])}
 
@@ -249,7 +249,7 @@ def updating(run_dir: Path, patience: float) -> Iterator[bool]:
         patience: How long to wait for another command that changes it, in s.
 
     Yields:
-        Whether nobody else changes it meanwhile.
+        Whether the lock was taken.
     """
     end = time.monotonic() + patience
     descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

@@ -1,4 +1,4 @@
-"""What a run leaves behind, live or in virtual time: samples, configuration, summary."""
+"""Result of a run, live or in virtual time: samples, configuration, summary."""
 
 import json
 import logging
@@ -22,7 +22,7 @@ _PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mca
 
 
 def run_metadata(config: GraphConfig) -> dict[str, str]:
-    """Return what a recording says of the run that made it: configuration, versions, seed."""
+    """Return the metadata of a recording: configuration, versions, seed."""
     versions = {"python": platform.python_version()}
     versions |= {package: version(package) for package in _PACKAGES}
     document = to_document(config)

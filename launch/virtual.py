@@ -31,7 +31,7 @@ def run_virtual(
 
     Args:
         config: What to run.
-        duration: How long, in s of virtual time; None: as the launch file says.
+        duration: Duration in s of virtual time; None: that of the launch file.
         record: Where to write a recording; the same configuration writes the same bytes.
         may_end_early: Whether an interrupt ends the run early, and gives the result until then.
 

@@ -1,10 +1,19 @@
 """The promises that every controller keeps, and what the direct one does."""
 
+from typing import Any
+
 import pytest
 
 from forcebound.controllers import CONTROLLERS, Controller
 from forcebound.controllers.direct import DirectController
-from forcebound.messages.packets import DeviceState, EnvironmentReply
+from forcebound.messages.packets import (
+    DeviceState,
+    EnvironmentQuery,
+    EnvironmentReply,
+    Event,
+    ForceCommand,
+)
+from forcebound.nodes.controller import ControllerNode
 
 
 def state(seq: int, position: float, axes: int) -> DeviceState:
@@ -41,3 +50,45 @@ def test_the_direct_controller_asks_about_the_device_and_passes_the_force_on() -
     assert controller.query(state(1, 0.01, 2)) == ((0.01, 0.01), (0.01, 0.01))
     assert controller.on_state(state(1, 0.01, 2), 0) is None
     assert controller.on_reply(reply(1, 3.0, 2), 0) == (3.0, 3.0)
+
+
+class Odd(DirectController):
+    """Answers states itself, and fails at every second reply."""
+
+    def __init__(self) -> None:
+        self.replies = 0
+        self.closed = 0
+
+    def on_state(self, state: DeviceState, time_ns: int) -> Any:
+        return [0.5] * len(state.position)
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Any:
+        self.replies += 1
+        return reply.force if self.replies % 2 else 1 / 0
+
+    def close(self) -> None:
+        self.closed += 1
+        raise OSError("busy")
+
+
+def test_a_force_for_a_state_is_commanded_at_once_with_the_echo_of_that_state() -> None:
+    node = ControllerNode(Odd())
+    command, query = node.step(5, [state(7, 0.01, 2)])
+    assert command == ForceCommand(0, 5, 7, 7_000_000, (0.5, 0.5))
+    assert isinstance(query, EnvironmentQuery)
+
+
+def test_a_controller_that_fails_is_counted_and_commands_nothing() -> None:
+    node = ControllerNode(Odd())
+    packets = [node.step(k, [reply(k, 1.0, 1)]) for k in range(1, 5)]
+    commands = [[p for p in sent if isinstance(p, ForceCommand)] for sent in packets]
+    assert [len(sent) for sent in commands] == [1, 0, 1, 0]
+    assert node.status()["failures"] == 2
+    events = [p.event for sent in packets for p in sent if isinstance(p, Event)]
+    assert events == ["environment_serves", "controller_failed"]
+
+
+def test_a_controller_is_closed_once_and_may_fail_in_it() -> None:
+    controller = Odd()
+    ControllerNode(controller).close()
+    assert controller.closed == 1

@@ -68,7 +68,7 @@ def invoke(*words: object) -> Result:
 )
 def test_what_never_ends_is_told_with_its_line(tmp_path: Path, before: str) -> None:
     message = error_of(tmp_path, FOR_EVER, before)
-    assert "mine.py: loading it and asking for a first answer took more than 6 s" in message
+    assert "mine.py: loading it and calling it once took more than 6 s" in message
     assert re.search(rf"in {tmp_path}/mine.py:\d+: {re.escape(FOR_EVER)}", message)
     assert "Does a loop never end?" in message
 
@@ -153,7 +153,7 @@ def test_the_commands_that_run_a_graph_say_what_the_file_did(tmp_path: Path, com
     path, _ = own(tmp_path, "os._exit(3)")
     result = invoke(command, path, "--check")
     assert result.exit_code == 2
-    assert "mine.py: loading it and asking for a first answer ended the process" in result.stderr
+    assert "mine.py: loading it and calling it once ended the process" in result.stderr
 
 
 def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
 def test_a_slow_environment_is_asked_fewer_questions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("forcebound.launch.check.ASKING", 1.0)
+    monkeypatch.setattr("forcebound.launch.check.QUERYING", 1.0)
     monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
     document = check_here(no_progress, str(file), [], [1, 2], [])
@@ -177,7 +177,7 @@ def test_a_slow_environment_is_asked_fewer_questions(
     assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
     assert document["seconds_per_answer"]["answers"] == 10
     known = document["questions"] + document["left_out"]
-    assert f"asked {document['questions']} of {known} questions" in "\n".join(lines(document))
+    assert f"{document['questions']} of {known} queries" in "\n".join(lines(document))
 
 
 def test_the_check_says_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -235,7 +235,7 @@ def test_a_problem_in_the_launch_file_has_its_place(
         ("(frozen=True)", "", "must be a frozen dataclass: write @dataclass(frozen=True)"),
         ("@dataclass(frozen=True)\n", "", "must be a frozen dataclass"),
         ("def force", "def push", "class MySpring of my_spring.py has no method force"),
-        (", elapsed: float)", ")", "force must take 3 arguments beside self"),
+        (", elapsed: float)", ")", "force must take 3 arguments besides self"),
         ("rest: Length = 0.0", "rest: Nothing = 0.0", "NameError: name 'Nothing'"),
         ("    rest: Length", "    kind: Length", "a parameter cannot be called 'kind'"),
         ("rest: Length", "compute_delay: Length", "cannot be called 'compute_delay'"),

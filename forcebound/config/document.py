@@ -3,7 +3,7 @@
 ``include: other.yaml`` at the top of a file is read the same way and lies beneath the including
 file: what the including file says wins, key by key. A section that names another ``kind`` is
 replaced as a whole, since the parameters of one kind mean nothing to another. An included file is
-looked for beside the including one, then among those that come with the package.
+looked for in the including one's folder, then among those that come with the package.
 """
 
 from collections.abc import Mapping
@@ -20,14 +20,14 @@ MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and sl
 SHIPPED = Path(__file__).parent.parent / "launch"
 
 
-def find(path: Path, beside: Path | None = None) -> Path | None:
+def find(path: Path, folder: Path | None = None) -> Path | None:
     """Return the launch file meant by ``path``: on disk, or else among those that are shipped.
 
     Args:
         path: As the user or an ``include`` wrote it.
-        beside: Folder that a relative path starts from; None: the current one.
+        folder: Folder that a relative path starts from; None: the current one.
     """
-    on_disk = path if beside is None else beside / path
+    on_disk = path if folder is None else folder / path
     try:
         if on_disk.is_file():
             return on_disk

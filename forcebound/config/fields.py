@@ -22,7 +22,7 @@ from forcebound.user_module import describe_user_error, kind_of
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One key of a section: what a launch file may say under it."""
+    """One key of a section, and its permitted values."""
 
     name: str
     hint: Any
@@ -232,7 +232,7 @@ class Section:
 
 
 def _absolute(value: Any, written: Value) -> Any:
-    """A path of a launch file starts from the folder of the file that says it."""
+    """A path of a launch file starts from the folder of the file that has it."""
     if isinstance(value, Path) and written.place.line:
         return (Path(written.place.name).parent / value).absolute()
     return value

@@ -143,7 +143,7 @@ class GraphConfig:
     seed: Annotated[int, NOT_NEGATIVE]
     duration: Annotated[Time, POSITIVE]
     device: DeviceConfig
-    operator: Operator | None  # None: nobody holds the device
+    operator: Operator | None  # None: no hand holds the device
     environment: EnvironmentConfig
     controller: ControllerConfig
     description: str = ""

@@ -74,7 +74,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
 
 
 def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
-    """Return the same as :func:`load`, for a command that somebody waits for.
+    """Return the same as :func:`load`, for a command in the foreground.
 
     Files of the user's own are loaded and run in the sandbox first, where they may hang or exit.
     This process then loads them, too, and asks nothing. The log says what is not certified.
@@ -98,7 +98,7 @@ def try_out(progress: Progress, path: str, overrides: Sequence[str]) -> None:
 
 
 def read_template(path: str | Path) -> Value:
-    """Return what a launch file says, its arguments still open, to :func:`build` it many times.
+    """Return a launch file with its arguments still open, to :func:`build` it many times.
 
     Raises:
         ConfigError: If there is no such file or it cannot be read.
@@ -191,7 +191,7 @@ def law_of(kind: str) -> str:
 
 
 def from_document(document: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration of a resolved document that somebody may have changed.
+    """Return the configuration of a resolved document that may have been changed.
 
     Raises:
         ConfigError: If anything in it is wrong.
@@ -281,7 +281,7 @@ def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
 
 
 def _operator(section: Section) -> Any:
-    """The hand; None if the section is empty or missing: nobody holds the device."""
+    """The hand; None if the section is empty or missing: no hand holds the device."""
     is_empty = section.is_readable and not section.value.entries
     return None if is_empty else _model(section)
 

@@ -73,7 +73,7 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
 
 
 def _is_fixed(name: str) -> bool:
-    """Whether a launch file can say this, and only a launch file."""
+    """Whether only a launch file can set this."""
     section, _, entry = name.partition(".")
     if section in KINDS and entry == "kind":
         return True

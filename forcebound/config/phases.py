@@ -31,7 +31,7 @@ MAX_PHASES = 200  # each one is checked as a launch file of its own
 
 @dataclass(frozen=True)
 class PhaseHead:
-    """What a phase says beside its settings."""
+    """Keys of a phase besides its settings."""
 
     name: str
     duration: Annotated[Time, POSITIVE]
@@ -47,7 +47,7 @@ def read_phases(
 
     Args:
         root: The launch file.
-        config: What it says without phases.
+        config: Configuration without phases.
         build: Reads a launch file; raises ConfigError with the problems noted.
         problems: What is wrong is added to it.
     """

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from forcebound.errors import ConfigError
 
-MAX_PROBLEMS = 100  # nobody reads more; and to find words for thousands takes minutes
+MAX_PROBLEMS = 100  # enough to read; thousands would take minutes to word
 
 _WIDEST_EXCERPT = 100  # characters of a source line that are shown
 _LONGEST_MESSAGE = 2000  # characters

@@ -1,12 +1,12 @@
-"""A process of its own, with a time limit, in which code that a user wrote can do no harm.
+"""Sandbox: a process with a time limit for code of a user.
 
 Such code may take for ever, end its process (``sys.exit``, ``os._exit``) or crash it. The error
-then says which, and on which line of the user's file.
+then names it, with the line of the user's file.
 
-The child writes on a pipe what it begins to do (:data:`Progress`) and, in the end, its result, each
-a line of JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it
-gets SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that
-it has started.
+The child writes its steps (:data:`Progress`) and, in the end, its result to a pipe, each a line of
+JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets
+SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that it has
+started.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ _logger = logging.getLogger(__name__)
 START = 60.0  # s, until it begins: Python and this package, from a slow disk
 LOADING = 60.0  # s, to load the files and give a first answer: imports, a mesh, compilation
 LIMIT = 10.0  # s, for each answer more
-REMARK = 5.0  # s, after which the log says what is waited for
+REMARK = 5.0  # s, after which the log names what is waited for
 
 #: Called with what begins now (of which a message says that it "took more than 10 s"), how many
 #: answers have been given, and how many are wanted in all.
@@ -46,7 +46,7 @@ _POLL = 0.1  # s; the pipe may outlive the child, in a process that it has start
 
 
 def no_progress(doing: str, done: int, total: int) -> None:
-    """Ignore the progress."""
+    """Take a report of progress and do nothing with it."""
 
 
 def run_in_sandbox(
@@ -195,7 +195,7 @@ def _serve(module: str, arguments: str, crash: str) -> None:
 
     name, _, function = module.partition(":")
     task = getattr(import_module(name), function)
-    write("step", "loading it and asking for a first answer", 0, 0)
+    write("step", "loading it and calling it once", 0, 0)
     try:
         result = task(lambda *step: write("step", *step), *json.loads(arguments))
     except ForceboundError as error:

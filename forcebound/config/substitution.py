@@ -29,7 +29,7 @@ class Substitution:
     """
 
     def __init__(self, arguments: Mapping[str, Value] | None, problems: Problems) -> None:
-        """Prepare; ``arguments`` None: they are not known yet and asking for one is a problem."""
+        """Prepare; ``arguments`` None: they are not known yet and using one is a problem."""
         self.used: set[str] = set()
         self._arguments = arguments
         self._problems = problems

@@ -1,4 +1,4 @@
-"""What every environment promises, and a check of it.
+"""Contract of environments, and its check.
 
 The check opens an environment twice and asks both instances the same thousand questions, at random
 and at its limits; a violation names the question.

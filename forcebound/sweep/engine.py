@@ -1,4 +1,4 @@
-"""Which engine runs which case? The kernel where it is exact, the virtual-time graph elsewhere."""
+"""Engine of each case: the kernel where it is exact, the virtual-time graph elsewhere."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
