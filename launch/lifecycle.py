@@ -260,12 +260,12 @@ class Lifecycle:
             return self._on_death(time_ns, node, status)
         if node in self._leaving:
             pass  # the run has ended before it was gone
+        elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):
+            pass  # it was still starting, perhaps compiling, and has shown no force
         elif node in self._killed:
             self._fail(f"{node} did not stop in time and was killed", node)
         elif not stopping:
             self._fail(f"{node} ended unexpectedly, with {describe_status(status)}", node)
-        elif status == -signal.SIGTERM and is_early:
-            pass
         elif status != 0:
             self._fail(f"{node} stopped with {describe_status(status)}", node)
         return self._stop_next(time_ns) if stopping else self._stop(time_ns)

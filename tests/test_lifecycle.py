@@ -1,5 +1,7 @@
 """The supervisor's decisions: histories of events and actions, without processes."""
 
+import signal
+
 import pytest
 
 from forcebound.launch.actions import (
@@ -206,6 +208,15 @@ def test_without_a_duration_a_run_goes_on_until_interrupted() -> None:
     assert lifecycle.advance(10**18) == []
     assert lifecycle.advance(10**18, Interrupted()) == [Terminate("device")]
     assert lifecycle.interrupted
+
+
+def test_a_device_that_is_killed_while_it_still_starts_is_no_failure() -> None:
+    lifecycle = Lifecycle(("device",), None, 0, LIMITS)
+    assert lifecycle.advance(1, Interrupted()) == [Terminate("device")]
+    assert lifecycle.advance(1 + LIMITS.stop_ns) == [Kill("device")]
+    assert lifecycle.advance(30, Ended("device", -signal.SIGKILL)) == []
+    assert lifecycle.phase is Phase.OVER
+    assert lifecycle.failure is None
 
 
 def test_the_force_engages_once() -> None:
