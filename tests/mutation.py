@@ -3,8 +3,7 @@
 mutmut changes one thing at a time, and the tests should fail. It works on a copy of the tree in
 ``results/mutation``, because it does not follow the links to ``nodes`` and ``messages``, and
 without compilation, because numba cannot compile its wrappers. Uncompiled, numpy warns of infinite
-numbers; that is ignored. The score is the share of mutants
-that a test has found, of those that a test reaches or should reach.
+numbers; that is ignored. The score is the share of mutants that a test has found.
 """
 
 import json
