@@ -1,4 +1,4 @@
-"""What every controller promises, and a check of it."""
+"""Contract of every controller, and its check."""
 
 import math
 from collections.abc import Iterable, Iterator
