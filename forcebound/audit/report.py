@@ -17,11 +17,11 @@ INTRODUCTION = """\
 # Audit of the laws
 
 {runs:,} attacks on the laws, some drawn at random, some by a search for the lowest energy. Each
-simulates a device with a hand for {seconds:g} s, with an adversary as environment, a bad network and a bad
-clock. It records the *loss plus work*: the energy that the device has dissipated plus the work done
-against its motor. This equals the energy put in by the hand less the kinetic energy of the device.
-A passive device keeps it at or above zero; the tolerance for rounding is {tolerance:.0e} J. The device
-dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
+simulates a device with a hand for {seconds:g} s, with an adversary as environment, a bad network
+and a bad clock. It records the *loss plus work*: the energy that the device has dissipated plus the
+work done against its motor. This equals the energy put in by the hand less the kinetic energy of
+the device. A passive device keeps it at or above zero; the tolerance is {tolerance:.0e} J. The
+device dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
 
     {command}
 
