@@ -1,4 +1,4 @@
-"""Checks of parts against the contracts of their rooms: what ``forcebound check`` reports."""
+"""Checks of parts against their contracts, for ``forcebound check``."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ from forcebound.operators import contract as operators
 from forcebound.quantities import parse_quantity
 from forcebound.user_module import file_of, names_file
 
-PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
+PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
 PROMISES_OF: Mapping[str, Mapping[str, str]] = {
     "law": laws.PROMISES,
@@ -37,11 +37,11 @@ CHECKS: Mapping[str, Callable[[Any], Report]] = {
     "operator": operators.check,
     "controller": controllers.check,
 }
-QUERYING, TIMING = 10.0, 2.0  # s, about, for the queries of the contract and for the timed calls
+QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 
 
 def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what the contract test finds of a law, device, operator or controller.
+    """Return the findings of the contract test of a law, device, operator or controller.
 
     A file of the user's own runs in the sandbox.
 
@@ -158,7 +158,7 @@ def check_here(
 
 
 def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> list[str]:
-    """Return which promises were kept, and how the others were broken, as text for a person.
+    """Return kept and broken promises as lines of text.
 
     Args:
         document: Of :func:`check_part` or :func:`check_environment`.
@@ -176,7 +176,7 @@ def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> l
 
 
 def lines(document: Mapping[str, Any]) -> list[str]:
-    """Return what :func:`check_environment` found as text for a person."""
+    """Return the result of :func:`check_environment` as lines of text."""
     text = promise_lines(document, PROMISES)
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
@@ -203,7 +203,7 @@ def _expected(text: str) -> tuple[float, float]:
             return parse_quantity(position, "m"), parse_quantity(force, "N")
     except ConfigError as error:
         raise ConfigError(f"--rest {text}: {error}") from None
-    raise ConfigError(f"--rest {text}: expected POSITION=FORCE, such as 0mm=0N")
+    raise ConfigError(f"--rest {text}: expected POSITION=FORCE, for example 0mm=0N")
 
 
 def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
@@ -216,7 +216,7 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
 
 
 def _times(environment: Environment, axes: int, calls: int, progress: Progress) -> list[float]:
-    """Time for each answer, in s, at positions where something may be felt; none if one fails."""
+    """Time for each answer, in s, at positions with a force; none if one fails."""
     times = []
     for call in range(calls):
         position = (0.05 * call / calls,) + (0.0,) * (axes - 1)

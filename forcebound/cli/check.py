@@ -31,7 +31,7 @@ class Progress:
 
 @click.group()
 def check() -> None:
-    """Check a part of your own against its contract."""
+    """Check a part against its contract."""
 
 
 @check.command("environment")
@@ -41,13 +41,13 @@ def check() -> None:
     "--axes",
     type=click.IntRange(1, 6),
     multiple=True,
-    help="Number of axes; repeat for several; 1 to 6 by default.",
+    help="Number of axes; repeatable. Default: 1 to 6.",
 )
 @click.option(
     "--rest",
     multiple=True,
     metavar="POSITION=FORCE",
-    help="Force expected at rest there, on the first axis, such as 0mm=0N; repeat for several.",
+    help="Expected force at rest on the first axis, e.g. 0mm=0N; repeatable.",
 )
 @json_option
 @reports_errors
@@ -58,11 +58,11 @@ def check_environment(
     rest: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Check an environment: a file of your own, or a kind that comes with forcebound.
+    """Check an environment: a Python file, or an installed kind.
 
-    Sends some thousand queries, at random and at the limits, and reports each broken promise. Exit
-    status 1: a promise is broken; 2: there is no such environment, or it does not return. The time
-    per answer is reported, not judged; a slow environment gets fewer queries.
+    Sends some thousand queries, at random and at the limits, and reports each broken promise.
+    Reports the time per answer without judging it; a slow environment gets fewer queries. Exit
+    status 1: a promise is broken; 2: no such environment, or its code does not return.
     """
     from forcebound.launch.check import check_environment, lines
 
@@ -95,12 +95,12 @@ def _add_command(section: str, summary: str) -> None:
 
 _STATUS = """
 
-Takes a file of your own, or a kind that is installed. Exit status 1: it breaks a promise; 2: there
-is none such, or its code does not come back."""
+Takes a Python file or an installed kind. Exit status 1: a promise is broken; 2: no such part, or
+its code does not return."""
 
 _add_command(
-    "law", "Check a bounding law; whether it is passive is a question for the audit." + _STATUS
+    "law", "Check a bounding law; `forcebound audit` tests whether it is passive." + _STATUS
 )
-_add_command("device", "Check a device: opens it, and writes zero force to hardware." + _STATUS)
-_add_command("operator", "Check an operator: the hand on a simulated device." + _STATUS)
+_add_command("device", "Check a device; opens it and writes zero force to hardware." + _STATUS)
+_add_command("operator", "Check an operator, the hand on a simulated device." + _STATUS)
 _add_command("controller", "Check a controller." + _STATUS)

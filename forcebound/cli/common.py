@@ -54,7 +54,7 @@ def duration_option_for(help_text: str) -> Callable[[Callable[P, None]], Callabl
     return click.option("--duration", callback=_duration, metavar="TIME", help=help_text)
 
 
-duration_option = duration_option_for("Duration of the run, such as 5s or 500ms.")
+duration_option = duration_option_for("Duration of the run, e.g. 5s or 500ms.")
 
 
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
