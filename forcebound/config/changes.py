@@ -9,10 +9,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document
-from forcebound.config.parameters import (
-    parameters,
-    unknown_parameter,
-)
+from forcebound.config.parameters import parameters, unknown_parameter
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
 
@@ -31,14 +28,6 @@ def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
     for name in settings:
         if name not in known:
             raise ConfigError(unknown_parameter(name, config))
-    try:
-        return from_document(_with(config, settings))
-    except ConfigError as error:  # the places are names of parameters: they need no other words
-        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
-
-
-def _with(config: GraphConfig, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a configuration with parameters in their places."""
     document = to_document(config)
     for name, value in settings.items():
         *path, last = name.split(".")
@@ -46,4 +35,7 @@ def _with(config: GraphConfig, settings: Mapping[str, Any]) -> dict[str, Any]:
         for step in path:
             section = section.setdefault(step, {})
         section[last] = value
-    return document
+    try:
+        return from_document(document)
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None

@@ -63,12 +63,9 @@ def adapter(*fields: Field) -> Any:
 def check_fields(kind: type, taken: Collection[str]) -> None:
     """Check that a launch file can give every field of a dataclass that a user wrote.
 
-    Args:
-        kind: The dataclass.
-        taken: Names that already mean something in its section.
-
     Raises:
-        ConfigError: If a field has such a name, or a type that no value of a launch file has.
+        ConfigError: If a field has a name that is ``taken`` in its section, or a type that no value
+            of a launch file has.
     """
     try:
         fields = fields_of(kind)
@@ -100,7 +97,7 @@ class Section:
         problems: Problems,
         any_value: bool = False,
     ) -> None:
-        """Open the section ``name``, given as ``value``; problems with its absence go to parent.
+        """Open the section ``name`` of ``parent``, where problems with its absence are noted.
 
         Args:
             value: None: it is absent.
@@ -123,6 +120,11 @@ class Section:
     def is_readable(self) -> bool:
         """Whether this is a mapping; if not, a problem has been noted."""
         return isinstance(self.value.content, Mapping)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether this is a mapping without entries, or absent."""
+        return self.is_readable and not self.value.entries
 
     def add(self, message: str, value: Value) -> None:
         """Note a problem with a value of this section."""
@@ -176,8 +178,7 @@ class Section:
         Args:
             kind: The dataclass.
             knows_all: Whether the section has no keys but its fields.
-            made_before: Fields that do not stand in this section as such; None: a problem has been
-                noted.
+            made_before: Fields that do not stand in this section; None: a problem has been noted.
         """
         if not self.is_readable:
             return None
@@ -191,20 +192,13 @@ class Section:
             return kind(**values, **made_before)
         except Exception as error:
             if isinstance(error, ValueError | ArithmeticError):
-                self._note_refusal(error)
+                at = self.value.entries.get(getattr(error, "field", None) or "")
+                self.add_here(f"{self.name}: {error}") if at is None else self.add(str(error), at)
             elif kind_of(kind) is not None:
                 self.add_here(f"{self.name}: {describe_user_error(error)}")
             else:
                 raise
         return None
-
-    def _note_refusal(self, error: Exception) -> None:
-        """Note what a dataclass refused, at the field that the error names."""
-        at = self.value.entries.get(getattr(error, "field", None) or "")
-        if at is None:
-            self.add_here(f"{self.name}: {error}")
-        else:
-            self.add(str(error), at)
 
     def _note(self, details: list[Any]) -> None:
         """Note what pydantic refused: one problem for each place, whatever a union has tried."""

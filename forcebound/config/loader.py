@@ -10,7 +10,7 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any
 from forcebound.bounding import LAWS
 from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
 from forcebound.config.document import find, missing, read
-from forcebound.config.fields import Field, Section, fields_of
+from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
@@ -112,15 +112,10 @@ def read_template(path: str | Path) -> Value:
 def build(
     template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
 ) -> GraphConfig:
-    """Return the configuration of a launch file that has been read.
-
-    Args:
-        template: Of :func:`read_template`.
-        overrides: Values for its arguments, each ``name:=value``.
-        problems: Found before, to be reported with the others.
+    """Return the configuration of a launch file that :func:`read_template` has read.
 
     Raises:
-        ConfigError: As :func:`load`.
+        ConfigError: As :func:`load`, with the ``problems`` found before.
     """
     problems = Problems() if problems is None else problems
     return _build(_filled(template, overrides, problems), problems)
@@ -129,8 +124,7 @@ def build(
 def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Value:
     """The template with its arguments' values in their places."""
     arguments = Arguments(template, problems)
-    values = arguments.values(overrides)
-    substitution = Substitution(values, problems)
+    substitution = Substitution(arguments.values(overrides), problems)
     rest = {name: value for name, value in template.entries.items() if name != "arguments"}
     filled = substitution.apply(replace(template, content=rest))
     check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
@@ -220,7 +214,7 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     made = {
         "device": _device(sections["device"], asks),
-        "operator": _operator(sections["operator"]),
+        "operator": None if sections["operator"].is_empty else _model(sections["operator"]),
         "controller": _controller(sections["controller"]),
         "environment": _environment(sections["environment"]),
         "links": _links(sections["links"]),
@@ -267,32 +261,22 @@ def _check_format(top: Section) -> None:
         top.add(message, version)
 
 
-def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
+def _model(section: Section, beside: Collection[str] = ()) -> Any:
     """The model of the kind that a section names; ``beside``: what else stands there."""
-    if not section.is_readable:
+    taken = {"kind", *beside}
+    table = KINDS[section.name]
+    kind = section.choose(f"{section.name} kind", "kind", table) if section.is_readable else None
+    if kind is None:
         return None
-    taken = {"kind", *(beside or ())}
-    model = _class_of(section, taken)
+    if table.is_shipped(kind):
+        model = table[kind]
+    else:
+        model = find_class(section, section.value.entries["kind"], table, taken)
     if model is None:
         return None
     section.check_keys({*fields_of(model), *taken})
     made = section.make(model)
     return made if made is None or can_be_written(made, section) else None
-
-
-def _operator(section: Section) -> Any:
-    """The hand; None if the section is empty or missing: no hand holds the device."""
-    is_empty = section.is_readable and not section.value.entries
-    return None if is_empty else _model(section)
-
-
-def _class_of(section: Section, taken: set[str]) -> type | None:
-    """The class that the kind of a section names; None with a problem noted."""
-    table = KINDS[section.name]
-    kind = section.choose(f"{section.name} kind", "kind", table)
-    if kind is None or table.is_shipped(kind):
-        return None if kind is None else table[kind]
-    return find_class(section, section.value.entries["kind"], table, taken)
 
 
 def _device(section: Section, asks: bool) -> DeviceConfig | None:
@@ -309,7 +293,7 @@ def _device(section: Section, asks: bool) -> DeviceConfig | None:
 
 
 def _controller(section: Section) -> ControllerConfig | None:
-    if not section.value.entries and section.is_readable:
+    if section.is_empty:
         return ControllerConfig(KINDS["controller"]["direct"]())
     model = _model(section)
     return None if model is None else ControllerConfig(model)
@@ -318,9 +302,8 @@ def _controller(section: Section) -> ControllerConfig | None:
 def _environment(section: Section) -> EnvironmentConfig | None:
     model = _model(section, fields_of(EnvironmentConfig, COMPUTATION))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
-    if made is None or not _has_trace(section, "compute_trace", made.computation):
-        return None
-    return made
+    has_trace = made is not None and _has_trace(section, "compute_trace", made.computation)
+    return made if has_trace else None
 
 
 def _links(section: Section) -> dict[str, Impairment]:

@@ -98,11 +98,8 @@ def member_document(section: str, member: object) -> dict[str, Any]:
 
 def plain(member: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
-    return {
-        field.name: _json(getattr(member, field.name))
-        for field in dataclasses.fields(member)
-        if field.init
-    }
+    fields = [field.name for field in dataclasses.fields(member) if field.init]
+    return {name: _json(getattr(member, name)) for name in fields}
 
 
 def _json(value: Any) -> Any:
@@ -117,8 +114,7 @@ def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> Gr
     """Return the configuration of a document that :func:`to_document` made.
 
     Args:
-        document: What was made. One that somebody may have changed is checked by
-            :func:`forcebound.config.loader.from_document` instead.
+        document: Unchanged; else :func:`forcebound.config.loader.from_document` checks it.
         runs: Sections whose parts' code may run here if it does not ship with forcebound; in the
             others a shipped part takes the place.
 
@@ -132,12 +128,11 @@ def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> Gr
 
 
 def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration with other parameters, checked before.
+    """Return the configuration with other :func:`~forcebound.config.parameters.parameters`.
 
     Args:
         config: What has other values.
-        settings: Plain JSON values in SI units, by the names of
-            :func:`forcebound.config.parameters.parameters`.
+        settings: By name, plain JSON values in SI units, checked before.
 
     Raises:
         ConfigError: If there is no such parameter, or a file that one names is gone.
@@ -202,26 +197,21 @@ def _restored(kind: type, document: Mapping[str, Any]) -> Any:
     return kind(**_values(kind, document))
 
 
+def _path(kind: type, value: Any) -> Any:  # the only type here that JSON does not have
+    return kind(value)
+
+
 def _values(
     kind: type, document: Mapping[str, Any], names: tuple[str, ...] | None = None
 ) -> dict[str, Any]:
     return {
-        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_from_text)
+        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
         for field in fields_of(kind, names).values()
     }
 
 
-def _from_text(kind: type, value: Any) -> Any:
-    return kind(value)  # a path, the only type here that JSON does not have
-
-
 def without_code(document: Mapping[str, Any], runs: Collection[str]) -> Mapping[str, Any]:
-    """Return a document with shipped parts in place of the others, except in some sections.
-
-    Args:
-        document: Of :func:`to_document`.
-        runs: Sections whose code may run.
-    """
+    """Return a document with shipped parts in place of others, but in sections in ``runs``."""
     changed = dict(document)
     for section, table in KINDS.items():
         given = document.get(section)

@@ -44,7 +44,7 @@ def check(
                 runs.append(list(_drive(controller, count, Random(seed), states, found)))
                 controller.close()
         if len(runs) == 2:
-            found.check_repeats(*runs, where=f"{count} axes")
+            found.check_repeats(runs[0], runs[1], f"{count} axes")
     return found.report(PROMISES, asked)
 
 
