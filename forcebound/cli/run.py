@@ -149,7 +149,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 def schema(page: bool) -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
     if page:
-        from forcebound.config.reference import reference_page
+        from forcebound.config.schema import reference_page
 
         click.echo(reference_page(), nl=False)
         return

@@ -2,7 +2,7 @@
 
 1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
 2. :mod:`forcebound.config.arguments` finds the value of each argument, and
-   :mod:`forcebound.config.substitution` puts them where they are used.
+   :mod:`forcebound.config.arguments` puts them where they are used.
 3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
    (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
@@ -10,6 +10,7 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
+from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
 from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
@@ -32,10 +33,11 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
+from forcebound.config.parameters import parameters, unknown_parameter
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems, unknown
+from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
-from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
 from forcebound.config.user_parts import (
@@ -191,6 +193,33 @@ def from_document(document: Mapping[str, Any]) -> GraphConfig:
         ConfigError: If anything in it is wrong.
     """
     return _build(from_plain(document, "document"), Problems())
+
+
+def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration with other parameters, checked as a launch file is.
+
+    Args:
+        config: What runs.
+        settings: New values by name; quantities are SI, or text with their unit.
+
+    Raises:
+        ConfigError: If there is no such parameter, or it cannot have this value.
+    """
+    known = parameters(config)
+    for name in settings:
+        if name not in known:
+            raise ConfigError(unknown_parameter(name, config))
+    document = to_document(config)
+    for name, value in settings.items():
+        *path, last = name.split(".")
+        section = document
+        for step in path:
+            section = section.setdefault(step, {})
+        section[last] = value
+    try:
+        return from_document(document)
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
 
 
 def _read(path: str | Path, problems: Problems) -> Value:
