@@ -58,7 +58,7 @@ class ControllerNode(Node):
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet; see :class:`forcebound.nodes.Node`."""
-        packets: list[Packet] = [*self._lease.check(time_ns)]
+        packets = self._lease.check(time_ns)
         for packet in received:
             if type(packet) is DeviceState:
                 self._take_state(packet, time_ns, packets)
@@ -125,11 +125,14 @@ class ControllerNode(Node):
         )
 
     def _take_reply(self, reply: EnvironmentReply, time_ns: int, packets: list[Packet]) -> None:
-        serves, events = self._lease.answer(reply.environment, time_ns)
-        packets += events
-        if not serves:
-            self.reject("second_environment")
-            return
+        lease = self._lease
+        if reply.environment == lease.holder:
+            lease.heard_ns = time_ns
+        else:
+            packets += lease.request(reply.environment, time_ns)
+            if reply.environment != lease.holder:
+                self.reject("second_environment")
+                return
         try:
             force = self._controller.on_reply(reply, time_ns)
             force = None if force is None else _vector(force)
@@ -156,4 +159,4 @@ class ControllerNode(Node):
 
 def _vector(answer: Vector) -> Vector:
     """Return a user's answer, which may be a list or an array, as packets have it."""
-    return tuple([float(entry) for entry in answer])
+    return tuple(map(float, answer))

@@ -192,7 +192,7 @@ class EnvironmentNode(Node):
         # with zero force, and not in a dead node.
         try:
             answer = self._environment.force(query.position, query.velocity, query.elapsed)
-            force = tuple([float(f) for f in answer])
+            force = tuple(map(float, answer))
             if len(force) != len(query.position):
                 raise ValueError(f"expected {len(query.position)} entries, got {len(force)}")
             return force

@@ -6,7 +6,7 @@ be dead, for longer than ``dead_lease_ns``. Both are longer than the age limit o
 force is zero between two environments, and returns over the engage ramp.
 """
 
-from forcebound.messages.packets import Event
+from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import EventLog
 
 LEASE_NS = 1_000_000_000  # by default; twice the age limit where that is more
@@ -23,6 +23,7 @@ class Lease:
 
     Attributes:
         holder: Name of the environment that serves; None: the first that answers will.
+        heard_ns: When the holder answered last, in ns; whoever sees that it answers sets it.
     """
 
     def __init__(self, events: EventLog, lease_ns: int, dead_lease_ns: int | None) -> None:
@@ -30,33 +31,30 @@ class Lease:
         self._lease_ns = lease_ns
         self._dead_lease_ns = lease_ns if dead_lease_ns is None else dead_lease_ns
         self._is_dead = False  # whether the holder is known to be
-        self._heard_ns = 0
+        self.heard_ns = 0
         self._emitted_ns: int | None = None
         self.holder: str | None = None
 
-    def check(self, time_ns: int) -> list[Event]:
+    def check(self, time_ns: int) -> list[Packet]:
         """End the lease of a holder that has been silent for too long; return what happened."""
         lease_ns = self._dead_lease_ns if self._is_dead else self._lease_ns
-        if self.holder is None or time_ns - self._heard_ns <= lease_ns:
+        if self.holder is None or time_ns - self.heard_ns <= lease_ns:
             return []
         environment, self.holder = self.holder, None
-        silence = (time_ns - self._heard_ns) * 1e-9
+        silence = (time_ns - self.heard_ns) * 1e-9
         how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
         self._is_dead = False
         message = f"environment {environment} {how}; the next that answers will serve"
         return [self._event(time_ns, "environment_lost", message, environment, is_fault=True)]
 
-    def answer(self, environment: str, time_ns: int) -> tuple[bool, list[Event]]:
-        """Return whether this environment serves, now that it has answered, and what happened."""
-        if environment == self.holder:
-            self._heard_ns = time_ns
-            return True, []
-        if self.holder is None:
-            self.holder = environment
-            self._heard_ns = time_ns
-            message = f"environment {environment} serves now"
-            return True, [self._event(time_ns, "environment_serves", message, environment)]
-        return False, self._reject(environment, time_ns)
+    def request(self, environment: str, time_ns: int) -> list[Packet]:
+        """Give a free lease to an environment that does not hold it; return what happened."""
+        if self.holder is not None:
+            return self._reject(environment, time_ns)
+        self.holder = environment
+        self.heard_ns = time_ns
+        message = f"environment {environment} serves now"
+        return [self._event(time_ns, "environment_serves", message, environment)]
 
     def process_ended(self, process: str) -> None:
         """Wait no longer than needed for an environment whose process is gone.
@@ -67,7 +65,7 @@ class Lease:
         if self.holder is not None and self.holder.startswith(process):
             self._is_dead = True
 
-    def _reject(self, environment: str, time_ns: int) -> list[Event]:
+    def _reject(self, environment: str, time_ns: int) -> list[Packet]:
         if self._emitted_ns is not None and time_ns - self._emitted_ns < REJECTED_INTERVAL_NS:
             return []
         self._emitted_ns = time_ns

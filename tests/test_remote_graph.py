@@ -57,6 +57,7 @@ class Pair:
         environment = RemoteLink(
             self.there, RemoteEnd("environment", listens != "graph", "127.0.0.1", port)
         )
+        self.far = environment
         self.controller = Runner(
             ControllerNode(DirectController()),
             "controller",
@@ -126,6 +127,17 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
 
     until(is_connected, "the state of the link")
     assert pair.controller.status()["received"]["environment_reply"] >= 1
+
+
+def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
+    def rejected() -> bool:
+        pair.turn()
+        pair.far.send(encode(state(1_000_000)))
+        return bool(pair.controller.status()["rejected"].get("keys"))
+
+    until(rejected, "a rejected device state from the other machine")
+    received = pair.controller.status()["received"]["device_state"]
+    assert received <= pair.seq
 
 
 def test_a_connection_is_told_as_an_event(pair: Pair) -> None:

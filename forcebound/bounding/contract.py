@@ -1,4 +1,4 @@
-"""What every bounding law promises, and a check of it.
+"""Contract of every bounding law, and its check.
 
 Whether a law is passive is not asked here: :mod:`forcebound.audit` does that.
 """

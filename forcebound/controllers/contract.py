@@ -1,4 +1,4 @@
-"""What every controller promises, and a check of it."""
+"""Contract of every controller, and its check."""
 
 from collections.abc import Iterable, Iterator
 from random import Random

@@ -1,4 +1,4 @@
-"""What every device promises, and a check of it.
+"""Contract of every device, and its check.
 
 The check opens the device. On a device without ground truth, which may be hardware, it writes no
 force but zero.

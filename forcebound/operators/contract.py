@@ -1,4 +1,4 @@
-"""What every operator promises, and a check of it."""
+"""Contract of every operator, and its check."""
 
 import math
 from itertools import pairwise

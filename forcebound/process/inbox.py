@@ -56,6 +56,7 @@ class Inbox:
         self._rejected = reject
         self._local: Subscriber | None = None
         self._remote: Subscriber | None = None
+        self._remote_expected: type[Packet] | None = None
         self._forward: Callable[[bytes], Any] | None = None
 
     def listen(self, network: Network, run_dir: Path) -> None:
@@ -64,8 +65,17 @@ class Inbox:
         if endpoints:
             self._local = network.subscriber(*endpoints, newest_only=False)
 
-    def listen_afar(self, subscriber: Subscriber, forward: Callable[[bytes], Any]) -> None:
-        """Receive from another machine, too; ``forward`` gets what came, for observers here."""
+    def listen_remotely(
+        self, expected: type[Packet], subscriber: Subscriber, forward: Callable[[bytes], Any]
+    ) -> None:
+        """Receive one class of packet from another machine, too.
+
+        Args:
+            expected: The class; packets of others are rejected, whatever the node takes from here.
+            subscriber: Of the remote link.
+            forward: Called with each packet that came, for observers on this machine.
+        """
+        self._remote_expected = expected
         self._remote = subscriber
         self._forward = forward
         subscriber.newest_only = not self._links
@@ -110,7 +120,7 @@ class Inbox:
         if data is None:
             return time_ns, ()
         if time_ns - begun_ns < SLEPT_NS:
-            return time_ns, self._take((data, *local.receive()), time_ns)
+            return time_ns, self._take((data, *local.receive()), self._expected, time_ns)
         try:
             packet = decode(data, self._expected)
             self.received[self._topics[type(packet)]] += 1
@@ -131,10 +141,11 @@ class Inbox:
 
     def take(self, time_ns: int) -> list[Packet]:
         """Return the packets that have come and are through their links; never waits."""
-        received = self._take(self._local.receive() if self._local is not None else (), time_ns)
+        came = self._local.receive() if self._local is not None else ()
+        received = self._take(came, self._expected, time_ns)
         if self._remote is not None:
             came = self._remote.receive()
-            received += self._take(came, time_ns, self._forward)
+            received += self._take(came, self._remote_expected, time_ns, self._forward)
         for link in self._links.values():
             received += link.due(time_ns)
         return received
@@ -142,6 +153,7 @@ class Inbox:
     def _take(
         self,
         arrived: Iterable[bytes],
+        expected: type[Packet] | None,
         time_ns: int,
         forward: Callable[[bytes], Any] | None = None,
     ) -> list[Packet]:
@@ -149,7 +161,7 @@ class Inbox:
         newest: dict[type[Packet], Packet] = {}
         for data in arrived:
             try:
-                packet = decode(data, self._expected)
+                packet = decode(data, expected)
                 self.received[self._topics[type(packet)]] += 1
             except (PacketError, KeyError) as error:
                 self._reject(error)

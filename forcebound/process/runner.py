@@ -230,7 +230,8 @@ class Runner:
 
         self._publish[sent] = both
         endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
-        self._inbox.listen_afar(remote.subscriber, self._network.publisher(endpoint).send)
+        forward = self._network.publisher(endpoint).send
+        self._inbox.listen_remotely(came, remote.subscriber, forward)
 
     def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
         assert self._configure is not None
