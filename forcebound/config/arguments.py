@@ -75,20 +75,18 @@ class Arguments:
             if key not in _KEYS:
                 self._problems.add(unknown("key", key, _KEYS), entry.key or entry.place)
         is_mapping = isinstance(value.content, Mapping)
-        default = value.entries.get("default") if is_mapping else value
-        if default is not None:
-            default = self._default(default)
+        default = self._default(value.entries.get("default") if is_mapping else value)
         self._defaults[name] = default
-        help_text = value.entries.get("help")
-        choices = self._choices(value.entries.get("choices"))
         self.declared[name] = Argument(
             name,
             None if default is None or default.is_broken else default.plain,
-            "" if help_text is None else help_text.text,
-            choices,
+            value.entries["help"].text if "help" in value.entries else "",
+            self._choices(value.entries.get("choices")),
         )
 
-    def _default(self, value: Value) -> Value | None:
+    def _default(self, value: Value | None) -> Value | None:
+        if value is None:
+            return None
         if isinstance(value.content, Mapping | tuple):
             self._problems.add(f"a default is a single value, got {value}", value.place)
             return Value(BROKEN, value.place)
@@ -98,12 +96,11 @@ class Arguments:
     def _choices(self, value: Value | None) -> tuple[Scalar, ...]:
         if value is None:
             return ()
-        if not isinstance(value.content, tuple) or any(
-            isinstance(choice.content, Mapping | tuple) for choice in value.content
-        ):
+        choices = value.plain
+        if not isinstance(choices, list) or any(isinstance(one, dict | list) for one in choices):
             self._problems.add(f"choices must be a list of values, got {value}", value.place)
             return ()
-        return tuple(choice.plain for choice in value.content)
+        return tuple(choices)
 
     def _override(self, text: str, given: dict[str, Value]) -> None:
         text = text.encode("utf-8", "replace").decode()  # the shell may pass any bytes
@@ -173,17 +170,15 @@ class Substitution:
             return value
         matches = list(_SUBSTITUTION.finditer(content))
         parts = [self._substitute(match, value) for match in matches]
-        if None in parts:
-            return replace(value, content=BROKEN)
         substitutes = [part for part in parts if part is not None]
+        if len(substitutes) < len(parts):
+            return replace(value, content=BROKEN)
         if len(matches) == 1 and matches[0].span() == (0, len(content)):
             return replace(substitutes[0], key=value.key)
         length = len(content) + sum(len(part.text) for part in substitutes)
         if length > MAX_PASTED:
-            message = (
-                f"filled in, this has {length} characters; more than {MAX_PASTED} is a mistake"
-            )
-            self._problems.add(message, value.place)
+            words = f"filled in, this has {length} characters; more than {MAX_PASTED} is a mistake"
+            self._problems.add(words, value.place)
             return replace(value, content=BROKEN)
         return _pasted(value, matches, substitutes)
 
@@ -206,27 +201,21 @@ class Substitution:
             return None
         self.used.add(name)
         argument = self._arguments[name]
-        if argument.is_broken:
-            return None
-        return replace(argument, related=Related("used at", value.place))
+        related = Related("used at", value.place)
+        return None if argument.is_broken else replace(argument, related=related)
 
     def _variable(self, name: str, fallback: str | None, value: Value) -> Value | None:
         text = os.environ.get(name, None if fallback is None else fallback[2:])
         if text is None:
-            self._problems.add(
-                f"environment variable {name} is not set;"
-                f" ${{env:{name}:-default}} would give it a default",
-                value.place,
-            )
+            hint = f"${{env:{name}:-default}} would give it a default"
+            self._problems.add(f"environment variable {name} is not set; {hint}", value.place)
             return None
         text = text.encode("utf-8", "replace").decode()  # the environment may hold any bytes
         return replace(value, content=scalar(text), text=text)
 
 
 def _pasted(value: Value, matches: list[re.Match[str]], substitutes: list[Value]) -> Value:
-    text, end = "", 0
-    content = str(value.content)
-    related = None
+    text, end, content, related = "", 0, str(value.content), None
     for match, substitute in zip(matches, substitutes, strict=True):
         text += content[end : match.start()] + substitute.text
         end = match.end()

@@ -146,14 +146,12 @@ class Section:
         value = self.value.entries.get(key)
         if value is None:
             self.add_here(f"{self.name} needs {key!r}, one of {', '.join(sorted(table))}")
-        elif value.is_broken:
-            pass
-        elif not isinstance(value.content, str):
-            self.add(f"{key} must be one of {', '.join(sorted(table))}, got {value}", value)
-        elif value.content not in table:
+        elif isinstance(value.content, str):
+            if value.content in table:
+                return value.content
             self.add(unknown(what, value.content, table), value)
-        else:
-            return value.content
+        elif not value.is_broken:
+            self.add(f"{key} must be one of {', '.join(sorted(table))}, got {value}", value)
         return None
 
     def read(self, fields: Mapping[str, Field]) -> dict[str, Any] | None:
@@ -202,9 +200,7 @@ class Section:
 
     def _note(self, details: list[Any]) -> None:
         """Note what pydantic refused: one problem for each place, whatever a union has tried."""
-        named: dict[Place, tuple[str, Value]] = {}
-        refused: dict[Place, list[str]] = {}
-        expected: dict[Place, list[str]] = {}
+        found: dict[Place, tuple[str, Value, list[str], list[str]]] = {}
         for detail in details:
             if detail["loc"][0] not in self.value.entries:
                 self.add_here(f"{self.name} needs {detail['loc'][0]!r}")
@@ -213,16 +209,13 @@ class Section:
             _, at = _inside(self.value, (*detail["loc"], *refusal[1:]))
             is_key = detail["type"] in _KEYS
             name, _ = _inside(self.value, detail["loc"][:-1] if is_key else detail["loc"])
-            named.setdefault(at.place, (name, at))
-            if refusal:
-                refused.setdefault(at.place, []).append(refusal[0])
+            _, _, refused, expected = found.setdefault(at.place, (name, at, [], []))
+            refused.append(refusal[0]) if refusal else expected.append(_expected(detail))
+        for name, at, refused, expected in found.values():
+            if refused:
+                self.add(f"{name}: {'; or '.join(refused)}", at)
             else:
-                expected.setdefault(at.place, []).append(_expected(detail))
-        for place, (name, at) in named.items():
-            if place in refused:
-                self.add(f"{name}: {'; or '.join(refused[place])}", at)
-            else:
-                self.add(f"{name}: expected {' or '.join(expected[place])}, got {at}", at)
+                self.add(f"{name}: expected {' or '.join(expected)}, got {at}", at)
 
 
 def _absolute(value: Any, written: Value) -> Any:

@@ -26,7 +26,6 @@ from forcebound.config.graph import (
     FORMAT,
     KINDS,
     RUN_KEYS,
-    ControllerConfig,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
@@ -277,8 +276,8 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
         _check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])
-    if controller and asks:
-        check_controller(controller.model, axes, sections["controller"])
+    if controller is not None and asks:
+        check_controller(controller, axes, sections["controller"])
 
 
 def _check_format(top: Section) -> None:
@@ -321,11 +320,8 @@ def _device(section: Section, asks: bool) -> DeviceConfig | None:
     return device if check_device(device, section, asks) else None
 
 
-def _controller(section: Section) -> ControllerConfig | None:
-    if section.is_empty:
-        return ControllerConfig(KINDS["controller"]["direct"]())
-    model = _model(section)
-    return None if model is None else ControllerConfig(model)
+def _controller(section: Section) -> Any:
+    return KINDS["controller"]["direct"]() if section.is_empty else _model(section)
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:

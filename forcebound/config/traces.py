@@ -17,20 +17,12 @@ RECORDING_SUFFIX = ".mcap"
 
 
 def trace_of(impairment: Impairment) -> DelayTrace | None:
-    """Return what the trace of an impairment says; None if it names none.
-
-    Raises:
-        ConfigError: If the file cannot be read or is no trace.
-    """
+    """Return the trace that an impairment names, if any; see :func:`read_trace`."""
     return None if impairment.trace is None else read_trace(impairment.trace)
 
 
 def shortest_of(impairment: Impairment) -> float:
-    """Return the shortest time on the way, in s, of its trace if it has one.
-
-    Raises:
-        ConfigError: As :func:`trace_of`.
-    """
+    """Return the shortest time on the way, in s, of its trace if it has one."""
     trace = trace_of(impairment)
     if trace is None or impairment.reorder > 0.0:
         return impairment.shortest
