@@ -127,7 +127,8 @@ def check_ranges(settings: Any) -> None:
     Raises:
         ConfigError: If one is outside; it names the field.
     """
-    for name, permitted, symbol in _ranges_of(type(settings)):
+    kind: type = type(settings)
+    for name, permitted, symbol in _ranges_of(kind):
         try:
             permitted.check(getattr(settings, name), symbol)
         except ConfigError as error:

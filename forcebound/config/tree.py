@@ -80,7 +80,7 @@ class Value:
         return repr(shown)
 
 
-def from_plain(content: object, name: str) -> Value:
+def from_plain(content: Any, name: str) -> Value:
     """Return the tree of plain Python values; places say the path within, ``name`` first."""
     place = Place(name)
     if isinstance(content, Mapping):
