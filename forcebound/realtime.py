@@ -161,6 +161,17 @@ def leave_core(core: int | None) -> set[int]:
     return before
 
 
+@contextmanager
+def on_cores(cores: Collection[int]) -> Iterator[None]:
+    """Use ``cores`` during the body, as do the processes that it starts; none: the present ones."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores or before)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
 def enter(settings: Settings, role: str) -> list[Fact]:
     """Make this process as punctual as it is permitted to be.
 

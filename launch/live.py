@@ -145,6 +145,7 @@ def run_live(
                 script=_script(config, run_dir),
                 remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
+                start_cores=cores,
             )
             interrupted = supervisor.run()
         finally:

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from forcebound import realtime
 from forcebound.errors import RunError
 from forcebound.launch.actions import (
     Action,
@@ -72,6 +73,8 @@ class Supervisor:
         script: Steps of a scripted run, in order.
         remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
         changes: Returns the parameters of a node that were changed since the run began.
+        start_cores: Cores on which the processes start, which takes most of a second of each; none:
+            those of the launcher, as for a process that starts again beside a running chain.
     """
 
     def __init__(
@@ -84,8 +87,10 @@ class Supervisor:
         script: Sequence[Step] = (),
         remote_topics: Collection[str] = (),
         changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
+        start_cores: Collection[int] = (),
     ) -> None:
         self._commands = commands
+        self._start_cores = start_cores
         self._changes = changes
         self._remote_topics = remote_topics
         self._script = deque(script)
@@ -116,8 +121,9 @@ class Supervisor:
             for descriptor in (signals.descriptor, control.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
-            for name in self._commands:
-                self._start(name)
+            with realtime.on_cores(self._start_cores):
+                for name in self._commands:
+                    self._start(name)
             self._clients = {
                 name: network.control_client(control_endpoint(self._run_dir, name))
                 for name in self._commands

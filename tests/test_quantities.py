@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
-from forcebound.quantities import POSITIVE, Range, Time, parse_quantity
+from forcebound.quantities import COMMON_FACTORS, POSITIVE, Range, Time, parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,15 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(
     text: object, unit: str, value: float
 ) -> None:
     assert parse_quantity(text, unit) == value
+
+
+@pytest.mark.parametrize("number", ["1", "0.03", "8.7"])
+@pytest.mark.parametrize(
+    ("given", "unit"), [(each, unit) for unit, units in COMMON_FACTORS.items() for each in units]
+)
+def test_a_common_unit_is_what_the_units_library_says(number: str, given: str, unit: str) -> None:
+    spelled = f"{number} 1*{given}"  # not in the table, so the library reads it
+    assert parse_quantity(f"{number} {given}", unit) == parse_quantity(spelled, unit)
 
 
 @pytest.mark.parametrize(

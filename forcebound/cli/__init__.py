@@ -5,7 +5,6 @@ prints one JSON document on standard output and nothing else there.
 """
 
 import logging
-from importlib.metadata import version
 from typing import Any
 
 import click
@@ -48,7 +47,7 @@ class _Group(click.Group):
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(version("forcebound"), prog_name="forcebound")
+@click.version_option(package_name="forcebound", prog_name="forcebound")
 def main() -> None:
     """Force feedback over a network that provably stays passive."""
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
