@@ -1,4 +1,4 @@
-"""Checks of parts against the contracts of their rooms: what ``forcebound check`` reports."""
+"""Checks of parts against their contracts, for ``forcebound check``."""
 
 import dataclasses
 import math
@@ -31,9 +31,9 @@ CONTRACTS: Mapping[str, Any] = {
     "environment": environments,
 }
 
-PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, where rest is shown
+PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
-QUERYING, TIMING = 10.0, 2.0  # s, about, for the queries of the contract and for the timed calls
+QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 
 
 def check_part(
@@ -140,7 +140,7 @@ def _check_environment(
 
 
 def lines(section: str, document: Mapping[str, Any]) -> list[str]:
-    """Return what :func:`check_part` found as text for a person."""
+    """Return the result of :func:`check_part` as lines of text."""
     text = []
     for promise, held in document["promises"].items():
         words = CONTRACTS[section].PROMISES[promise]
@@ -179,7 +179,7 @@ def _expected(text: str) -> tuple[float, float]:
             return parse_quantity(position, "m"), parse_quantity(force, "N")
     except ConfigError as error:
         raise ConfigError(f"--rest {text}: {error}") from None
-    raise ConfigError(f"--rest {text}: expected POSITION=FORCE, such as 0mm=0N")
+    raise ConfigError(f"--rest {text}: expected POSITION=FORCE, for example 0mm=0N")
 
 
 def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
@@ -192,7 +192,7 @@ def _at_rest(environment: Environment, position: float, axes: int) -> float | No
 
 
 def _times(environment: Environment, axes: int, calls: int, progress: Progress) -> list[float]:
-    """Time for each answer, in s, at positions where something may be felt; none if one fails."""
+    """Time for each answer, in s, at positions with a force; none if one fails."""
     times = []
     for call in range(calls):
         position = (0.05 * call / calls,) + (0.0,) * (axes - 1)

@@ -9,29 +9,29 @@ from forcebound.cli.common import ARGUMENTS, json_option, print_json, reports_er
 from forcebound.errors import RunError
 
 PARTS = {
-    "law": "Check a bounding law; whether it is passive is a question for the audit.",
-    "device": "Check a device: opens it, and writes zero force to hardware.",
-    "operator": "Check an operator: the hand on a simulated device.",
+    "law": "Check a bounding law; `forcebound audit` tests whether it is passive.",
+    "device": "Check a device; opens it and writes zero force to hardware.",
+    "operator": "Check an operator, the hand on a simulated device.",
     "controller": "Check a controller.",
-    "environment": "Check an environment: some thousand queries, at random and at the limits.",
+    "environment": "Check an environment with some thousand queries, at random and at the limits.",
 }
 STATUS = """
 
-Takes a file of your own, or a kind that is installed. Exit status 1: it breaks a promise; 2: there
-is none such, or its code does not come back."""
-TIME = " The time per answer is reported, not judged; a slow environment gets fewer queries."
+Takes a Python file or an installed kind. Exit status 1: a promise is broken; 2: no such part, or
+its code does not return."""
+TIME = " Reports the time per answer without judging it; a slow environment gets fewer queries."
 
 axes_option = click.option(
     "--axes",
     type=click.IntRange(1, 6),
     multiple=True,
-    help="Number of axes; repeat for several; 1 to 6 by default.",
+    help="Number of axes; repeatable. Default: 1 to 6.",
 )
 rest_option = click.option(
     "--rest",
     multiple=True,
     metavar="POSITION=FORCE",
-    help="Force expected at rest there, on the first axis, such as 0mm=0N; repeat for several.",
+    help="Expected force at rest on the first axis, e.g. 0mm=0N; repeatable.",
 )
 
 
@@ -53,7 +53,7 @@ class Progress:
 
 @click.group()
 def check() -> None:
-    """Check a part of your own against its contract."""
+    """Check a part against its contract."""
 
 
 def _add_command(section: str, summary: str) -> None:

@@ -53,7 +53,7 @@ def duration_option_for(help_text: str) -> Callable[[Callable[P, None]], Callabl
     return click.option("--duration", callback=_duration, metavar="TIME", help=help_text)
 
 
-duration_option = duration_option_for("Duration of the run, such as 5s or 500ms.")
+duration_option = duration_option_for("Duration of the run, e.g. 5s or 500ms.")
 
 
 file_option = partial(click.option, type=click.Path(path_type=Path, dir_okay=False))

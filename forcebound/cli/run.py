@@ -1,4 +1,4 @@
-"""Commands that run a graph, and show what came of it."""
+"""Commands that run a graph and show the result."""
 
 import sys
 from collections.abc import Callable
@@ -30,8 +30,8 @@ _OPTIONS = (
     click.argument("arguments", nargs=-1, metavar=ARGUMENTS),
     duration_option,
     record_option,
-    click.option("--check", is_flag=True, help="Check the launch file and start nothing."),
-    click.option("--show-args", is_flag=True, help="Show the arguments that the file takes."),
+    click.option("--check", is_flag=True, help="Only check the launch file."),
+    click.option("--show-args", is_flag=True, help="List the arguments of the file."),
     json_option,
 )
 
@@ -54,14 +54,14 @@ def launch_graph(
     show_args: bool,
     as_json: bool,
 ) -> None:
-    """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
+    """Run the graph of a launch file in real time, e.g. stiff_wall law:=certified."""
     from forcebound.launch.live import check_here, run_live
 
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
-        told = " ".join((file, *arguments))
-        _report(run_live(config, duration, record, file=told), record, as_json)
+        described = " ".join((file, *arguments))
+        _report(run_live(config, duration, record, file=described), record, as_json)
 
 
 @click.command()
@@ -78,7 +78,7 @@ def simulate(
     show_args: bool,
     as_json: bool,
 ) -> None:
-    """Run the same launch file in virtual time: deterministic, faster than real time."""
+    """Run a launch file in virtual time: deterministic, faster than real time."""
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
@@ -96,20 +96,20 @@ def simulate(
 @click.option(
     "--run-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of the run's sockets; every node of a run names the same. Without it, an "
-    "environment serves a graph on another machine, as remote: in FILE says.",
+    help="Folder of the run's sockets, the same for every node of a run. Without it, an "
+    "environment serves a graph on another machine, as set in section remote: of FILE.",
 )
 @click.option(
     "--supervised",
     is_flag=True,
     hidden=True,
-    help="End with the process that started it; engage at its word.",
+    help="End with the process that started it; engage on its request.",
 )
 @reports_errors
 def node(
     kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
 ) -> None:
-    """Run one node of a launch file by hand, on this machine or for a graph on another one."""
+    """Run one node of a launch file by hand, for a graph on this machine or another."""
     from forcebound.launch.worker import run_node
 
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
@@ -120,12 +120,12 @@ def node(
 @file_option(
     "-o",
     "--output",
-    help="Picture to write, .png or .svg; beside the first recording by default.",
+    help="Picture file, .png or .svg. Default: name of the first recording, .png.",
 )
 @json_option
 @reports_errors
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    """Draw recordings, side by side: position, forces with the bound, energy, loop delay."""
+    """Draw recordings side by side: position, forces, energy, loop delay."""
     from forcebound.analysis.plots import figure, save
     from forcebound.launch.results import RunResult
 
@@ -133,7 +133,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     if output is None:
         output = Path(runs[0]).with_suffix(".png")
     labels = [result.label for result in results]
-    if len(set(labels)) < len(labels):  # of the same law: told apart by their files
+    if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
     drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
     save(figure(drawn, events=[r.events for r in results]), output)
@@ -145,7 +145,9 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
 
 @click.command()
-@click.option("--page", is_flag=True, help="The reference page of all keys instead (Markdown).")
+@click.option(
+    "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
+)
 def schema(page: bool) -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
     if page:
@@ -167,7 +169,7 @@ def _configuration(
     seed: int | None = None,
     also: "Callable[[GraphConfig], None]" = lambda config: None,
 ) -> "GraphConfig | None":
-    """Return what a launch file describes; None if that, or its arguments, was only to be shown."""
+    """Return the configuration of a launch file; None if it was only checked or shown."""
     from forcebound.config.loader import load_tried
     from forcebound.config.resolved import to_document
 
@@ -203,7 +205,7 @@ def _as_written(value: object) -> str:
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
-        click.echo("forcebound: interrupted; this is the run until then", err=True)
+        click.echo("forcebound: interrupted; result up to here", err=True)
     if as_json:
         print_json(result.summary)
         return
