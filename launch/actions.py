@@ -1,4 +1,4 @@
-"""Events that a lifecycle takes, and the actions on processes that it returns."""
+"""Events and actions of a lifecycle."""
 
 import signal
 from dataclasses import dataclass

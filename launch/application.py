@@ -1,6 +1,6 @@
-"""Application of other parameters to running nodes and links, the same live and in virtual time.
+"""Application of changed parameters to nodes and links, live and in virtual time.
 
-:func:`forcebound.config.changes.change` makes the configuration that holds them.
+:func:`forcebound.config.loader.change` makes the configuration that holds them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ from forcebound.simulation import Simulation
 
 
 def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dict[str, Any]:
-    """Bring the nodes and links of a simulation, or of one process, to other parameters.
+    """Apply changed parameters to the nodes and links of a simulation or of one process.
 
     Args:
         old: What they have.
@@ -38,7 +38,7 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
 
 
 class Tuner:
-    """Brings a running process to the parameters that a request of its control socket carries.
+    """Applies the parameters of a request on its control socket to a running process.
 
     The request has all parameters of the graph (``parameters``, by name, plain values in SI units)
     and ``time_ns``, when they were written into the launch document: of two requests that overtake
@@ -54,7 +54,7 @@ class Tuner:
         self._time_ns = 0
 
     def __call__(self, runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Apply what is new; return what has changed here.
+        """Apply newer parameters; return the changes in this process.
 
         Raises:
             ConfigError: If the request is not of this form.
@@ -78,7 +78,7 @@ class Tuner:
 
 
 def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
-    """How the names of the parameters begin that belong to the nodes of a graph or process."""
+    """Prefixes of the parameters that belong to the nodes of a graph or process."""
     for node in graph.nodes:
         yield from (f"links.{TOPIC_OF[packet]}." for packet in node.subscribes)
         if isinstance(node, EnvironmentNode):

@@ -43,7 +43,7 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         ConfigError: If the controller's own code fails.
     """
     try:
-        controller = config.controller.model.open(config.device.model.axes)
+        controller = config.controller.open(config.device.model.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
@@ -55,7 +55,7 @@ def lease_ns(config: GraphConfig) -> int:
 
 
 def dead_lease_ns(config: GraphConfig) -> int:
-    """Return the same after an environment whose process is known to be gone, in ns.
+    """Return the same for an environment whose process has ended, in ns.
 
     The force of its last answer is at zero after the age limit.
     """
@@ -80,7 +80,7 @@ def build_device(config: GraphConfig) -> DeviceNode:
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return the links that do something to their packets, by topic; the others are perfect.
+    """Return the impaired links by topic; the others are perfect.
 
     Consumers want the newest value of every topic.
     """

@@ -1,4 +1,4 @@
-"""The processes of a launcher: their lines, their end, and the signals that concern them."""
+"""Child processes of a launcher: output, end and signals."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ def name_begins(pid: int) -> str:
 
 
 class Signals(SignalPipe):
-    """Signals that end a run, and the death of children, as bytes on a descriptor."""
+    """Signals that end a run, and ends of children, as bytes on a descriptor."""
 
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -32,7 +32,7 @@ class Signals(SignalPipe):
         super().__init__((*self.ENDING, signal.SIGCHLD))
 
     def take(self) -> bool:
-        """Take the signals that came; return whether one of them ends the run."""
+        """Read the received signals; return whether one of them ends the run."""
         try:
             numbers = os.read(self.descriptor, CHUNK)
         except BlockingIOError:
@@ -61,7 +61,7 @@ class Child:
         os.set_blocking(self.descriptor, False)
 
     def read(self) -> bool:
-        """Show the complete lines that came; return False at the end of the stream."""
+        """Show the complete lines read so far; return False at the end of the stream."""
         try:
             data = os.read(self.descriptor, CHUNK)
         except BlockingIOError:
@@ -76,7 +76,7 @@ class Child:
         return bool(data)
 
     def end(self) -> None:
-        """End the process if it still lives, and close its stream."""
+        """End the process if it still runs, and close its stream."""
         if self.process.poll() is None:
             self.process.terminate()
             try:

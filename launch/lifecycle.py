@@ -44,11 +44,11 @@ from forcebound.processes import PROCESSES, RESTARTED, STOP_GROUPS
 class Limits:
     """Time limits, in ns."""
 
-    start_ns: int = 60_000_000_000  # a first start compiles the plant, and there may be one core
+    start_ns: int = 60_000_000_000  # a first start compiles the plant, possibly on one core
     engage_ns: int = 2_000_000_000
     stop_ns: int = 2_000_000_000
-    recorder_stop_ns: int = 10_000_000_000  # it may have much to write to a slow disk
-    kill_ns: int = 2_000_000_000  # from SIGKILL to being gone
+    recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk
+    kill_ns: int = 2_000_000_000  # from SIGKILL to the end of the process
 
 
 class Phase(Enum):
@@ -121,7 +121,7 @@ class Lifecycle:
 
     @property
     def silent(self) -> list[str]:
-        """The living nodes that have not answered since they were started."""
+        """Running nodes that have not answered since their start."""
         return [node for node in sorted(self._alive) if self._waiting[node] is None]
 
     def state(self, node: str) -> str:
@@ -142,10 +142,12 @@ class Lifecycle:
                 return f"the launcher of this graph does not run its {node}; it runs {known}"
             return f"no node {node!r} in this graph; its nodes are {known}"
         if node not in RESTARTED:
-            return f"without its {node} a run ends; to end it: Ctrl-C at its launcher"
+            return f"a run ends without its {node}; to end it, press Ctrl-C at its launcher"
         if self.phase is not Phase.RUNNING:
             phase = self.phase.name.lower()
-            return f"the run is {phase}; nodes stop and start while it is running: try again then"
+            return (
+                f"the run is {phase}; nodes stop and start only while it is running; try again then"
+            )
         return None
 
     @property
@@ -209,7 +211,7 @@ class Lifecycle:
         if node not in self._held:
             return []
         self._held.discard(node)
-        return [] if node in self._alive else self._start(node)  # or when the old one is gone
+        return [] if node in self._alive else self._start(node)  # or when the old process has ended
 
     def _kill_late(self, time_ns: int) -> list[Action]:
         return [
@@ -242,7 +244,7 @@ class Lifecycle:
         words = describe_status(status)
         message = f"{node} stopped on request, with {words}"
         is_fault = status != 0 and not (status == -signal.SIGTERM and is_early)
-        if node in self._killed:  # suspended or hung; the request expected that
+        if node in self._killed:  # suspended or hung, as the request allows for
             message = f"{node} did not stop in time on request and was killed"
             is_fault = False
         del self._leaving[node]
@@ -259,9 +261,9 @@ class Lifecycle:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
         if node in self._leaving:
-            pass  # the run has ended before it was gone
+            pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):
-            pass  # it was still starting, perhaps compiling, and has shown no force
+            pass  # still starting, possibly compiling, without force so far
         elif node in self._killed:
             self._fail(f"{node} did not stop in time and was killed", node)
         elif not stopping:
@@ -274,7 +276,7 @@ class Lifecycle:
         if self.phase is not Phase.STOPPING:
             self.interrupted = True
             return self._stop(time_ns)
-        # A second interrupt kills all at once, except the device, which is about to write zero.
+        # A second interrupt kills all except the device, which is about to write zero.
         return [self._kill(node) for node in sorted(self._alive - {"device"} - self._killed)]
 
     def _on_deadline(self, time_ns: int) -> list[Action]:
@@ -289,7 +291,7 @@ class Lifecycle:
         if self.phase is Phase.RUNNING:
             return self._stop(time_ns)
         late = [node for node in self._stopping[0] if node in self._alive]
-        if all(node in self._killed for node in late):  # not even SIGKILL helps: give it up
+        if all(node in self._killed for node in late):  # not even SIGKILL works: give up
             self._alive -= set(late)
             for node in late:
                 self._fail(f"{node} cannot be killed", node)

@@ -57,7 +57,7 @@ LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
 UPDATE_LOCK = "launch.lock"  # file; its lock belongs to the process that changes launch.json
 UPDATE_POLL = 1e-3  # s between two attempts to lock it; a change takes some 10 ms
-PHASE_PATIENCE = 0.1  # s that the launcher waits for it at the beginning of a phase
+PHASE_PATIENCE = 0.1  # s that the launcher waits for the lock at the beginning of a phase
 
 PREFIX = "forcebound-"  # of the names of run directories
 SHORTEST = "/tmp"  # folder for temporary files whose path is short enough for any socket
@@ -72,19 +72,19 @@ class RunDocument:
     launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
-    streams: list[list[str]]  # topic, endpoint: each costs the loop the waking of the recorder
+    streams: list[list[str]]  # topic, endpoint; for each, the loop wakes the recorder
     metadata: dict[str, str] = field(default_factory=dict)  # of the recording
-    file: str = ""  # launch file with its arguments, by which one may know the graph
-    is_graph: bool = True  # False: of one environment, which serves a graph on another machine
-    is_temporary: bool = False  # made for this run, and to be removed after it
+    file: str = ""  # launch file with its arguments, to identify the graph
+    is_graph: bool = True  # False: one environment for a graph on another machine
+    is_temporary: bool = False  # created for this run and removed after it
 
     def write(self, run_dir: Path) -> None:
-        """Leave it for the processes."""
+        """Write this for the processes."""
         (run_dir / RUN_FILE).write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":
-        """Return what the launcher left.
+        """Read what the launcher wrote.
 
         Raises:
             ConfigError: If it is not there, not yet or not any more, or not of this version.
@@ -162,7 +162,7 @@ def run_live(
 
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:
-    """Check what a live run needs of this machine, so that no process dies of it.
+    """Check that this machine has what a live run needs, before any process starts.
 
     Args:
         config: What is to be run.
@@ -188,11 +188,11 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
 
 def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
-    """Return what the launcher does at the beginning of each phase."""
+    """Return the actions of the launcher at the beginning of each phase."""
     steps = []
     before = config
     for part in timetable(config):
-        # Processes that it does not concern are not disturbed, least of all the servo.
+        # Unaffected processes are not disturbed, least of all the servo.
         concerned = holders(differences(before, part.config))
         begin = partial(_begin, run_dir, part, sorted(concerned))
         steps.append(Step(part.start_ns, begin, part.message, part.data))
@@ -201,12 +201,12 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
 
 
 def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Mapping[str, dict[str, Any]]:
-    with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not hold the launcher
+    with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not block the launcher
         return dict.fromkeys(concerned, write_launch_document(run_dir, part.config))
 
 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node that are not those of the launch file any more."""
+    """Return the parameters of a node that differ from the launch file."""
     try:
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -216,7 +216,7 @@ def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, 
 
 
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
-    """Return topic and endpoint of each stream that a recorder of these topics listens to."""
+    """Return topic and endpoint of each stream for a recorder of these topics."""
     streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
     reply = TOPIC_OF[EnvironmentReply]
     if reply in topics:
@@ -225,13 +225,15 @@ def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
 
 
 def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
-    """Leave what runs, for processes that start and for commands that look into the run.
+    """Write the configuration for processes that start and for commands that read the run.
 
     Returns:
         The request that brings a running process to it; see
         :class:`forcebound.launch.application.Tuner`.
     """
-    partial = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # its own, for others may write, too
+    partial = (
+        run_dir / f"{LAUNCH_FILE}.{os.getpid()}"
+    )  # a file per process, since others may write, too
     partial.write_text(json.dumps(to_document(config)), encoding="utf-8")
     partial.replace(run_dir / LAUNCH_FILE)
     return {
@@ -261,7 +263,7 @@ def updating(run_dir: Path, patience: float) -> Iterator[bool]:
             is_locked = _try_lock(descriptor)
         yield is_locked
     finally:
-        os.close(descriptor)  # and so the lock is free
+        os.close(descriptor)  # this frees the lock
 
 
 def _try_lock(descriptor: int) -> bool:
@@ -284,7 +286,7 @@ def node_command(name: str, run_dir: Path) -> list[str]:
 
 @contextmanager
 def run_directory() -> Iterator[Path]:
-    """Make a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
+    """Create a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
     longest = max(
         len(endpoint(Path(), name))
         for endpoint, names in (
@@ -306,12 +308,12 @@ def run_directory() -> Iterator[Path]:
 
 
 def run_folders() -> set[Path]:
-    """Return the folders in which run directories are made."""
+    """Return the folders that hold run directories."""
     return {Path(tempfile.gettempdir()), Path(SHORTEST)}
 
 
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
-    """Remove the run directories of this user that a crash has left; return them.
+    """Remove run directories of this user that remain from a crash; return them.
 
     Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
     hold no recording: after a crash it may be of use.
@@ -325,10 +327,10 @@ def remove_left_over(folders: Iterable[Path]) -> list[Path]:
             if not run.is_temporary or (run_dir / RECORDING).exists():
                 continue
         except (OSError, ConfigError):
-            continue  # no run, one that just begins or ends
+            continue  # no run, or one that is just beginning or ending
         with exclusive(run_dir) as is_free:
             if is_free:
                 shutil.rmtree(run_dir, ignore_errors=True)
                 removed.append(run_dir)
-                _logger.info("removed the run directory that a crash has left: %s", run_dir)
+                _logger.info("removed a run directory that remained after a crash: %s", run_dir)
     return removed

@@ -3,12 +3,12 @@
 from collections import Counter, deque
 
 BACK_OFF_NS = (0, 200_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)  # the last one repeats
-GIVE_UP_DEATHS = 5  # of one node ...
+GIVE_UP_DEATHS = 5  # ends of one node ...
 GIVE_UP_NS = 10_000_000_000  # ... within this time; a longer life resets the back-off
 
 
 class Restarts:
-    """Deaths and planned restarts of a run's processes.
+    """Unexpected ends and planned restarts of a run's processes.
 
     Attributes:
         due_ns: When a process that is down starts again, in ns, by name.
@@ -22,7 +22,7 @@ class Restarts:
         self._in_a_row: Counter[str] = Counter()
 
     def plan(self, node: str, time_ns: int) -> bool:
-        """Record a death and plan the restart; return False to give up."""
+        """Record an end and plan the restart; return False to give up."""
         deaths = self._deaths.setdefault(node, deque(maxlen=GIVE_UP_DEATHS))
         if deaths and time_ns - deaths[-1] >= GIVE_UP_NS:
             self._in_a_row[node] = 0

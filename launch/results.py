@@ -34,7 +34,7 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
     kinds = {section: document[section]["kind"] for section in KINDS if section in document}
     for section, kind in {**kinds, "law": config.device.servo.law}.items():
         source = source_of(kind)
-        if source is not None:  # the file may be another one by the time the recording is read
+        if source is not None:  # the file may change before the recording is read
             metadata[f"{section}_source"] = source
     return metadata
 
@@ -46,8 +46,8 @@ class RunResult:
     columns: TelemetryColumns
     document: Mapping[str, Any]
     events: Sequence[Event] = ()
-    is_complete: bool = True  # False: the recording lacks the end, or was cut off on the way
-    interrupted: bool = False  # it was ended before its time
+    is_complete: bool = True  # False: the recording was cut off, at its end or before
+    interrupted: bool = False  # the run ended before its planned duration
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
     @classmethod
@@ -57,11 +57,11 @@ class RunResult:
         Raises:
             ConfigError: If there is no such file or it is no recording of a run.
         """
-        from forcebound.recording import read  # slow, and no node process needs it
+        from forcebound.recording import read  # slow to import; no node process needs it
 
         recording = read(path)
         if not recording.complete:
-            _logger.warning("recording incomplete: of %s is used what can be read", path)
+            _logger.warning("recording incomplete: using the readable part of %s", path)
         document = json.loads(recording.metadata.get("launch", "{}"))
         events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
         return cls(recording.telemetry, document, events, recording.complete)

@@ -30,7 +30,7 @@ def shared(run_dir: Path) -> Iterator[None]:
 
 @contextmanager
 def exclusive(run_dir: Path) -> Iterator[bool]:
-    """Keep a run directory without owner during the body; give False if it has one."""
+    """Keep a run directory without owner during the body; yield False if it has one."""
     try:
         descriptor = os.open(run_dir / LOCK_FILE, os.O_RDWR | os.O_CLOEXEC)
     except OSError:

@@ -1,4 +1,4 @@
-"""Supervisor: starts, watches and ends the processes of a run.
+"""Supervisor: starts, monitors and ends the processes of a run.
 
 :mod:`forcebound.launch.lifecycle` decides, this module acts. One loop, no
 thread: it sleeps until a process writes a line, ends, or answers, until a signal comes, or until
@@ -48,7 +48,7 @@ from forcebound.process import control_endpoint, event_endpoint
 from forcebound.processes import LAUNCHER
 
 REQUEST_INTERVAL_NS = 20_000_000  # between two requests to a node that is not ready
-NOT_STARTED = 126  # exit status of a process that could not be made, as a shell has it
+NOT_STARTED = 126  # exit status of a process that could not be started, as in a shell
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Supervisor:
         self._events = EventLog(LAUNCHER)
 
     def run(self) -> bool:
-        """Start, watch and end the processes; return whether the run was interrupted.
+        """Start, monitor and end the processes; return whether the run was interrupted.
 
         Raises:
             RunError: If a process ended unexpectedly (a controller or environment: too often), was
@@ -173,7 +173,7 @@ class Supervisor:
         while self._script and now_ns >= self._began_ns + self._script[0].start_ns:
             step = self._script.popleft()
             for name, request in step.act().items():
-                if name in self._clients:  # one that is down reads the document when it starts
+                if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
             event = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
             self._publish(encode(event))
@@ -191,7 +191,7 @@ class Supervisor:
         former.end()
         try:
             self._start(name)
-        except OSError as error:  # no memory, no process: treated as a death
+        except OSError as error:  # out of memory or processes: treated as an end
             self._show(name, f"cannot be started: {error.strerror}")
             self._not_started.append(name)
 

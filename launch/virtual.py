@@ -57,7 +57,7 @@ def run_virtual(
             record.unlink(missing_ok=True)
         raise KeyboardInterrupt
     if not observer.samples:
-        raise RunError("the run ended before its first sample; ask for a longer --duration")
+        raise RunError("the run ended before its first sample; use a longer --duration")
     return RunResult(
         TelemetryColumns.from_packets(observer.samples),
         to_document(config),
@@ -68,7 +68,7 @@ def run_virtual(
 
 
 class _Observer:
-    """Keeps what a result needs, and records everything if there is a recorder."""
+    """Collects the packets that a result needs; records all packets if there is a recorder."""
 
     def __init__(self, recorder: Recorder | None) -> None:
         self._recorder = recorder
@@ -103,7 +103,7 @@ def _open(config: GraphConfig, observer: _Observer) -> Simulation:
     links = build_links(config)
     simulation = Simulation([*others, device], links, observer.take, observer.packets)
     for node in simulation.nodes:
-        node.events.is_logged = False  # a run of a sweep, or of a second, needs no log
+        node.events.is_logged = False  # a short run, or one of a sweep, needs no log
     device.engage()
     return simulation
 
@@ -115,7 +115,7 @@ def _run(
     end_ns: int,
     may_end_early: bool,
 ) -> bool:
-    """Let the phases of a run happen; return whether it was interrupted."""
+    """Run the phases; return whether the run was interrupted."""
     launcher = EventLog(LAUNCHER)
     launcher.is_logged = False
     ends_it = (KeyboardInterrupt,) if may_end_early else ()

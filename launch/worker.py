@@ -83,7 +83,7 @@ def run_node(
         never_wait_for_a_reader()
         realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
-            if _has_launcher(run):  # it may have died before the line above
+            if _has_launcher(run):  # it may have ended before the line above
                 document = json.loads(file.read_text(encoding="utf-8"))
                 config = restore(document, CODE_OF_PROCESS[kind])
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
@@ -99,7 +99,7 @@ def run_node(
 
 
 def _loaded(file: Path, arguments: Sequence[str]) -> GraphConfig:
-    """The configuration of a launch file that is run by hand."""
+    """Return the configuration of a launch file for a node started by hand."""
     from forcebound.config.loader import load_tried  # a supervised process reads no launch file
 
     return load_tried(file, arguments)
@@ -107,13 +107,11 @@ def _loaded(file: Path, arguments: Sequence[str]) -> GraphConfig:
 
 def _serve_remotely(kind: str, config: GraphConfig, description: str, stop: process.Stop) -> None:
     if kind != "environment":
-        raise ConfigError(
-            f"a {kind} meets the other nodes in a run directory: name it with --run-dir"
-        )
+        raise ConfigError(f"a {kind} needs the run directory of the other nodes: --run-dir DIR")
     if config.remote is None:
         raise ConfigError(
-            "this launch file has no section remote:, which says where the graph is; to serve a "
-            "graph on this machine, name its run directory with --run-dir"
+            "this launch file has no section remote: with the address of the graph; to serve a "
+            "graph on this machine, give its run directory with --run-dir"
         )
     config.remote.check_here("environment")
     end = config.remote.end("environment")
@@ -129,7 +127,7 @@ def _run_by_hand(
     stop: process.Stop,
     remote_end: RemoteEnd | None = None,
 ) -> None:
-    """Run one node without a launcher; leave what ``forcebound param`` and others look for."""
+    """Run one node without a launcher; write the files that ``forcebound param`` reads."""
     core = realtime.choose_core(config.realtime.cores)
     streams = recorded_streams(run_dir, list(TOPICS))
     metadata = run_metadata(config)
@@ -153,7 +151,7 @@ def _run_by_hand(
 
 
 def never_wait_for_a_reader() -> None:
-    """Drop what is written to standard output or error while the pipe behind it is full.
+    """Drop output to standard output or error while its pipe is full.
 
     A hung launcher would otherwise stop every process that has a line for its log. A line of up to
     4096 bytes (PIPE_BUF) is written as a whole or not at all. It takes Python's streams unbuffered
@@ -171,11 +169,11 @@ def check_run_directory(run_dir: Path) -> None:
         ConfigError: If it is another user's, or open to others.
     """
     status = run_dir.stat()
-    make_one = "make a folder of its own for it: mkdir -m 700 DIR"
+    make_one = "use a folder of its own: mkdir -m 700 DIR"
     if status.st_uid != os.geteuid():
         raise ConfigError(f"the run directory {run_dir} belongs to another user; {make_one}")
     if status.st_mode & 0o077:
-        # Others may need this folder, such as /tmp: it is not to be closed to them.
+        # Others may need this folder (/tmp, for example), so its mode is not changed.
         mode = stat.S_IMODE(status.st_mode)
         raise ConfigError(
             f"others may enter the run directory {run_dir} (mode {mode:04o}) and command forces; "
@@ -219,7 +217,7 @@ def _run(
 
 
 def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
-    from forcebound.recording import Recorder  # slow, and no other process needs it
+    from forcebound.recording import Recorder  # slow to import; no other process needs it
 
     offset_ns = time.time_ns() - time.monotonic_ns()
     _logger.info("recording to %s", run.record)

@@ -1,14 +1,14 @@
 """Codec of packets: bytes and back, strictly, with msgpack.
 
 A packet on the wire is one msgpack map: ``"packet"`` (name of the topic), one key per field of its
-class and ``"version"``; ``docs/protocol.md`` is the page for those who write a peer.
+class and ``"version"``; ``docs/protocol.md`` describes the format for other programs.
 
 Strategy:
 
 1. The classes of ``packets.py`` say all: msgspec builds a decoder from each. A new packet or field
    needs no line here.
 2. :func:`encode` trusts its own side: it does not check values.
-3. :func:`decode` trusts nobody: any bytes give a packet or a :class:`PacketError`. Compiled code
+3. :func:`decode` trusts no sender: any bytes give a packet or a :class:`PacketError`. Compiled code
    does the checking; two things that it leaves open are looked at here: whether ``packet`` and
    ``version``, which it takes for granted, were there (by the number of pairs, which also shows a
    key given twice), and whether all vectors have one length.
@@ -54,7 +54,7 @@ _REFUSALS = (MsgspecError, ValueError, RecursionError, OverflowError)
 
 
 class _Form(NamedTuple):
-    """What is left to check of a packet that has been decoded."""
+    """Remaining checks of a decoded packet."""
 
     head: bytes  # of the map, as most encoders write it
     head_length: int
@@ -73,7 +73,7 @@ def _form(kind: type[Packet]) -> _Form:
 
 
 def plain(value: Any) -> float | dict[Any, Any]:
-    """Return a value that msgspec does not know, such as a float of numpy, as one that it does.
+    """Return a value of a type unknown to msgspec (a numpy float, for example) as a plain one.
 
     Raises:
         TypeError: If there is none.
@@ -108,7 +108,7 @@ def encode(packet: Packet) -> bytes:
 
 
 def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Packet:
-    """Return the packet that ``data`` holds.
+    """Return the packet in ``data``.
 
     Args:
         data: One whole frame, contiguous.
@@ -137,7 +137,7 @@ def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Pa
 
 
 def _pair_count(data: bytes | memoryview) -> int:
-    """Return how many pairs the map ``data`` claims."""
+    """Return the number of pairs that the head of the map ``data`` states."""
     first = data[0]
     if first < 0xDE:  # the count is in the first byte
         return first & 0x0F
@@ -145,7 +145,7 @@ def _pair_count(data: bytes | memoryview) -> int:
 
 
 def _refusal(data: bytes | memoryview, expected: type[Packet] | None, fault: str) -> PacketError:
-    """Return why ``data`` is refused; ``fault`` is what msgspec says of it."""
+    """Return why ``data`` is rejected; ``fault`` is the message of msgspec."""
     try:
         message = _unpack(data)
     except PacketError as error:
@@ -219,7 +219,7 @@ def _keys_error(topic: str, keys: tuple[str, ...], message: dict[str, Any]) -> P
     faults = [f"missing {_listed(missing)}"] if missing else []
     if unknown:
         faults.append(f"unknown {_listed(unknown)}")
-    got = " and ".join(faults) or "a key given twice"
+    got = " and ".join(faults) or "a duplicate key"
     return PacketError("keys", f"{topic}: expected the keys {_listed(keys)}, got {got}")
 
 

@@ -133,7 +133,7 @@ class Topic(NamedTuple):
 
     packet: type[Packet]
     sender: str | None  # a process; None: any of them
-    receiver: str | None  # the process that waits for it; None: it is only observed
+    receiver: str | None  # the process that needs it; None: only observers
 
 
 TOPICS: dict[str, Topic] = {

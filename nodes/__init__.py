@@ -1,9 +1,9 @@
-"""Nodes, what each process decides: a node is a function of time and packets.
+"""Nodes: functions of time and packets that decide what each process does.
 
 A node owns no clock, socket, thread or file. A runner (:mod:`forcebound.process` live,
 :mod:`forcebound.simulation` in virtual time) calls :meth:`Node.step` with the time and the packets
 that have arrived, publishes what it returns, and calls again when packets arrive or when
-:attr:`Node.wake_ns` has come. A node cannot tell which of the two runs it.
+:attr:`Node.wake_ns` has come. A node does not know which of the two runs it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ class Node(Protocol):
 
     subscribes: ClassVar[tuple[type[Packet], ...]]
     publishes: ClassVar[tuple[type[Packet], ...]]
-    wakes_on_arrival: ClassVar[bool]  # False: what arrives waits for the node's own time
+    wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
     requests: ClassVar[tuple[str, ...]] = ()  # of the control socket, that it knows
     events: EventLog  # of its process: the runner makes its own events with it, too
 
@@ -57,7 +57,7 @@ class Node(Protocol):
         return {"rejected": {}}
 
     def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Do what the control socket asks and return the answer; None: unknown to this node."""
+        """Execute a request of the control socket and return the answer; None: unknown request."""
         return None
 
     def stop(self, time_ns: int) -> None:
@@ -65,5 +65,5 @@ class Node(Protocol):
         return
 
     def close(self) -> None:
-        """Close what the node has opened; called once, whatever came before."""
+        """Close all that the node has opened; called exactly once."""
         return

@@ -1,4 +1,4 @@
-"""The end of a part: whatever its code does wrong, the node's own end goes on."""
+"""Closing of parts: a failure of their code does not interrupt the end of the node."""
 
 import logging
 from typing import Protocol
@@ -12,7 +12,7 @@ class Closable(Protocol):
     """A part that was opened."""
 
     def close(self) -> None:
-        """Release what it holds."""
+        """Release all resources."""
         ...
 
 

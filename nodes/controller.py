@@ -1,4 +1,4 @@
-"""The controller node: drives a controller between the device and the environment, at its own pace.
+"""The controller node: connects device and environment through a controller.
 
 :mod:`forcebound.controllers` says what a controller decides, :mod:`forcebound.nodes.lease` which
 environment it is connected with.
@@ -28,10 +28,10 @@ _logger = logging.getLogger(__name__)
 
 
 class ControllerNode(Node):
-    """Asks the environment about each device state and commands what the controller returns.
+    """Queries the environment for each device state and sends the forces of the controller.
 
-    A controller that raises is counted, and its command is missing: the force at the device then
-    falls to zero by age.
+    If the controller's code raises, the failure is counted and no command is sent; the force at
+    the device then falls to zero by its age limit.
 
     Args:
         controller: Open; the node closes it.
@@ -54,7 +54,7 @@ class ControllerNode(Node):
         self.events = EventLog("controller")
         self._rejected: dict[str, int] = {}
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
-        self._failures = 0  # calls that the controller's code failed to answer
+        self._failures = 0  # failed calls of the controller's code
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Answer every packet; see :class:`forcebound.nodes.Node`."""
@@ -71,7 +71,7 @@ class ControllerNode(Node):
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
     def status(self) -> dict[str, Any]:
-        """Return ``environment``, which serves (None: nobody yet), ``rejected`` and ``failures``.
+        """Return ``environment``, which serves (None: none yet), ``rejected`` and ``failures``.
 
         ``failures``: calls that the controller's code failed to answer.
         """
@@ -82,7 +82,7 @@ class ControllerNode(Node):
         }
 
     def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``environment_died``: the process of an environment is known to be gone.
+        """Answer ``environment_died``: the process of an environment has ended.
 
         ``process`` is the beginning of the environment's name, as far as it is known. The node
         waits no longer than needed for it.
@@ -153,7 +153,7 @@ class ControllerNode(Node):
         self._failures += 1
         if self._failures == 1:
             _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
-            message = "the controller failed to answer: its log gives the reason"
+            message = "the controller's code failed: its log gives the reason"
             packets.append(self.events.emit(time_ns, "controller_failed", message, is_fault=True))
 
 

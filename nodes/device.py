@@ -1,4 +1,4 @@
-"""The device node: the servo that reads, asks, bounds and writes.
+"""The device node: the servo that reads, queries, bounds and writes.
 
 A tick has two instants at fixed phase. At 0: read the position, publish the state. At
 ``reply_wait`` of the period: read again, take the newest command (the answer to this very tick's
@@ -95,7 +95,7 @@ class ServoSettings:
 
 
 def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
-    """Return what the laws may rely on for this device at this rate."""
+    """Return the dissipation on which laws rely, for this device at this rate."""
     return Dissipation(
         damping=model.damping,
         friction=model.friction,
@@ -107,7 +107,7 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
 
 
 class DeviceNode:
-    """The servo of one device; see the module's page for what a tick is.
+    """The servo of one device; the module's docstring defines a tick.
 
     It publishes states and writes zero force from its first step on; the force engages, and a
     simulated hand begins to move, after :meth:`engage`.
@@ -160,7 +160,7 @@ class DeviceNode:
 
     @property
     def is_engaged(self) -> bool:
-        """Whether force may be shown: engaged and not stopped."""
+        """Whether force may be applied: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
 
     def engage(self) -> None:
@@ -193,7 +193,7 @@ class DeviceNode:
         try:
             self._device.write(time_ns, self._zero)
         except DeviceError as error:
-            _logger.warning("the device did not take the last zero force: %s", error)
+            _logger.warning("could not write the last zero force to the device: %s", error)
 
     def close(self) -> None:
         """Close the device."""
@@ -277,7 +277,7 @@ class DeviceNode:
         return telemetry
 
     def _describe_answers(self, time_ns: int) -> Event:
-        """Return that the force is gone, or returns; rare, as a delay may be near the age limit."""
+        """Return an event when the force goes to zero or returns; limited in rate."""
         self._next_event_ns = time_ns + STATE_INTERVAL_NS
         self._is_answered = not self._is_answered
         if self._is_answered:

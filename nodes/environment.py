@@ -1,12 +1,12 @@
-"""The environment node: serves one virtual environment, and takes the time that it takes.
+"""The environment node: serves one virtual environment.
 
-While an answer is computed nothing else is answered, as in a real computation: throughput falls. A
-query that comes meanwhile waits, and only the newest waits. The injected computation time comes on
-top of what the environment's own code needs.
+While an answer is computed no other query is answered, as in a real computation. Of
+the queries that arrive meanwhile only the newest waits. The injected computation time is added to
+that of the environment's own code.
 
-A query names the environment whose answers the graph takes. If that is another one, this one is
-rejected: it emits an event and waits. Once a second it answers all the same, so that the graph
-knows that it is there.
+A query names the environment whose answers the graph accepts. If it names another one, this one is
+rejected: it emits an event and waits. It still answers once a second, so that the
+graph knows of it.
 """
 
 import logging
@@ -68,7 +68,7 @@ class EnvironmentNode(Node):
         self._is_serving = False
         self._emitted: tuple[bool, str | None] = (False, None)
         self._emit_ns = 0
-        self._refused_for: str | None = None  # who serves instead
+        self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
         self.events = EventLog("environment")
         self.name = name
@@ -82,7 +82,7 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        """When the answer in work is ready, in ns; None while there is none."""
+        """When the current answer is ready, in ns; None without one."""
         return None if self._answering is None else self._done_ns
 
     def change(
@@ -134,7 +134,7 @@ class EnvironmentNode(Node):
             force = self._force(query)
             if force is None:
                 if self.faults == 1:
-                    message = "the environment failed to answer: its log says why"
+                    message = "the environment's code failed: its log gives the reason"
                     event = "environment_failed"
                     replies.append(self.events.emit(time_ns, event, message, is_fault=True))
                 return replies
@@ -165,15 +165,15 @@ class EnvironmentNode(Node):
         }
 
     def _emit_state(self, time_ns: int) -> Event:
-        """Return an event: whether this one serves; each query may change that."""
+        """Return an event if this environment begins or ceases to serve, else None."""
         self._emit_ns = time_ns + STATE_INTERVAL_NS
         data = {"environment": self.name}
         if self._refused_for is None:
             message = f"serving this graph now, as {self.name}"
             return self.events.emit(time_ns, "serving", message, data)
         message = (
-            f"not serving: {self._refused_for} serves this graph; waiting until it leaves, "
-            f"as {self.name}"
+            f"not serving: {self._refused_for} serves this graph; "
+            f"{self.name} is waiting until it leaves"
         )
         return self.events.emit(time_ns, "environment_refused", message, data, is_fault=True)
 
@@ -188,8 +188,8 @@ class EnvironmentNode(Node):
         return True
 
     def _force(self, query: EnvironmentQuery) -> Vector | None:
-        # Whatever a user's environment does wrong must end in silence, which the device answers
-        # with zero force, and not in a dead node.
+        # Any failure of a user's environment must end in silence, to which the device responds
+        # with zero force, not in the end of the node.
         try:
             answer = self._environment.force(query.position, query.velocity, query.elapsed)
             force = tuple(map(float, answer))
@@ -199,7 +199,7 @@ class EnvironmentNode(Node):
         except Exception:
             self.faults += 1
             if self.faults == 1:
-                _logger.exception("the environment failed to answer; counting, not answering")
+                _logger.exception("the environment's code failed; this query is not answered")
             return None
 
     def _reply(self, query: EnvironmentQuery, force: Vector, time_ns: int) -> EnvironmentReply:

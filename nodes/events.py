@@ -1,4 +1,4 @@
-"""Events of a process: lines of its log, and packets that are recorded."""
+"""Events of a process: log lines and recorded packets."""
 
 import logging
 from collections.abc import Mapping
@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from forcebound.messages.packets import MAX_TEXT, Event
 
 PHASE_BEGINS = "phase"  # kind of event: a part of a scripted run begins; its data has the name
-LINK_COUNTED = "link_counted"  # kind of event: how many packets of a link had which fate
-STATE_INTERVAL_NS = 200_000_000  # between two words about a state that each packet may change
+LINK_COUNTED = "link_counted"  # kind of event: packets of a link, by fate
+STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change
 MAX_ENTRIES, MAX_DATA = 60, 1_800  # of an event's data, bytes: a packet holds no more than 4096
 
 
 class EventLog:
-    """Makes the events of one process and counts them; it writes each to the log, too.
+    """Makes the events of one process and counts them; also writes each to the log.
 
     Args:
         node: Name of the process.
@@ -60,14 +60,14 @@ class EventLog:
         )
 
     def link_counts(self, time_ns: int, topic: str, counts: Mapping[str, int]) -> Event:
-        """Return an event that says how many packets had which fate on the link of a topic."""
+        """Return an event with the counts of a link's packets, by fate."""
         fates = ", ".join(f"{count} {fate}" for fate, count in counts.items() if count)
         data = {"link": topic, **{fate: str(count) for fate, count in counts.items()}}
         return self.emit(time_ns, LINK_COUNTED, f"{topic}: {fates or 'nothing'}", data)
 
 
 def _bounded(data: Mapping[str, str]) -> dict[str, str]:
-    """Return what of the data a packet can hold, and how many entries were left out."""
+    """Return the data that fits into a packet, and the number of entries left out."""
     kept: dict[str, str] = {}
     size = 0
     for name, text in data.items():

@@ -23,14 +23,14 @@ class Lease:
 
     Attributes:
         holder: Name of the environment that serves; None: the first that answers will.
-        heard_ns: When the holder answered last, in ns; whoever sees that it answers sets it.
+        heard_ns: When the holder answered last, in ns; set by the node that receives the answer.
     """
 
     def __init__(self, events: EventLog, lease_ns: int, dead_lease_ns: int | None) -> None:
         self._events = events
         self._lease_ns = lease_ns
         self._dead_lease_ns = lease_ns if dead_lease_ns is None else dead_lease_ns
-        self._is_dead = False  # whether the holder is known to be
+        self._is_dead = False  # whether the holder has ended
         self.heard_ns = 0
         self._emitted_ns: int | None = None
         self.holder: str | None = None
@@ -44,7 +44,7 @@ class Lease:
         silence = (time_ns - self.heard_ns) * 1e-9
         how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
         self._is_dead = False
-        message = f"environment {environment} {how}; the next that answers will serve"
+        message = f"environment {environment} {how}; the next one to answer will serve"
         return [self._event(time_ns, "environment_lost", message, environment, is_fault=True)]
 
     def request(self, environment: str, time_ns: int) -> list[Packet]:
@@ -57,7 +57,7 @@ class Lease:
         return [self._event(time_ns, "environment_serves", message, environment)]
 
     def process_ended(self, process: str) -> None:
-        """Wait no longer than needed for an environment whose process is gone.
+        """Shorten the lease of an environment whose process has ended.
 
         Args:
             process: Beginning of its name, as far as the launcher knows it.

@@ -26,11 +26,11 @@ import math
 
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 
-REMEMBERED = 4096  # ticks whose times are kept; more than any age limit worth the name at 4 kHz
+REMEMBERED = 4096  # ticks whose times are kept; more than any sensible age limit at 4 kHz
 
 
 class SafetyChain:
-    """Keeps the newest acceptable command and says which force follows from it.
+    """The newest acceptable command, and the force that follows from it.
 
     Attributes:
         answered_tick: Tick whose state the command in use answers; None while there is none.
@@ -57,7 +57,7 @@ class SafetyChain:
         self.rejected: dict[str, int] = {}
 
     def reject(self, reason: str) -> None:
-        """Count a refused packet. The mapping is replaced, so telemetry may keep the old one."""
+        """Count a rejected packet. The mapping is replaced, so telemetry may keep the old one."""
         self.rejected = {**self.rejected, reason: self.rejected.get(reason, 0) + 1}
 
     def remember(self, state: DeviceState) -> None:
@@ -66,7 +66,7 @@ class SafetyChain:
         self._tick_times[state.seq % REMEMBERED] = state.time_ns
 
     def accept(self, packet: Packet, time_ns: int) -> None:
-        """Take a received packet if it passes every stage; count why if not."""
+        """Accept a packet that passes every stage; count the reason if not."""
         if type(packet) is not ForceCommand:
             self.reject("unexpected")
         elif len(packet.force) != self._axes:
@@ -104,7 +104,7 @@ class SafetyChain:
         return force if scale == 1.0 else tuple([scale * f for f in force])
 
     def disengage(self) -> None:
-        """Begin the ramp anew at the next fresh command."""
+        """Restart the ramp at the next fresh command."""
         self._ramp_start_ns = None
         self.engagement = 0.0
 

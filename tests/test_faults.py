@@ -74,7 +74,7 @@ def test_an_environment_leaves_and_comes_back_by_command() -> None:
     with live_graph("stiff_wall.yaml") as graph:
         run = ("--run", str(graph.run_dir))
         for words, reason in {
-            ("stop", "device"): "without its device a run ends",
+            ("stop", "device"): "a run ends without its device",
             ("start", "wall"): "no node 'wall' in this graph; its nodes are",
         }.items():
             refused = graph.order(*words, *run)
@@ -129,6 +129,6 @@ def test_a_recorder_that_cannot_write_leaves_a_result_that_says_so() -> None:
     assert ended.faults["recording_incomplete"] == 1
     assert ended.summary["samples"] > 0
     assert not ended.recording.complete
-    assert "recording stopped: File too large; the run goes on" in ended.log
-    assert f"recording incomplete: of {graph.record} is used what can be read" in ended.log
+    assert "recording stopped: File too large; the run continues" in ended.log
+    assert f"recording incomplete: using the readable part of {graph.record}" in ended.log
     assert ended.columns.true_energy.min() >= -1e-9

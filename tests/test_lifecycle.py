@@ -435,8 +435,8 @@ def test_the_end_of_the_run_while_a_node_stops_on_request_is_no_failure(status: 
 def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
     lifecycle = Lifecycle(NODES[1:], None, 0, LIMITS)  # its environment is somewhere else
     for node, reason in {
-        "device": "without its device a run ends",
-        "recorder": "without its recorder a run ends",
+        "device": "a run ends without its device",
+        "recorder": "a run ends without its recorder",
         "environment": "does not run its environment; it runs controller, device, recorder",
         "dashboard": "no node 'dashboard' in this graph; its nodes are controller, device",
         "controller": "the run is starting; nodes stop and start while it is running",

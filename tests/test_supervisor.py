@@ -169,7 +169,7 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
     assert seen["stopped"] == {"state": "stopped", "pid": None, "restarts": 0}
     assert seen["started"]["state"] == "running"
     assert seen["pids differ"]
-    assert "without its device a run ends" in seen["device"]
+    assert "a run ends without its device" in seen["device"]
     assert "no node 'operator' in this graph" in seen["operator"]
     assert "known: status, configure, stop_node, start_node" in seen["dance"]
     assert seen["passed on"] == "running"

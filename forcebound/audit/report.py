@@ -17,23 +17,22 @@ INTRODUCTION = """\
 # Audit of the laws
 
 {runs:,} attacks on the laws, some drawn at random, some by a search for the lowest energy. Each
-runs a simulated device with a hand, under an adversary in place of an environment, over a bad
-network and with a bad clock, for {seconds:g} s, and records the *loss plus work*: the energy that
-the device has dissipated, plus the work done against its motor. It equals the energy that the hand
-has put in, less the kinetic energy of the device. A passive device keeps it at or above zero;
-rounding is {tolerance:.0e} J. The device dissipates exactly the minimum that is stated to the law,
-so no law has a hidden reserve.
+simulates a device with a hand for {seconds:g} s, with an adversary as environment, a bad network
+and a bad clock. It records the *loss plus work*: the energy that the device has dissipated plus the
+work done against its motor. This equals the energy put in by the hand less the kinetic energy of
+the device. A passive device keeps it at or above zero; the tolerance is {tolerance:.0e} J. The
+device dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
 
     {command}
 
-made this page (forcebound {version}, {processor}). Any run can be repeated by its name:
+made this page (forcebound {version}, {processor}). Any run can be repeated by name:
 
     forcebound audit replay LAW CASE --out run.png
 
 A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the {dimensions}
 continuous parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the
-same budget for each law; its cases are named by a code of their parameters. Without a leak it
-minimises the *share left*: the smallest part, at any moment, of the loss plus work up to then.
+same budget for each law; its cases are named by a code of their parameters. Without a leak the
+search minimises the *share left*: the lowest ratio of the loss plus work to its earlier maximum.
 
 {ranges}
 """

@@ -9,6 +9,7 @@ import click
 
 from forcebound.cli.common import (
     duration_option_for,
+    file_option,
     json_option,
     print_json,
     reports_errors,
@@ -26,7 +27,7 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 @run_option
 @reports_errors
 def stop(node_name: str, run_dir: Path | None) -> None:
-    """Stop NODE (environment or controller) of a running graph, until it is started again."""
+    """Stop NODE (environment or controller) of a running graph."""
     from forcebound.monitor.control import stop_node
     from forcebound.monitor.nodes import ENVIRONMENT, present
     from forcebound.monitor.runs import find
@@ -45,7 +46,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
 @run_option
 @reports_errors
 def start(node_name: str, run_dir: Path | None) -> None:
-    """Start NODE (environment or controller) of a running graph again after a stop."""
+    """Start NODE (environment or controller) of a running graph after a stop."""
     from forcebound.monitor.control import start_node
     from forcebound.monitor.runs import find
 
@@ -55,24 +56,23 @@ def start(node_name: str, run_dir: Path | None) -> None:
 
 @click.command()
 @click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
-@click.option(
+@file_option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
     metavar="TRACE.csv",
-    help="Write the delays as a trace that a link can replay.",
+    help="Write the delays as a trace for a link.",
 )
-@duration_option_for("How long to watch a running graph; 5s by default. Not for a recording.")
+@duration_option_for("Measuring time of a running graph. Default: 5s.")
 @json_option
 @reports_errors
 def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
-    """Show the loop delay of RUN, a recording or a run directory; without it, the running graph."""
+    """Show the loop delay of RUN, a recording or a run directory. Default: the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
 
     measured = measure(run, duration)
     if not measured.is_complete:
-        click.echo(f"{run} was cut off: these are the delays until then", err=True)
+        click.echo(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
     document = {**measured.summary, "trace": None if output is None else str(output)}
@@ -93,12 +93,12 @@ def param() -> None:
 
 
 @param.command("list")
-@click.option("--changed", is_flag=True, help="Only parameters changed since launch.")
+@click.option("--changed", is_flag=True, help="Only those changed since launch.")
 @run_option
 @json_option
 @reports_errors
 def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
-    """List the parameters that can be changed while the graph runs, with their values."""
+    """List the parameters that can be changed during a run, with their values."""
     _show_parameters((), run_dir, as_json, changed)
 
 
@@ -126,7 +126,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
         change = tuning.set_parameters(run, tuning.read_settings(settings))
         _print_parameters(run, change.values)
     if not change.values:
-        click.echo("nothing to change: the graph has these values")
+        click.echo("nothing to change: the graph already has these values")
     for note in change.notes:
         click.echo(f"note: {wording.note(note)}", err=True)
 
@@ -139,8 +139,9 @@ def _show_parameters(
 
     run = find(run_dir)
     with while_running(run):
-        found = tuning.changed_parameters(run) if changed else {}
-        if not changed:
+        if changed:
+            found = tuning.changed_parameters(run)
+        else:
             found = tuning.find_parameters(tuning.configuration(run), names)
         print_json(found) if as_json else _print_parameters(run, found)
 
@@ -161,9 +162,10 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
 @json_option
 @reports_errors
 def doctor(run_dir: Path | None, as_json: bool) -> None:
-    """Diagnose the running graph; if none runs, this machine.
+    """Diagnose the running graph, else this machine.
 
-    Exit status 0: no problem. 1: at least one, or the graph ended meanwhile. 2: no such graph.
+    Exit status 0: no problem; 1: at least one problem, or the graph ended meanwhile; 2: no such
+    graph.
     """
     from forcebound.monitor import doctor, machine, runs
     from forcebound.monitor.observation import observe

@@ -1,19 +1,15 @@
-"""Commands that make and show the keys of links to other machines."""
+"""Commands that create and show the keys of links to other machines."""
 
 from dataclasses import asdict
 
 import click
 
-from forcebound.cli.common import (
-    json_option,
-    print_json,
-    reports_errors,
-)
+from forcebound.cli.common import json_option, print_json, reports_errors
 
 
 @click.group("keys")
 def keys_group() -> None:
-    """Make and show the keys that secure the link to another machine."""
+    """Create and show the keys for a link to another machine."""
 
 
 @keys_group.command("new")
@@ -21,7 +17,7 @@ def keys_group() -> None:
 @json_option
 @reports_errors
 def new_keys(name: str, as_json: bool) -> None:
-    """Make the key pair NAME; its secret stays on this machine."""
+    """Create the key pair NAME; the secret stays on this machine."""
     from forcebound.network.keys import key_folder, new_key
 
     made, folder = new_key(name), key_folder()
@@ -29,7 +25,7 @@ def new_keys(name: str, as_json: bool) -> None:
         print_json({"name": made.name, "public": made.public, "folder": str(folder)})
         return
     click.echo(f"public key: {made.public}")
-    click.echo(f"give {folder / name}.key to the other machine's key folder; the secret stays here")
+    click.echo(f"copy {folder / name}.key to the other machine's key folder; the secret stays here")
 
 
 @keys_group.command("list")
@@ -48,7 +44,9 @@ def list_all_keys(as_json: bool) -> None:
         problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
         click.echo(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
     if not entries:
-        click.echo(f"no keys in {key_folder()}; make one with `forcebound keys new NAME`", err=True)
+        click.echo(
+            f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True
+        )
 
 
 @keys_group.command("show")
@@ -56,7 +54,7 @@ def list_all_keys(as_json: bool) -> None:
 @json_option
 @reports_errors
 def show_key(name: str, as_json: bool) -> None:
-    """Print the public key NAME, to be given to the other machine."""
+    """Print the public key NAME, for the other machine."""
     from forcebound.network.keys import public_key
 
     public = public_key(name)

@@ -1,8 +1,8 @@
-"""Commands that run a graph, and show what came of it."""
+"""Commands that run a graph and show the result."""
 
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,10 @@ import click
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
+    file_option,
     json_option,
     print_json,
+    print_rows,
     print_table,
     record_option,
     reports_errors,
@@ -23,24 +25,25 @@ if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
 
-check_option = click.option(
-    "--check", is_flag=True, help="Check the launch file and start nothing."
+_OPTIONS = (
+    click.argument("file"),
+    click.argument("arguments", nargs=-1, metavar=ARGUMENTS),
+    duration_option,
+    record_option,
+    click.option("--check", is_flag=True, help="Only check the launch file."),
+    click.option("--show-args", is_flag=True, help="List the arguments of the file."),
+    json_option,
 )
 
 
-show_args_option = click.option(
-    "--show-args", is_flag=True, help="Show the arguments that the file takes."
-)
+def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
 
 
 @click.command("launch")
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@duration_option
-@record_option
-@check_option
-@show_args_option
-@json_option
+@_graph_options
 @reports_errors
 def launch_graph(
     file: str,
@@ -51,26 +54,19 @@ def launch_graph(
     show_args: bool,
     as_json: bool,
 ) -> None:
-    """Start the graph of processes of a launch file, e.g. stiff_wall.yaml law:=certified."""
+    """Run the graph of a launch file in real time, e.g. stiff_wall law:=certified."""
     from forcebound.launch.live import check_here, run_live
 
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
-    if config is None:
-        return
-    told = " ".join((file, *arguments))
-    _report(run_live(config, duration, record, file=told), record, as_json)
+    if config is not None:
+        described = " ".join((file, *arguments))
+        _report(run_live(config, duration, record, file=described), record, as_json)
 
 
 @click.command()
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@duration_option
-@record_option
+@_graph_options
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
-@check_option
-@show_args_option
-@json_option
 @reports_errors
 def simulate(
     file: str,
@@ -82,7 +78,7 @@ def simulate(
     show_args: bool,
     as_json: bool,
 ) -> None:
-    """Run the same launch file in virtual time: deterministic, faster than real time."""
+    """Run a launch file in virtual time: deterministic, faster than real time."""
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
@@ -100,20 +96,20 @@ def simulate(
 @click.option(
     "--run-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of the run's sockets; every node of a run names the same. Without it, an "
-    "environment serves a graph on another machine, as remote: in FILE says.",
+    help="Folder of the run's sockets, the same for every node of a run. Without it, an "
+    "environment serves a graph on another machine, as set in section remote: of FILE.",
 )
 @click.option(
     "--supervised",
     is_flag=True,
     hidden=True,
-    help="End with the process that started it; engage at its word.",
+    help="End with the process that started it; engage on its request.",
 )
 @reports_errors
 def node(
     kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
 ) -> None:
-    """Run one node of a launch file by hand, on this machine or for a graph on another one."""
+    """Run one node of a launch file by hand, for a graph on this machine or another."""
     from forcebound.launch.worker import run_node
 
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
@@ -121,16 +117,15 @@ def node(
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
-@click.option(
+@file_option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write, .png or .svg; beside the first recording by default.",
+    help="Picture file, .png or .svg. Default: name of the first recording, .png.",
 )
 @json_option
 @reports_errors
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    """Draw recordings, side by side: position, forces with the bound, energy, loop delay."""
+    """Draw recordings side by side: position, forces, energy, loop delay."""
     from forcebound.analysis.plots import figure, save
     from forcebound.launch.results import RunResult
 
@@ -138,7 +133,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     if output is None:
         output = Path(runs[0]).with_suffix(".png")
     labels = [result.label for result in results]
-    if len(set(labels)) < len(labels):  # of the same law: told apart by their files
+    if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
     drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
     save(figure(drawn, events=[r.events for r in results]), output)
@@ -150,11 +145,13 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
 
 @click.command()
-@click.option("--page", is_flag=True, help="The reference page of all keys instead (Markdown).")
+@click.option(
+    "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
+)
 def schema(page: bool) -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
     if page:
-        from forcebound.config.reference import reference_page
+        from forcebound.config.schema import reference_page
 
         click.echo(reference_page(), nl=False)
         return
@@ -170,12 +167,11 @@ def _configuration(
     show_args: bool,
     as_json: bool,
     seed: int | None = None,
-    also: "Callable[[GraphConfig], None] | None" = None,
+    also: "Callable[[GraphConfig], None]" = lambda config: None,
 ) -> "GraphConfig | None":
-    """Return what a launch file describes; None if that, or its arguments, was only to be shown."""
-    from dataclasses import replace
-
+    """Return the configuration of a launch file; None if it was only checked or shown."""
     from forcebound.config.loader import load_tried
+    from forcebound.config.resolved import to_document
 
     if show_args:
         _show_arguments(file, as_json)
@@ -183,12 +179,11 @@ def _configuration(
     config = load_tried(file, arguments)
     if seed is not None:
         config = replace(config, seed=seed)
-    if check:
-        if also is not None:
-            also(config)
-        _print_document(config) if as_json else click.echo(f"{file}: correct")
-        return None
-    return config
+    if not check:
+        return config
+    also(config)
+    print_json(to_document(config)) if as_json else click.echo(f"{file}: correct")
+    return None
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
@@ -205,39 +200,21 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
 
 def _as_written(value: object) -> str:
-    """Return a value as one writes it in a launch file."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
-        click.echo("forcebound: interrupted; this is the run until then", err=True)
+        click.echo("forcebound: interrupted; result up to here", err=True)
     if as_json:
         print_json(result.summary)
         return
     print_table([result])
     if result.summary["phases"]:
-        _print_phases(result.summary["phases"])
+        from forcebound.analysis.tables import phase_rows
+
+        head, *rows = phase_rows(result.summary["phases"])
+        click.echo()
+        print_rows(head, rows)
     if record is not None:
         click.echo(f"recording: {record}")
-
-
-def _print_phases(phases: list[Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from forcebound.analysis.tables import phase_rows
-
-    head, *rows = phase_rows(phases)
-    table = Table(head[0], box=None, pad_edge=False)
-    for name in head[1:]:
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    Console().print("", table)
-
-
-def _print_document(config: Any) -> None:
-    from forcebound.config.resolved import to_document
-
-    print_json(to_document(config))

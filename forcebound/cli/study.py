@@ -1,4 +1,4 @@
-"""Commands that study laws and machine: benchmarks, audits, the paper, sweeps."""
+"""Commands for benchmarks, audits, sweeps and the paper's experiments."""
 
 import sys
 from pathlib import Path
@@ -8,8 +8,10 @@ import click
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
+    file_option,
     json_option,
     print_json,
+    print_rows,
     reports_errors,
 )
 from forcebound.errors import ConfigError, RunError
@@ -18,7 +20,7 @@ from forcebound.errors import ConfigError, RunError
 @click.command()
 @click.argument("name")
 @duration_option
-@click.option("--rate", default=1000.0, show_default=True, help="Ticks a second, in Hz.")
+@click.option("--rate", default=1000.0, show_default=True, help="Sampling rate, in Hz.")
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
@@ -34,14 +36,8 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     if as_json:
         print_json(result)
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    for one in tables(result):
-        table = Table(*one.columns, title=one.title, title_justify="left", box=None)
-        for row in one.rows:
-            table.add_row(*row)
-        Console().print(table)
+    for table in tables(result):
+        print_rows(table.columns, table.rows, table.title)
 
 
 @click.group(invoke_without_command=True)
@@ -60,16 +56,19 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     show_default=True,
     help="Runs of each law in a CMA-ES search for the lowest energy.",
 )
-@click.option("--law", "laws", multiple=True, help="Only this law; may be repeated.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--law", "laws", multiple=True, help="Only this law; repeatable.")
 @click.option(
-    "--workers", type=click.IntRange(min=0), help="Processes; one a core by default; 0: this one."
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the runs."
 )
 @click.option(
+    "--workers",
+    type=click.IntRange(min=0),
+    help="Number of processes; 0: only this one. Default: one per core.",
+)
+@file_option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
     metavar="REPORT.md",
-    help="Write the result as a page.",
+    help="Write the report to this file.",
 )
 @json_option
 @click.pass_context
@@ -84,7 +83,7 @@ def audit(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Attack the laws; exit with 1 if a certified one gives energy away."""
+    """Attack the laws in simulation; exit status 1 if a certified law leaks energy."""
     if context.invoked_subcommand is not None:
         return
     from forcebound.audit.command import run
@@ -97,7 +96,7 @@ def audit(
         for row in document["laws"]:
             lowest = show_energy(row["loss_and_work_min_j"])
             click.echo(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
-        click.echo(f"{document['runs']} runs; `forcebound audit replay LAW CASE` shows one again")
+        click.echo(f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`")
     sys.exit(0 if all(row["holds"] for row in document["laws"]) else 1)
 
 
@@ -105,16 +104,15 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@click.option(
+@file_option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
     metavar="RUN.png",
-    help="Draw the run, .png or .svg.",
+    help="Draw the run to this file, .png or .svg.",
 )
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
-    """Show a run of an audit again: LAW under CASE, a seed or a code."""
+    """Repeat one run of an audit: LAW under CASE, a seed or a code."""
     from forcebound.audit.command import run_again
 
     document = run_again(law, case, duration or 2.0, out)
@@ -137,7 +135,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
 @json_option
 @reports_errors
 def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
-    """Run the paper's experiments again: table1, fig4 to fig21, eq41_42; all without a NAME."""
+    """Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all."""
     from forcebound.experiments.reproduce import reproduce, tables
 
     done = reproduce(names, out, lambda line: click.echo(line, err=True))
@@ -154,17 +152,20 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.command()
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@click.option(
+@file_option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Parquet file to write; named after the sweep file by default.",
+    help="Parquet file to write. Default: name of the sweep file.",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes; one a core by default.")
-@click.option("--cluster", metavar="ADDRESS", help="Scheduler of a dask cluster to run it on.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core."
+)
+@click.option(
+    "--cluster", metavar="ADDRESS", help="Run on a dask cluster; address of its scheduler."
+)
 @click.option("--restart", is_flag=True, help="Discard earlier parts.")
 @click.option("--overwrite", is_flag=True, help="Replace the result of another sweep.")
-@click.option("--plot", "as_plot", is_flag=True, help="Draw the sweep's map beside the result.")
+@click.option("--plot", "as_plot", is_flag=True, help="Also draw the map of the sweep.")
 @json_option
 @click.pass_context
 @reports_errors
@@ -180,9 +181,9 @@ def sweep(
     as_plot: bool,
     as_json: bool,
 ) -> None:
-    """Run a sweep file, such as z_width or stability_map; go on with one that was interrupted.
+    """Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
-    The name audit stands for `forcebound audit`, whose cases are attacks and no grid.
+    `forcebound sweep audit` runs `forcebound audit`.
     """
     if file == "audit":
         if arguments or cluster or restart or overwrite or as_plot:
@@ -204,15 +205,14 @@ def sweep(
 
 @click.command("map")
 @click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
+@file_option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write, .png or .svg; beside the result by default.",
+    help="Picture file, .png or .svg. Default: name of the result, .png.",
 )
 @reports_errors
 def draw_map(result: Path, output: Path | None) -> None:
-    """Draw the map of a sweep's RESULT.parquet, with the limits of theory."""
+    """Draw the map of a sweep's RESULT.parquet, with theoretical limits."""
     from forcebound.sweep.maps import draw
 
     output = output or result.with_suffix(".png")

@@ -15,20 +15,12 @@ RECORDING_SUFFIX = ".mcap"
 
 
 def trace_of(impairment: Impairment) -> DelayTrace | None:
-    """Return what the trace of an impairment says; None if it names none.
-
-    Raises:
-        ConfigError: If the file cannot be read or is no trace.
-    """
+    """Return the trace of an impairment, see :func:`read_trace`; None if it names none."""
     return None if impairment.trace is None else read_trace(impairment.trace)
 
 
 def shortest_of(impairment: Impairment) -> float:
-    """Return the shortest time on the way, in s, of its trace if it has one.
-
-    Raises:
-        ConfigError: As :func:`trace_of`.
-    """
+    """Return the shortest time on the way, in s, of its trace if it has one."""
     trace = trace_of(impairment)
     if trace is None or impairment.reorder > 0.0:
         return impairment.shortest
@@ -52,15 +44,25 @@ def read_trace(file: Path) -> DelayTrace:
 def _read(file: Path, modified_ns: int, size: int) -> DelayTrace:
     # The loader checks what the links then use, and a sweep does so thousands of times.
     if file.suffix == RECORDING_SUFFIX:
-        from forcebound.recording import read  # slow, and few traces are recordings
-
-        recording = read(file)
-        try:
-            document = json.loads(recording.metadata.get("launch", "{}"))
-            return as_link_trace(loop_delays(recording.telemetry), document)
-        except ConfigError as error:
-            raise ConfigError(f"no trace in {file}: {error}") from None
+        trace, document, _ = of_recording(file)
+        return as_link_trace(trace, document)
     return read_csv(file)
+
+
+def of_recording(file: Path) -> tuple[DelayTrace, Mapping[str, Any], bool]:
+    """Return the loop delays of a recording, its launch document, and whether it is complete.
+
+    Raises:
+        ConfigError: If it cannot be read, or has no tick to show a delay.
+    """
+    from forcebound.recording import read  # slow, and few traces are recordings
+
+    recording = read(file)
+    try:
+        trace = loop_delays(recording.telemetry)
+    except ConfigError as error:
+        raise ConfigError(f"no trace in {file}: {error}") from None
+    return trace, json.loads(recording.metadata.get("launch", "{}")), recording.complete
 
 
 def loop_delays(columns: TelemetryColumns) -> DelayTrace:
@@ -69,9 +71,6 @@ def loop_delays(columns: TelemetryColumns) -> DelayTrace:
     A tick that no force ever answered counts as lost: its answer, or the query for it, was lost,
     or a newer one overtook it. The last ticks, whose answers may have been on their way at the
     end, are left out: as many as fit in the longest delay.
-
-    Args:
-        columns: The telemetry of a run, or of a part of one.
 
     Raises:
         ConfigError: If nothing is left.

@@ -45,8 +45,8 @@ class Fate(NamedTuple):
     delay_ns: int
 
 
-class Draws:
-    """The random numbers of one link, uniform in [0, 1), a generator for each decision.
+class Draws(dict[str, Draw]):
+    """The random numbers of one link by decision, uniform in [0, 1), a generator for each.
 
     Args:
         seed: As given to :class:`~forcebound.network.link.Link`.
@@ -54,15 +54,14 @@ class Draws:
     """
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:
+        super().__init__()
         self._seed = seed
         self._is_copy = is_copy
-        self._draws: dict[str, Draw] = {}
 
-    def __getitem__(self, decision: str) -> Draw:
-        """Return what draws the numbers of a decision; it goes on where it was."""
-        if decision not in self._draws:  # most links need two of eight
-            self._draws[decision] = _generator(self._seed, decision, self._is_copy).random
-        return self._draws[decision]
+    def __missing__(self, decision: str) -> Draw:
+        """Make what draws the numbers of a decision; most links need two of eight."""
+        self[decision] = _generator(self._seed, decision, self._is_copy).random
+        return self[decision]
 
 
 def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Generator:
@@ -91,11 +90,6 @@ def plain_fates(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return what the first ``count`` packets of a plain link draw; see :meth:`Chances.next_plain`.
 
-    Args:
-        impairment: Plain (:attr:`Impairment.is_plain`).
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        count: Number of packets.
-
     Returns:
         Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
     """
@@ -112,15 +106,9 @@ def plain_fates(
 
 
 class Chances:
-    """The random processes of one link under one impairment.
-
-    Args:
-        impairment: What the link does.
-        draws: The numbers; the processes go on with them.
-    """
+    """The random processes of one link under one impairment; they go on with its numbers."""
 
     def __init__(self, impairment: Impairment, draws: Draws) -> None:
-        """Begin: the state is good, and there is no number before."""
         self._impairment = impairment
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9

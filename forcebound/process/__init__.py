@@ -1,4 +1,4 @@
-"""Live processes: the loop that drives a node, the one that records, how they end and meet.
+"""Live processes: the loop of a node, the loop of the recorder, their end and endpoints.
 
 :mod:`~forcebound.process.runner` drives one node over ZeroMQ, :mod:`~forcebound.process.recorder`
 records; :mod:`~forcebound.process.endpoints` says where the processes of a run meet.

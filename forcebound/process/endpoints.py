@@ -1,4 +1,4 @@
-"""Endpoints at which the processes of a run meet on one machine."""
+"""Endpoints of the processes of a run on one machine."""
 
 from pathlib import Path
 
@@ -8,27 +8,27 @@ _IPC = "ipc://"
 
 
 def topic_endpoint(run_dir: Path, topic: str) -> str:
-    """Return where the packets of a topic are published in a run on one machine."""
+    """Return the endpoint of a topic's packets in a run on one machine."""
     return f"{_IPC}{run_dir}/{topic}"
 
 
 def remote_endpoint(run_dir: Path, topic: str) -> str:
-    """Return where packets of a topic that come from another machine are passed on."""
+    """Return the endpoint of a topic's packets that come from another machine."""
     return f"{_IPC}{run_dir}/{topic}-remote"
 
 
 def event_endpoint(run_dir: Path, name: str) -> str:
-    """Return where the process ``name`` of a run publishes what happens to it."""
+    """Return the endpoint of the events of the process ``name`` of a run."""
     return f"{_IPC}{run_dir}/{TOPIC_OF[Event]}-{name}"
 
 
 def control_endpoint(run_dir: Path, name: str) -> str:
-    """Return where the process ``name`` of a run answers requests."""
+    """Return the endpoint at which the process ``name`` of a run answers requests."""
     return f"{_IPC}{_control(run_dir, name)}"
 
 
 def has_control(run_dir: Path, name: str) -> bool:
-    """Return whether the process ``name`` of a run has made the place where it answers."""
+    """Return whether the process ``name`` of a run has bound its control endpoint."""
     return _control(run_dir, name).exists()
 
 

@@ -1,4 +1,4 @@
-"""Inbox of a node: its sockets, the decoding, and the models of impaired links.
+"""Inbox of a node: sockets, decoding, and models of impaired links.
 
 Strategy:
 
@@ -25,7 +25,7 @@ from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.process.endpoints import topic_endpoint
 
-LONGEST_WAIT_NS = 10_000_000  # then the runner looks at its control socket
+LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
 SLEPT_NS = 5_000  # a receiving call that took longer has slept
 
 _clock = time.monotonic_ns
@@ -96,11 +96,11 @@ class Inbox:
             self._remote.newest_only = False
 
     def link_counts(self) -> dict[str, dict[str, int]]:
-        """Return how many packets had which fate on each impaired link, by topic."""
+        """Return the counts of packets by fate on each impaired link, by topic."""
         return {self._topics[packet]: link.counts for packet, link in self._links.items()}
 
     def wait(self, wake_ns: int | None, stop_descriptor: int) -> tuple[int, Sequence[Packet]]:
-        """Sleep until something has come, at most ``LONGEST_WAIT_NS``.
+        """Sleep until a packet arrives, at most ``LONGEST_WAIT_NS``.
 
         Args:
             wake_ns: When to return at the latest, in ns; None: no matter.
@@ -130,7 +130,7 @@ class Inbox:
         return time_ns, (packet,)
 
     def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
-        """Wait for descriptors until a node's or a link's time has come."""
+        """Wait for descriptors until the next time of the node or of a link."""
         times_ns = [link.next_due_ns for link in self._links.values()]
         due_ns = min((t for t in (wake_ns, *times_ns) if t is not None), default=None)
         subscribers = [each for each in (self._local, self._remote) if each is not None]
@@ -140,7 +140,7 @@ class Inbox:
             sockets.wait((*waited, stop_descriptor), min(sleep_ns, LONGEST_WAIT_NS))
 
     def take(self, time_ns: int) -> list[Packet]:
-        """Return the packets that have come and are through their links; never waits."""
+        """Return the packets that have passed their links; never waits."""
         came = self._local.receive() if self._local is not None else ()
         received = self._take(came, self._expected, time_ns)
         if self._remote is not None:
@@ -157,7 +157,7 @@ class Inbox:
         time_ns: int,
         forward: Callable[[bytes], Any] | None = None,
     ) -> list[Packet]:
-        """Decode frames; return the newest packets of the perfect links, give links theirs."""
+        """Decode frames; return the newest packets of perfect links, give the links theirs."""
         newest: dict[type[Packet], Packet] = {}
         for data in arrived:
             try:
@@ -176,5 +176,5 @@ class Inbox:
         return list(newest.values())
 
     def _reject(self, error: PacketError | KeyError) -> None:
-        # A packet of another class than the node takes: the decoder's word for it.
+        # A packet of another class than expected: the decoder gives the reason.
         self._rejected(error.reason if isinstance(error, PacketError) else "keys")

@@ -1,4 +1,4 @@
-"""Readiness of a process: what it has received, and what it still waits for."""
+"""Readiness of a process: topics received, and topics still missing."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -19,23 +19,23 @@ from forcebound.process.endpoints import control_endpoint
 from forcebound.process.readiness import readiness
 from forcebound.process.stop import Stop
 
-COMPLETE = "complete"  # a recording that lacks nothing
-RECORDER_PERIOD_NS = 10_000_000  # a recorder that woke for each packet would cost half a core
-FLUSH_PERIOD_NS = 250_000_000  # what a killed recorder may lose
-DRAIN_NS = 50_000_000  # silence after a stop request, after which nothing more is expected
-DRAIN_LIMIT_NS = 1_000_000_000  # and how long it waits for that silence
+COMPLETE = "complete"  # a complete recording
+RECORDER_PERIOD_NS = 10_000_000  # waking for each packet would cost half a core
+FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
+DRAIN_NS = 50_000_000  # silence after a stop request that ends the recording
+DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence
 _logger = logging.getLogger(__name__)
 
 
 class Sink(Protocol):
-    """Where a recorder puts packets; :class:`forcebound.recording.Recorder` is one."""
+    """Sink of a recorder's packets; :class:`forcebound.recording.Recorder` is one."""
 
     def write(self, packet: Packet) -> None:
         """Record one packet."""
         ...
 
     def flush(self) -> None:
-        """Make everything written so far survive the death of this process."""
+        """Flush, so that all packets so far survive the end of this process."""
         ...
 
 
@@ -108,7 +108,7 @@ def record(
 
 
 class _FailSafeSink:
-    """A sink that says once that it cannot write, and then throws away what it gets.
+    """A sink that reports once that it cannot write, and then drops its packets.
 
     Attributes:
         state: :data:`COMPLETE`, or why the recording is not.
@@ -131,7 +131,7 @@ class _FailSafeSink:
             act(*packet)
         except OSError as error:
             self.state = f"stopped: {error.strerror or error}"
-            _logger.error("recording %s; the run goes on", self.state)
+            _logger.error("recording %s; the run continues", self.state)
 
 
 def _recorder_status(

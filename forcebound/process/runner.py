@@ -54,7 +54,7 @@ from forcebound.process.readiness import readiness
 from forcebound.process.stop import Stop
 
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
-FAREWELL_STEPS = 4  # in which the last telemetry, with zero force, comes
+FAREWELL_STEPS = 4  # until the last telemetry, with zero force, is sent
 
 _logger = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ class Runner:
         if remote is not None:
             self._connect_remote(remote)
         self._control = network.control_server(control_endpoint(run_dir, name))
-        self._look_ns = 0  # when to look at the control socket, and at the remote link
+        self._look_ns = 0  # next poll of the control socket and of the remote link
         self._stop_requested = False
         self._facts: Sequence[realtime.Fact] = ()
         self.steps = 0
@@ -150,7 +150,7 @@ class Runner:
         self._publish[Event](encode(emitted))
 
     def wait(self, stop_descriptor: int) -> None:
-        """Sleep until a node that wakes on arrival has something to do, then let it do that.
+        """Sleep until a node that wakes on arrival is due, then step it.
 
         Args:
             stop_descriptor: Ends the sleep when it is readable.
@@ -158,8 +158,8 @@ class Runner:
         self._step(*self._inbox.wait(self._node.wake_ns, stop_descriptor))
 
     def turn(self, time_ns: int) -> None:
-        """Take what has come, step the node if it has something to do, publish."""
-        # On an impaired link the time of arrival counts, so nothing there waits for a later turn.
+        """Receive, step the node if it is due, publish."""
+        # On an impaired link the time of arrival counts, so no packet waits for a later turn.
         listens = self._node.needs_packets or self._inbox.is_impaired
         self._step(time_ns, self._inbox.take(time_ns) if listens else ())
 
@@ -174,7 +174,7 @@ class Runner:
             self.look(time_ns)
 
     def look(self, time_ns: int) -> None:
-        """Answer the control socket, and look after the remote link."""
+        """Serve the control socket and the remote link."""
         self._look_ns = time_ns + LONGEST_WAIT_NS
         self._control.serve(self.answer)
         remote = self._remote
@@ -215,7 +215,7 @@ class Runner:
     def _connect_remote(self, remote: RemoteLink) -> None:
         """Let packets of the environment's two topics go to, and come from, another machine.
 
-        What goes out goes to this machine's sockets, too; what comes in is passed on to them, on
+        Sent packets also go to this machine's sockets; received packets are passed on to them, on
         an address of its own: so a recorder here sees both.
         """
         sent: type[Packet] = EnvironmentQuery
@@ -261,7 +261,7 @@ class Runner:
         }
 
     def _emit_link_counts(self) -> None:
-        """Leave the links' counts in the recording."""
+        """Publish the links' counts for the recording."""
         for topic, counts in self._inbox.link_counts().items():
             event = self._node.events.link_counts(time.monotonic_ns(), topic, counts)
             self._publish[Event](encode(event))
@@ -300,7 +300,7 @@ def run(
     configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
-    """Run a node until it is asked to stop, and close it; return its last status.
+    """Run a node until a stop request, and close it; return its last status.
 
     Args:
         node: What decides.

@@ -8,9 +8,9 @@ from typing import Any, Self
 
 
 class SignalPipe:
-    """Makes a descriptor readable when one of some signals comes, also just before a sleep.
+    """Makes a descriptor readable when one of some signals arrives, even just before a sleep.
 
-    Within the ``with`` block the signals do nothing else, but for what a subclass makes of them.
+    Within the ``with`` block the signals have no other effect, unless a subclass adds one.
 
     Args:
         signals: Which ones.
@@ -50,7 +50,7 @@ class SignalPipe:
         os.close(self._wake_descriptor)
 
     def _caught(self, number: int, frame: FrameType | None) -> None:
-        """Let the byte on the descriptor do the work."""
+        """Ignore the signal: its byte on the descriptor is enough."""
 
 
 class Stop(SignalPipe):
@@ -65,7 +65,7 @@ class Stop(SignalPipe):
         self.requested = False
 
     def request(self) -> None:
-        """Ask the loop to end."""
+        """Request the end of the loop."""
         self.requested = True
         os.write(self._wake_descriptor, b"\0")
 
