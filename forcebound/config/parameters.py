@@ -9,13 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import (
-    KINDS,
-    RUN_KEYS,
-    GraphConfig,
-    RealtimeConfig,
-    RemoteConfig,
-)
+from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
 from forcebound.config.resolved import plain, to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment

@@ -6,8 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
@@ -17,20 +15,12 @@ RECORDING_SUFFIX = ".mcap"
 
 
 def trace_of(impairment: Impairment) -> DelayTrace | None:
-    """Return what the trace of an impairment says; None if it names none.
-
-    Raises:
-        ConfigError: If the file cannot be read or is no trace.
-    """
+    """Return the trace of an impairment, see :func:`read_trace`; None if it names none."""
     return None if impairment.trace is None else read_trace(impairment.trace)
 
 
 def shortest_of(impairment: Impairment) -> float:
-    """Return the shortest time on the way, in s, of its trace if it has one.
-
-    Raises:
-        ConfigError: As :func:`trace_of`.
-    """
+    """Return the shortest time on the way, in s, of its trace if it has one."""
     trace = trace_of(impairment)
     if trace is None or impairment.reorder > 0.0:
         return impairment.shortest
@@ -54,15 +44,25 @@ def read_trace(file: Path) -> DelayTrace:
 def _read(file: Path, modified_ns: int, size: int) -> DelayTrace:
     # The loader checks what the links then use, and a sweep does so thousands of times.
     if file.suffix == RECORDING_SUFFIX:
-        from forcebound.recording import read  # slow, and few traces are recordings
-
-        recording = read(file)
-        try:
-            document = json.loads(recording.metadata.get("launch", "{}"))
-            return as_link_trace(loop_delays(recording.telemetry), document)
-        except ConfigError as error:
-            raise ConfigError(f"no trace in {file}: {error}") from None
+        trace, document, _ = of_recording(file)
+        return as_link_trace(trace, document)
     return read_csv(file)
+
+
+def of_recording(file: Path) -> tuple[DelayTrace, Mapping[str, Any], bool]:
+    """Return the loop delays of a recording, its launch document, and whether it is complete.
+
+    Raises:
+        ConfigError: If it cannot be read, or has no tick to show a delay.
+    """
+    from forcebound.recording import read  # slow, and few traces are recordings
+
+    recording = read(file)
+    try:
+        trace = loop_delays(recording.telemetry)
+    except ConfigError as error:
+        raise ConfigError(f"no trace in {file}: {error}") from None
+    return trace, json.loads(recording.metadata.get("launch", "{}")), recording.complete
 
 
 def loop_delays(columns: TelemetryColumns) -> DelayTrace:
@@ -72,12 +72,11 @@ def loop_delays(columns: TelemetryColumns) -> DelayTrace:
     or a newer one overtook it. The last ticks, whose answers may have been on their way at the
     end, are left out: as many as fit in the longest delay.
 
-    Args:
-        columns: The telemetry of a run, or of a part of one.
-
     Raises:
         ConfigError: If nothing is left.
     """
+    import numpy as np  # few launch files name a recording
+
     answers, first = np.unique(columns.device_seq, return_index=True)
     delay_of = dict(zip(answers.tolist(), columns.loop_delay[first].tolist(), strict=True))
     known = columns.loop_delay[np.isfinite(columns.loop_delay)]

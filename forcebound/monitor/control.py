@@ -21,13 +21,9 @@ POLL_NS = 50_000_000  # between two looks
 def ask(
     run_dir: Path, name: str, request: Mapping[str, Any], timeout: float = ANSWER_TIMEOUT
 ) -> dict[str, Any] | None:
-    """Return the answer of a process of a running graph; None if there is none in time.
+    """Return the answer of a process of a running graph; None if there is none in ``timeout`` s.
 
-    Args:
-        run_dir: Of the run.
-        name: Of the process.
-        request: See ``docs/protocol.md``, Control.
-        timeout: How long to wait, in s.
+    Requests are on the page ``docs/protocol.md``, Control.
     """
     return ask_all(run_dir, (name,), request, timeout)[name]
 
@@ -35,27 +31,20 @@ def ask(
 def ask_all(
     run_dir: Path, names: Collection[str], request: Mapping[str, Any], timeout: float
 ) -> dict[str, dict[str, Any] | None]:
-    """Return the answers of several processes of a running graph, asked at once; see :func:`ask`.
-
-    Args:
-        run_dir: Of the run.
-        names: Of the processes.
-        request: To each of them.
-        timeout: How long to wait for them all, in s.
-    """
+    """Return the answers of several processes to one request, asked at once; see :func:`ask`."""
     answers: dict[str, dict[str, Any] | None] = dict.fromkeys(names)
     with Network() as network:
-        clients = {name: network.control_client(control_endpoint(run_dir, name)) for name in names}
+        waiting = {name: network.control_client(control_endpoint(run_dir, name)) for name in names}
         unsent = set(names)
         end = time.monotonic() + timeout
         while True:
-            unsent -= {name for name in unsent if clients[name].ask(request)}
-            for name in [name for name in answers if answers[name] is None]:
-                answers[name] = clients[name].answer()
-            waiting = [clients[name].descriptor for name in answers if answers[name] is None]
+            unsent -= {name for name in unsent if waiting[name].ask(request)}
+            answers |= {name: client.answer() for name, client in waiting.items()}
+            waiting = {name: waiting[name] for name in waiting if answers[name] is None}
+            unsent &= waiting.keys()
             if not waiting or time.monotonic() >= end:
                 return answers
-            sockets.wait(waiting, POLL_NS)
+            sockets.wait([client.descriptor for client in waiting.values()], POLL_NS)
 
 
 def statuses(run_dir: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | None]:
@@ -65,7 +54,7 @@ def statuses(run_dir: Path, names: Iterable[str]) -> dict[str, dict[str, Any] | 
 
 
 def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the launcher's answer to one request; see ``docs/protocol.md``, Control.
+    """Return the launcher's answer to one request; see :func:`ask`.
 
     Raises:
         ConfigError: If it refuses, or there is no launcher; the message says why.
@@ -98,12 +87,7 @@ def stop_node(run_dir: Path, node: str) -> None:
 
 
 def start_node(run_dir: Path, node: str) -> None:
-    """Start a node that was stopped; return when it answers.
-
-    Raises:
-        ConfigError: If the launcher refuses.
-        RunError: If it does not answer, or the node does not start in time.
-    """
+    """Start a node that was stopped; return when it answers. Errors are as of :func:`stop_node`."""
     _change_state(run_dir, "start_node", node, "running", START_TIMEOUT)
 
 

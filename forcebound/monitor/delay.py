@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from forcebound import realtime
-from forcebound.config.traces import loop_delays
+from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
 from forcebound.messages.codec import decode
@@ -22,7 +22,6 @@ from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
-from forcebound.recording import read
 from forcebound.telemetry import TelemetryColumns
 
 DURATION = 5.0  # s, how long a running graph is watched
@@ -45,16 +44,17 @@ class Measured:
         None if every answer was lost.
         """
         known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
-        figures = dict.fromkeys(("p50", "p99", "max"))
-        if known.size:
-            p50, p99, longest = np.percentile(known, (50, 99, 100)).tolist()
-            figures = {"p50": p50, "p99": p99, "max": longest}
+        figures = np.percentile(known, (50, 99, 100)).tolist() if known.size else [None] * 3
         ticks = len(self.trace.delays)
-        return {"ticks": ticks, "lost_share": 1.0 - known.size / ticks, "loop_delay_ms": figures}
+        return {
+            "ticks": ticks,
+            "lost_share": 1.0 - known.size / ticks,
+            "loop_delay_ms": dict(zip(("p50", "p99", "max"), figures, strict=True)),
+        }
 
 
 def measure(run: Path | None, duration: float | None = None) -> Measured:
-    """Return the loop delay of each tick.
+    """Return the loop delays of a run.
 
     Args:
         run: A recording; the run directory of a running graph; None: the only one that runs.
@@ -68,9 +68,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
     if run is not None and not run.is_dir():
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
-        recording = read(run)
-        document = json.loads(recording.metadata.get("launch", "{}"))
-        return Measured(loop_delays(recording.telemetry), document, recording.complete)
+        return Measured(*of_recording(run))
     run_dir = find(run, of_graph=True, option="`forcebound delay DIR`")
     with while_running(run_dir):
         document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
@@ -79,11 +77,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
 
 
 def watch(run_dir: Path, duration: float) -> TelemetryColumns:
-    """Return the telemetry of a running graph, for some time or until the graph ends.
-
-    Args:
-        run_dir: Of the run.
-        duration: How long, in s.
+    """Return the telemetry of a running graph, for ``duration`` s or until the graph ends.
 
     Raises:
         ConfigError: If it is no run directory, or no longer one.
@@ -98,7 +92,9 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
             end_ns = time.monotonic_ns() + round(duration * 1e9)
             while time.monotonic_ns() < end_ns and (run_dir / RUN_FILE).exists():
                 sockets.wait((), _PERIOD_NS)
-                packets += _decoded(subscriber.receive())
+                for data in subscriber.receive():
+                    with suppress(PacketError):  # not counted: the monitor is no part of the graph
+                        packets.append(cast("Telemetry", decode(data, Telemetry)))
     finally:
         os.sched_setaffinity(0, cores)
     if not packets:
@@ -107,11 +103,3 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
             " Try again, with a longer --duration"
         )
     return TelemetryColumns.from_packets(packets)
-
-
-def _decoded(messages: list[bytes]) -> list[Telemetry]:
-    packets = []
-    for data in messages:
-        with suppress(PacketError):  # not counted: the monitor is no part of the graph
-            packets.append(cast("Telemetry", decode(data, Telemetry)))
-    return packets

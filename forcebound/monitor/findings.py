@@ -4,37 +4,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+# Something does not work as it should; good to know; of a machine, as it should be.
 Severity: TypeAlias = Literal["problem", "note", "fine"]
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A likely cause of a finding, or a note on a change.
+    """A likely cause of a finding, or a note on a change."""
 
-    Attributes:
-        code: Which, a key of ``CAUSES`` or ``NOTES`` of :mod:`forcebound.monitor.wording`.
-        data: The values in its text.
-    """
-
-    code: str
-    data: Mapping[str, Any] = field(default_factory=dict)
+    code: str  # a key of CAUSES or NOTES
+    data: Mapping[str, Any] = field(default_factory=dict)  # the values in its text
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something noteworthy about a graph or a machine.
-
-    Attributes:
-        severity: ``"problem"``, something does not work as it should; ``"note"``, good to know;
-            ``"fine"``, of a machine: as it should be.
-        kind: What it is, a key of :data:`forcebound.monitor.wording.FINDINGS`.
-        where: Node, link or part of the machine.
-        data: The values in its text, in SI units; None: not known, or does not apply.
-        causes: Likely causes.
-    """
+    """Something noteworthy about a graph or a machine."""
 
     severity: Severity
-    kind: str
-    where: str
-    data: Mapping[str, Any] = field(default_factory=dict)
-    causes: tuple[Fact, ...] = ()
+    kind: str  # a key of FINDINGS
+    where: str  # node, link or part of the machine
+    data: Mapping[str, Any] = field(default_factory=dict)  # SI units; None: not known
+    causes: tuple[Fact, ...] = ()  # likely ones

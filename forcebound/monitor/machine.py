@@ -29,47 +29,26 @@ SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")  # microseconds 
 
 @dataclass(frozen=True)
 class Machine:
-    """Properties of a machine that matter to a live run.
-
-    Attributes:
-        permits_fifo: Whether SCHED_FIFO is permitted.
-        lock_limit: Memory that may be locked, in B; None: as much as there is.
-        cores: Number of cores that this process may use.
-        load: Mean number of processes that wanted to run in the last minute.
-        rt_runtime: Share of a second that SCHED_FIFO may use a core, 0 to 1; None: not known.
-        timer_slack_ns: How much later than asked the kernel may wake an ordinary process, in ns.
-        clock_resolution: Of the monotonic clock, in s.
-        clock_source: Of the kernel's clock, such as ``tsc``; empty: not known.
-        governor: Of the frequency of the cores, such as ``powersave``; empty: not known.
-        has_preempt_rt: Whether the kernel is built with PREEMPT_RT.
-        kernel: Its release.
-        python: Version.
-        zmq: Version of libzmq.
-        has_curve: Whether libzmq can encrypt.
-        temporary: Folder for run directories.
-        free: Room in it, in B; None: it cannot be used.
-        key_folder: Where keys are kept.
-        key_problems: Why keys cannot be used, each with what to do; empty: nothing is wrong.
-    """
+    """Properties of a machine that matter to a live run; None or an empty text: not known."""
 
     permits_fifo: bool
-    lock_limit: int | None
-    cores: int
-    load: float
-    rt_runtime: float | None
-    timer_slack_ns: int | None
-    clock_resolution: float
-    clock_source: str
-    governor: str
+    lock_limit: int | None  # memory that may be locked, in B; None: as much as there is
+    cores: int  # that this process may use
+    load: float  # mean number of processes that wanted to run in the last minute
+    rt_runtime: float | None  # share of a second that SCHED_FIFO may use a core, 0 to 1
+    timer_slack_ns: int | None  # how much later the kernel may wake an ordinary process
+    clock_resolution: float  # of the monotonic clock, in s
+    clock_source: str  # of the kernel's clock, such as tsc
+    governor: str  # of the frequency of the cores, such as powersave
     has_preempt_rt: bool
-    kernel: str
+    kernel: str  # its release
     python: tuple[int, int, int]
-    zmq: str
-    has_curve: bool
-    temporary: Path
-    free: int | None
+    zmq: str  # version of libzmq
+    has_curve: bool  # whether libzmq can encrypt
+    temporary: Path  # folder for run directories
+    free: int | None  # room in it, in B; None: it cannot be used
     key_folder: Path
-    key_problems: tuple[tuple[str, str], ...] = ()
+    key_problems: tuple[tuple[str, str], ...] = ()  # why keys cannot be used, and what to do
 
 
 def look() -> Machine:

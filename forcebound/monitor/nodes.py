@@ -21,36 +21,24 @@ UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose lau
 
 @dataclass(frozen=True)
 class Present:
-    """The nodes of one run directory.
+    """The nodes of one run directory."""
 
-    Attributes:
-        nodes: Those that belong to this machine, whether they run or not.
-        reachable: Those of them that have a control socket, or a launcher.
-        states: What the launcher says of them, see ``docs/protocol.md``; of nodes that were started
-            by hand, :data:`UNKNOWN` if they are reachable.
-        answers: The status of those that answered, the launcher included.
-        is_graph: Whether a graph is here, and not only an environment for one elsewhere.
-        serving: Name of the environment that serves in place of the one here; None if that is not
-            so. An environment here that is silent may be the one that serves.
-    """
-
-    nodes: frozenset[str]
-    reachable: frozenset[str]
-    states: Mapping[str, str]
-    answers: Mapping[str, Mapping[str, Any]]
-    is_graph: bool = True
+    nodes: frozenset[str]  # those that belong to this machine, whether they run or not
+    reachable: frozenset[str]  # those of them that have a control socket, or a launcher
+    states: Mapping[str, str]  # as the launcher says, see docs/protocol.md; UNKNOWN without one
+    answers: Mapping[str, Mapping[str, Any]]  # of those that answered, the launcher included
+    is_graph: bool = True  # False: only an environment, for a graph elsewhere
+    # The environment that serves in place of the one here; None: that is not so. An environment
+    # here that is silent may be the one that serves.
     serving: str | None = None
 
 
 def present(run_dir: Path, config: GraphConfig | None = None) -> Present:
-    """Return the nodes of a run directory.
-
-    Args:
-        run_dir: Of a graph, or of an environment for one elsewhere.
-        config: What it runs with; it says whether the environment belongs elsewhere. None: that
-            does not matter.
-    """
-    is_graph = _is_graph(run_dir)
+    """Return the nodes of a run directory; ``config`` says if the environment belongs elsewhere."""
+    try:
+        is_graph = RunDocument.read(run_dir).is_graph
+    except ConfigError:
+        is_graph = True
     found = statuses(run_dir, (*NODES, LAUNCHER))
     answers = {name: answer for name, answer in found.items() if answer is not None}
     launched = answers.get(LAUNCHER, {}).get("nodes")
@@ -90,10 +78,3 @@ def _serving(
 
 def _replies(controller: Mapping[str, Any]) -> int:
     return int(controller.get("received", {}).get("environment_reply", 0))
-
-
-def _is_graph(run_dir: Path) -> bool:
-    try:
-        return RunDocument.read(run_dir).is_graph
-    except ConfigError:
-        return True

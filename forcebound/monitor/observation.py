@@ -31,25 +31,15 @@ SUSPENDED = ("T", "t")  # states in /proc/PID/stat: stopped by a signal, or by a
 
 @dataclass(frozen=True)
 class ProcessSeen:
-    """One process of a graph.
+    """One process of a graph."""
 
-    Attributes:
-        state: As its launcher says, see ``docs/protocol.md``; or :data:`UNKNOWN`.
-        pid: Its process id, if it is known.
-        restarts: How often it was restarted.
-        kernel_state: Its letter in ``/proc/PID/stat``; empty if it is not known.
-        first: Its status at the beginning; None: no answer.
-        last: Its status at the end; None: no answer.
-        interval: Time between the two, in s.
-    """
-
-    state: str = UNKNOWN
+    state: str = UNKNOWN  # as its launcher says, see docs/protocol.md
     pid: int | None = None
     restarts: int = 0
-    kernel_state: str = ""
-    first: Mapping[str, Any] | None = None
-    last: Mapping[str, Any] | None = None
-    interval: float = DURATION
+    kernel_state: str = ""  # its letter in /proc/PID/stat; empty: not known
+    first: Mapping[str, Any] | None = None  # its status at the beginning; None: no answer
+    last: Mapping[str, Any] | None = None  # that at the end
+    interval: float = DURATION  # between the two, in s
 
     @property
     def answers(self) -> bool:
@@ -76,46 +66,27 @@ class ProcessSeen:
 
 @dataclass(frozen=True)
 class RecordingSeen:
-    """The file that a graph records to.
-
-    Attributes:
-        path: Where it is.
-        rate: How fast it grows, in B/s.
-        free: Room left on its disk, in B; None: not known.
-    """
+    """The file that a graph records to."""
 
     path: str = ""
-    rate: float = 0.0
-    free: int | None = None
+    rate: float = 0.0  # how fast it grows, in B/s
+    free: int | None = None  # room left on its disk, in B; None: not known
 
 
 @dataclass(frozen=True)
 class Observations:
-    """A running graph, as seen from outside.
+    """A running graph, as seen from outside."""
 
-    Attributes:
-        config: What it runs with now.
-        processes: By name: those that its launcher runs, or that have a control socket.
-        telemetry: Of some seconds; empty if none came.
-        phase: Of the run, as its launcher says; None: no launcher answers.
-        launcher: The launcher; None: the nodes were started by hand.
-        recording: Where it records to.
-        core: That the chain of nodes shares; None: any.
-        cores: Number of cores that may be used.
-        load: Mean number of processes that wanted to run in the last minute, on all cores.
-        neighbours: Other graphs of this user, under SCHED_FIFO on the same core.
-    """
-
-    config: GraphConfig
-    processes: Mapping[str, ProcessSeen]
-    telemetry: TelemetryColumns
-    phase: str | None = None
-    launcher: ProcessSeen | None = None
+    config: GraphConfig  # what it runs with now
+    processes: Mapping[str, ProcessSeen]  # by name: its launcher runs them, or they have control
+    telemetry: TelemetryColumns  # of some seconds; empty if none came
+    phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
+    launcher: ProcessSeen | None = None  # None: the nodes were started by hand
     recording: RecordingSeen = field(default_factory=RecordingSeen)
-    core: int | None = None
-    cores: int = 1
-    load: float = 0.0
-    neighbours: tuple[str, ...] = ()
+    core: int | None = None  # that the chain of nodes shares; None: any
+    cores: int = 1  # how many may be used
+    load: float = 0.0  # mean number of processes that wanted to run in the last minute
+    neighbours: tuple[str, ...] = ()  # this user's other graphs under SCHED_FIFO on the same core
 
     def process(self, name: str) -> ProcessSeen:
         """Return a process of this machine; one that is not here answers nothing."""
@@ -123,11 +94,7 @@ class Observations:
 
 
 def observe(run_dir: Path, duration: float = DURATION) -> Observations:
-    """Look at a running graph for some time.
-
-    Args:
-        run_dir: Of the run, as :func:`forcebound.monitor.runs.find` gives it.
-        duration: How long, in s.
+    """Look at a running graph for ``duration`` s.
 
     Raises:
         ConfigError: If the run directory does not say what runs.

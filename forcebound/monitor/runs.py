@@ -18,10 +18,9 @@ from forcebound.processes import LAUNCHER
 
 
 def running(folders: Iterable[Path] | None = None) -> list[Path]:
-    """Return the run directories of this user's graphs that run, by name.
+    """Return the run directories of this user's graphs that run, by name, in ``folders``.
 
-    Args:
-        folders: Where to look; by default where the launcher makes run directories.
+    By default these are where the launcher makes run directories.
     """
     return list(_running(folders))
 

@@ -13,14 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
-from forcebound.config.parameters import (
-    differences,
-    holders,
-    parameters,
-    unknown_parameter,
-)
+from forcebound.config.loader import change
+from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.config.tree import parse
@@ -38,23 +33,14 @@ DOWN = ("stopped", "ended")  # states of a node that is not restarted by its lau
 
 @dataclass(frozen=True)
 class Change:
-    """The outcome of a change.
+    """The outcome of a change."""
 
-    Attributes:
-        values: The parameters that are new, by name, in SI units.
-        notes: Facts about it: a node that has it later, or does not serve.
-    """
-
-    values: Mapping[str, Any]
-    notes: tuple[Fact, ...] = ()
+    values: Mapping[str, Any]  # the parameters that are new, by name, in SI units
+    notes: tuple[Fact, ...] = ()  # a node that has it later, or does not serve
 
 
 def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph.
-
-    Args:
-        run_dir: Of the run.
-        serves: Whether the environment matters: parts of the user's own are code, and run then.
+    """Return the present configuration of a graph; the user's own code is run if it ``serves``.
 
     Raises:
         ConfigError: If the run directory does not say.

@@ -17,29 +17,16 @@ from forcebound.monitor.findings import Fact, Finding
 from forcebound.network.notices import KINDS
 
 # One of these units is so many times smaller than the SI unit.
-_UNITS = {
-    "ms": 1e3,
-    "us": 1e6,
-    "min": 1 / 60,
-    "KiB": 1 / 1024,
-    "MB": 1e-6,
-    "GB": 1e-9,
-    "MB/s": 1e-6,
-}
+_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "KiB": 1 / 1024, "MB": 1e-6, "GB": 1e-9}
+_UNITS["MB/s"] = _UNITS["MB"]
 
 
 class Text(NamedTuple):
-    """A finding or a fact in words.
-
-    Attributes:
-        seen: What was seen.
-        action: What to do; empty if there is nothing to do, or the command says it.
-        command: A shell command that helps; capital letters stand for what the user knows.
-    """
+    """A finding or a fact in words."""
 
     seen: str = ""
-    action: str = ""
-    command: str = ""
+    action: str = ""  # what to do; empty if there is nothing to do, or the command says it
+    command: str = ""  # of a shell; capital letters stand for what the user knows
 
 
 _LOG = "the launcher's log says why it ended"

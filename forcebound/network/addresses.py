@@ -18,17 +18,11 @@ _NAME = re.compile(rf"{_LABEL}(\.{_LABEL})*\.?")
 
 @dataclass(frozen=True)
 class Host:
-    """A resolved address.
+    """A resolved address."""
 
-    Attributes:
-        numeric: As ZeroMQ writes it: ``192.168.1.20`` or ``[::1]``.
-        is_loopback: Whether it cannot be reached from another machine.
-        is_wildcard: Whether it stands for all addresses of this machine.
-    """
-
-    numeric: str
-    is_loopback: bool
-    is_wildcard: bool
+    numeric: str  # as ZeroMQ writes it: 192.168.1.20 or [::1]
+    is_loopback: bool  # it cannot be reached from another machine
+    is_wildcard: bool  # it stands for all addresses of this machine
 
 
 def numeric_address(address: str) -> IpAddress | None:
@@ -63,9 +57,6 @@ def resolve(address: str) -> Host:
 
     Resolved once, before anything starts: libzmq would look a name up again at every attempt to
     connect, in the thread that serves all sockets of the process.
-
-    Args:
-        address: As for :func:`numeric_address`.
 
     Raises:
         ConfigError: If there is no such name, or it is no address at all.

@@ -16,13 +16,16 @@ two numbers only (:meth:`Chances.next_plain`), or all packets of a run draw thei
 (:func:`plain_fates`).
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from forcebound.network.impairment import Impairment, Slot
+
+if TYPE_CHECKING:  # a launcher has no link, and starts without numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 Draw: TypeAlias = Callable[[], float]
 
@@ -42,8 +45,8 @@ class Fate(NamedTuple):
     delay_ns: int
 
 
-class Draws:
-    """The random numbers of one link, uniform in [0, 1), a generator for each decision.
+class Draws(dict[str, Draw]):
+    """The random numbers of one link by decision, uniform in [0, 1), a generator for each.
 
     Args:
         seed: As given to :class:`~forcebound.network.link.Link`.
@@ -51,18 +54,19 @@ class Draws:
     """
 
     def __init__(self, seed: int, *, is_copy: bool = False) -> None:
+        super().__init__()
         self._seed = seed
         self._is_copy = is_copy
-        self._draws: dict[str, Draw] = {}
 
-    def __getitem__(self, decision: str) -> Draw:
-        """Return what draws the numbers of a decision; it goes on where it was."""
-        if decision not in self._draws:  # most links need two of eight
-            self._draws[decision] = _generator(self._seed, decision, self._is_copy).random
-        return self._draws[decision]
+    def __missing__(self, decision: str) -> Draw:
+        """Make what draws the numbers of a decision; most links need two of eight."""
+        self[decision] = _generator(self._seed, decision, self._is_copy).random
+        return self[decision]
 
 
 def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Generator:
+    import numpy as np
+
     place = _DECISIONS.index(decision)
     words = [seed, place, 1] if is_copy else [seed, place]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
@@ -76,6 +80,8 @@ def _travel_ns(delay_ns: int, deviation_ns: Any, whole: Callable[[Any], Any]) ->
 
 def _whole(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
     """Round an array, ties to even, as ``round`` does for one number."""
+    import numpy as np
+
     return np.rint(numbers).astype(np.int64)
 
 
@@ -84,14 +90,11 @@ def plain_fates(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return what the first ``count`` packets of a plain link draw; see :meth:`Chances.next_plain`.
 
-    Args:
-        impairment: Plain (:attr:`Impairment.is_plain`).
-        seed: As given to :class:`~forcebound.network.link.Link`.
-        count: Number of packets.
-
     Returns:
         Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
     """
+    import numpy as np
+
     lost = np.zeros(count, dtype=np.bool_)
     deviation = np.zeros(count)
     if impairment.loss > 0.0:  # a generator costs more than all the rest
@@ -103,15 +106,9 @@ def plain_fates(
 
 
 class Chances:
-    """The random processes of one link under one impairment.
-
-    Args:
-        impairment: What the link does.
-        draws: The numbers; the processes go on with them.
-    """
+    """The random processes of one link under one impairment; they go on with its numbers."""
 
     def __init__(self, impairment: Impairment, draws: Draws) -> None:
-        """Begin: the state is good, and there is no number before."""
         self._impairment = impairment
         self._delay_ns = round(impairment.delay * 1e9)
         self._jitter_ns = impairment.jitter * 1e9

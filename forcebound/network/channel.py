@@ -12,44 +12,30 @@ swallow the edge of the socket's descriptor; who waits for it asks
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import zmq
 
 _DONTWAIT, _RCVMORE = int(zmq.DONTWAIT), int(zmq.RCVMORE)
 
 
-@dataclass(frozen=True)
-class Greeting:
-    """The first message of a peer.
+class Greeting(NamedTuple):
+    """The first message of a peer."""
 
-    Attributes:
-        route: Its routing id.
-        descriptor: Of its connection.
-        key: Its public key in Z85; empty without keys.
-    """
-
-    route: bytes
-    descriptor: int
-    key: str
+    route: bytes  # its routing id
+    descriptor: int  # of its connection
+    key: str  # its public key in Z85; empty without keys
 
 
 class Channel:
-    """One socket, both ways.
-
-    Args:
-        socket: ROUTER or DEALER.
-
-    Attributes:
-        greetings: First messages since they were last taken away.
-    """
+    """One ROUTER or DEALER, both ways."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
         self._is_router = socket.type == zmq.ROUTER
         self._routes: list[bytes] = []
         self._known: frozenset[bytes] = frozenset()
-        self.greetings: list[Greeting] = []
+        self.greetings: list[Greeting] = []  # since they were last taken away
 
     def send(self, data: bytes) -> None:
         """Send a packet to every peer, or to the one at the other end; empty: a greeting."""
@@ -73,11 +59,10 @@ class Channel:
             zmq.Again: If there is none.
         """
         socket = self._socket
-        if not self._is_router:
-            data = socket.recv(_DONTWAIT)
+        if self._is_router and (route := socket.recv(_DONTWAIT)) not in self._known:
+            data = self._greeted(route)
         else:
-            route = socket.recv(_DONTWAIT)
-            data = socket.recv(_DONTWAIT) if route in self._known else self._greeted(route)
+            data = socket.recv(_DONTWAIT)
         if not socket.get(_RCVMORE):
             return data or None
         while socket.get(_RCVMORE):

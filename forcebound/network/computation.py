@@ -6,7 +6,7 @@ impairment makes sense here, since a computation is no packet.
 """
 
 from forcebound.network.chances import Chances, Draws
-from forcebound.network.impairment import Impairment
+from forcebound.network.impairment import PERFECT, Impairment
 from forcebound.network.trace import DelayTrace
 
 
@@ -14,7 +14,7 @@ class ComputationTime:
     """The time that each of a row of computations takes.
 
     Args:
-        impairment: Its settings of the delay; the default: no time at all.
+        impairment: Its settings of the delay; by default no time at all.
         seed: At least 0; see :func:`forcebound.network.link.link_seed`.
         trace: Content of the file ``impairment.trace``.
 
@@ -23,14 +23,11 @@ class ComputationTime:
     """
 
     def __init__(
-        self,
-        impairment: Impairment | None = None,
-        seed: int = 0,
-        trace: DelayTrace | None = None,
+        self, impairment: Impairment = PERFECT, seed: int = 0, trace: DelayTrace | None = None
     ) -> None:
         self._draws = Draws(seed)
         self._first_ns: int | None = None
-        self.change(Impairment() if impairment is None else impairment, trace)
+        self.change(impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
         """Let computations that begin from now on take the time of ``impairment``.
@@ -47,11 +44,7 @@ class ComputationTime:
     def next_ns(self, time_ns: int) -> int | None:
         """Return how long the computation that begins now takes, in ns.
 
-        Args:
-            time_ns: Now, in ns. A trace begins with the first computation.
-
-        Returns:
-            The time; None: by the trace it fails, and there is no answer.
+        None: it fails, by its trace, which begins with the first computation.
         """
         if self._first_ns is None:
             self._first_ns = time_ns

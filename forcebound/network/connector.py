@@ -11,8 +11,8 @@ from contextlib import suppress
 
 import zmq
 
-from forcebound.network.limits import HANDSHAKE_TIMEOUT_NS, NO_ANSWER_NS
-from forcebound.network.monitor import MISMATCH, Monitor, SocketEvent
+from forcebound.network.limits import NO_ANSWER_NS
+from forcebound.network.monitor import Monitor, SocketEvent
 from forcebound.network.notices import Notice
 from forcebound.network.zap import FULL
 
@@ -32,8 +32,8 @@ class Connector:
         socket: It has been connected to ``endpoint``.
         endpoint: ``tcp://HOST:PORT``, exactly as it was connected.
         monitor: Of the socket.
-        own: Name and public key of this end, for messages; empty without keys.
-        listener: Name and public key of the other end; empty without keys.
+        own: Name and public key of this end, for notices; empty without keys.
+        listener: Those of the other end, likewise.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Connector:
         self._listener = listener
         self._address = endpoint.removeprefix("tcp://")
         self._is_up = False
-        self._since_ns: int | None = None  # of the present attempt
+        self._since_ns = 0  # of the present attempt
         self._alone_ns: int | None = None  # since when there is no connection; None: reported
         self._begun = False
         self._lost_ns: int | None = None  # lost, and libzmq has not reported that it tries again
@@ -66,7 +66,7 @@ class Connector:
 
     @property
     def connections(self) -> int:
-        """Do as :attr:`established`; a listener may have more of them."""
+        """Number of connections: here at most one."""
         return self.established
 
     @property
@@ -79,10 +79,12 @@ class Connector:
         """When :meth:`take` wants to be called, even if nothing happens; in ns."""
         if self._has_more:
             return 0
-        times = [self._retry_ns]
-        times.append(None if self._lost_ns is None else self._lost_ns + self._pause_ns)
-        times.append(None if self._alone_ns is None else self._alone_ns + NO_ANSWER_NS)
-        return min((time for time in times if time is not None), default=None)
+        waits = (
+            (self._retry_ns, 0),
+            (self._lost_ns, self._pause_ns),
+            (self._alone_ns, NO_ANSWER_NS),
+        )
+        return min((since + pause for since, pause in waits if since is not None), default=None)
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events, and connect again if it is time."""
@@ -120,9 +122,8 @@ class Connector:
             return [self._notice("met")]
         elif event.kind in _FAILURES and self._retry_ns is None:
             self._alone_ns = None
-            notice = self._notice(self._failure(time_ns, event))
             self._leave(time_ns, self._pause_ns)
-            return [notice]
+            return [self._notice(self._failure(time_ns, event))]
         elif event.kind == zmq.EVENT_DISCONNECTED:
             was_up, self._is_up = self._is_up, False
             if self._retry_ns is None:
@@ -141,16 +142,11 @@ class Connector:
 
     def _failure(self, time_ns: int, event: SocketEvent) -> str:
         """Return the code of the notice of a handshake that failed."""
-        with_keys = bool(self._own[1])
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
             return "there_full" if str(event.value) == FULL else "there_unknown"
-        if event.kind == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and event.value == MISMATCH:
-            return "there_no_keys" if with_keys else "there_keys"
-        if event.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
-            if self._since_ns is not None and time_ns - self._since_ns >= HANDSHAKE_TIMEOUT_NS:
-                return "there_too_slow"
-            return "there_wrong_key" if with_keys else "there_likely_keys"
-        return "there_no_zmtp"
+        with_keys = bool(self._own[1])
+        left = "there_wrong_key" if with_keys else "there_likely_keys"
+        return event.failure(time_ns - self._since_ns, with_keys, left)
 
     def _notice(self, code: str) -> Notice:
         data = {"address": self._address}

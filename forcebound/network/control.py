@@ -20,7 +20,7 @@ class ControlServer:
 
     def pending(self) -> bool:
         """Whether a request is there."""
-        return bool(_events(self._socket) & _POLLIN)
+        return _has(self._socket, _POLLIN)
 
     def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
         """Answer all requests that are there; one that is not a map gets an ``error``."""
@@ -43,17 +43,16 @@ class ControlClient:
 
     def pending(self) -> bool:
         """Whether an answer is there."""
-        return bool(_events(self._socket) & _POLLIN)
+        return _has(self._socket, _POLLIN)
 
     def ask(self, request: Mapping[str, Any]) -> bool:
         """Send a request, forgetting the one before; return False while nobody is there."""
-        if not _events(self._socket) & _POLLOUT:
+        if not _has(self._socket, _POLLOUT):
             return False
-        try:
+        with suppress(zmq.Again):
             self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
-        except zmq.Again:
-            return False
-        return True
+            return True
+        return False
 
     def answer(self) -> dict[str, Any] | None:
         """Return the answer to the last request, or None while it has not come."""
@@ -61,10 +60,8 @@ class ControlClient:
         return None if data is None else _unpack_map(data)
 
 
-def _events(socket: "zmq.Socket[bytes]") -> int:
-    events = socket.get(_EVENTS)
-    assert isinstance(events, int)
-    return events
+def _has(socket: "zmq.Socket[bytes]", event: int) -> bool:
+    return bool(int(socket.get(_EVENTS)) & event)
 
 
 def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:

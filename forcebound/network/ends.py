@@ -24,51 +24,29 @@ _WITHOUT_KEYS = (
     "`forcebound keys new NAME` and name them under graph_key and environment_keys; or write "
     "insecure: true, if everybody on that network may feed forces to the hand"
 )
-
-
-_NOT_BOTH = "insecure: true means no keys: name keys, or be insecure, not both"
-
-
 _PORTS = Range(at_least=1, at_most=65535)
 
 
 @dataclass(frozen=True)
 class RemoteEnd:
-    """One end of the link.
-
-    Attributes:
-        role: ``"graph"`` sends queries, ``"environment"`` replies.
-        listens: Whether this end listens.
-        address: Of the end that listens: IPv4, IPv6 in brackets, or a name.
-        port: TCP port of the end that listens.
-        key: Our own pair; None: no keys.
-        peers: Who may be at the other end: name by public key. One, if we connect.
-        insecure: Whether a link without keys may leave this machine.
+    """One end of the link, as :meth:`RemoteSection.end` gives it.
 
     Raises:
-        ConfigError: If that does not fit together.
+        ConfigError: If there is only one of our own key and the peers'.
     """
 
-    role: Role
-    listens: bool
-    address: str
-    port: Annotated[int, _PORTS] = DEFAULT_PORT
-    key: KeyPair | None = None
-    peers: Mapping[str, str] = field(default_factory=dict)
-    insecure: bool = False
+    role: Role  # a graph sends queries, an environment replies
+    listens: bool  # whether this end does
+    address: str  # of the end that listens: IPv4, IPv6 in brackets, or a name
+    port: int = DEFAULT_PORT  # of the end that listens
+    key: KeyPair | None = None  # our own pair; None: no keys
+    peers: Mapping[str, str] = field(default_factory=dict)  # who may come: name by public key
+    insecure: bool = False  # whether a link without keys may leave this machine
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        if self.insecure and (self.key is not None or self.peers):
-            raise ConfigError(_NOT_BOTH)
+        # A listener without a key of its own would let everybody in.
         if (self.key is None) != (not self.peers):
-            missing = "our own key pair" if self.key is None else "the key of the other end"
-            raise ConfigError(f"keys are used by both ends or by none: {missing} is missing")
-        if not self.listens and len(self.peers) > 1:
-            raise ConfigError(
-                f"the end that connects can expect only one key there, got {len(self.peers)}: "
-                f"{', '.join(self.peers.values())}; let the graph listen if several may serve it"
-            )
+            raise ConfigError("keys are used by both ends or by none")
 
 
 @dataclass(frozen=True)
@@ -112,7 +90,10 @@ class RemoteSection:
                 f"environment_keys is missing or empty beside graph_key: {both}", field="graph_key"
             )
         if self.insecure and self.graph_key is not None:
-            raise ConfigError(_NOT_BOTH, field="insecure")
+            raise ConfigError(
+                "insecure: true means no keys: name keys, or be insecure, not both",
+                field="insecure",
+            )
         if len(set(known)) < len(known):
             raise ConfigError(
                 f"environment_keys names a key twice: {', '.join(known)}", field="environment_keys"
@@ -130,11 +111,7 @@ class RemoteSection:
             )
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
-        """Return this machine's end, with its keys read.
-
-        Args:
-            role: Which end this process is.
-            folder: Where keys are; the key folder by default.
+        """Return this machine's end, with its keys read from ``folder``, or the key folder.
 
         Raises:
             ConfigError: If a key is missing or unsafe, or the parts do not fit together.
@@ -148,10 +125,6 @@ class RemoteSection:
 
     def check_here(self, role: Role, folder: Path | None = None) -> None:
         """Check what an end needs of this machine: keys, the address, free ports if it listens.
-
-        Args:
-            role: Which end this process is.
-            folder: Where keys are; the key folder by default.
 
         Raises:
             ConfigError: If anything is missing; it names all that is.

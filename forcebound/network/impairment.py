@@ -175,44 +175,37 @@ class Impairment:
 
 
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
-    """Check the settings that say how long something takes; return the table of their file.
+    """Check the settings that say how long something takes; return the table of their file, if any.
 
     Args:
-        settings: Has ``delay``, ``jitter``, ``distribution``, ``correlation``,
-            ``distribution_file`` and ``trace`` of :class:`Impairment`.
+        settings: Has ``delay``, ``jitter``, ``distribution``, ``distribution_file`` and ``trace``
+            of :class:`Impairment`.
         prefix: Before each of these names.
-
-    Returns:
-        Of :func:`~forcebound.network.distribution.read_distribution`; empty if there is no file.
 
     Raises:
         ConfigError: If they are wrong or do not go together.
     """
-
-    def value(name: str) -> Any:
-        return getattr(settings, prefix + name)
-
-    distribution, file = value("distribution"), value("distribution_file")
+    names = ("delay", "jitter", "distribution", "distribution_file", "trace")
+    delay, jitter, distribution, file, trace = (getattr(settings, prefix + n) for n in names)
     if distribution not in QUANTILES:
         raise ConfigError(
             f"{prefix}distribution must be one of {', '.join(QUANTILES)}, got {distribution!r}",
             field=f"{prefix}distribution",
         )
+    file_name = f"{prefix}distribution_file"
     if file is not None and distribution != "uniform":
-        raise ConfigError(
-            f"{prefix}distribution_file excludes {prefix}distribution: give one of them",
-            field=f"{prefix}distribution_file",
-        )
-    if value("trace") is not None and (value("delay") or value("jitter") or file is not None):
+        message = f"{file_name} excludes {prefix}distribution: give one of them"
+        raise ConfigError(message, field=file_name)
+    if trace is not None and (delay or jitter or file is not None):
         raise ConfigError(
             f"{prefix}trace says what each delay is:"
-            f" give it without {prefix}delay, {prefix}jitter and {prefix}distribution_file",
+            f" give it without {prefix}delay, {prefix}jitter and {file_name}",
             field=f"{prefix}trace",
         )
-    if file is None:
-        return ()
     try:
-        return read_distribution(Path(file))
+        return () if file is None else read_distribution(Path(file))
     except ConfigError as error:
-        name = f"{prefix}distribution_file"
-        raise ConfigError(f"{name}: {error}", field=name) from None
+        raise ConfigError(f"{file_name}: {error}", field=file_name) from None
+
+
+PERFECT = Impairment()

@@ -34,6 +34,23 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,38}")  # shorter than a key: n
 _Z85 = re.compile(r"[0-9a-zA-Z.:+=^!/*?&<>()\[\]{}@%$#-]{40}")
 _ENTRY = re.compile(r'^\s*(public|secret)-key\s*=\s*"?([^"\s]*)"?\s*$')
 _MAX_FILE = 10_000  # bytes
+_PUBLIC_TEXT = """\
+#   ZeroMQ CURVE public certificate, made by forcebound
+#   For the other machine. Send it so that nobody can replace it on the way.
+
+metadata
+curve
+    public-key = "{public}"
+"""
+_SECRET_TEXT = """\
+#   ZeroMQ CURVE **secret** certificate, made by forcebound
+#   Stays on this machine, readable by its owner only.
+
+metadata
+curve
+    public-key = "{public}"
+    secret-key = "{secret}"
+"""
 
 
 @dataclass(frozen=True)
@@ -47,21 +64,13 @@ class KeyPair:
 
 @dataclass(frozen=True)
 class KeyEntry:
-    """One name of the key folder.
-
-    Attributes:
-        name: Of the key.
-        public: The public key; empty if it cannot be used.
-        has_secret: Whether this machine holds the secret.
-        problem: Why the key cannot be used; empty if it can.
-        action: What to do about that; empty if the problem says it.
-    """
+    """One name of the key folder."""
 
     name: str
-    public: str
-    has_secret: bool
-    problem: str = ""
-    action: str = ""
+    public: str  # empty if it cannot be used
+    has_secret: bool  # whether this machine holds it
+    problem: str = ""  # why the key cannot be used
+    action: str = ""  # what to do about that; empty if the problem says it
 
 
 def check_key(key: str) -> None:
@@ -84,29 +93,18 @@ def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
 
 
 def _folder(folder: Path | None) -> Path:
-    """The folder, by default the key folder.
-
-    Raises:
-        ConfigError: If it, or what should be a folder above it, is something else.
-    """
     folder = key_folder() if folder is None else folder
-    for one in (folder, *folder.parents):
-        if os.path.lexists(one):
-            if not os.path.isdir(one):
-                raise ConfigError(
-                    f"keys are kept in the folder {folder}, but {one} is no folder; name another in"
-                    " FORCEBOUND_KEYS, or leave it unset"
-                )
-            break
+    there = next(one for one in (folder, *folder.parents) if os.path.lexists(one))
+    if not there.is_dir():
+        raise ConfigError(
+            f"keys are kept in the folder {folder}, but {there} is no folder; name another in"
+            " FORCEBOUND_KEYS, or leave it unset"
+        )
     return folder
 
 
 def new_key(name: str, folder: Path | None = None) -> KeyPair:
     """Make a key pair and write its two files.
-
-    Args:
-        name: Of the pair: letters, digits, ``.``, ``_``, ``-``.
-        folder: Where to; the key folder by default, which is made if it is missing.
 
     Raises:
         ConfigError: If the name will not do, a file is there already or cannot be written.
@@ -122,8 +120,9 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _check_folder(folder)
-        _create(secret_file, 0o600, _secret_text(public, secret), written)
-        _create(public_file, 0o644, _public_text(public), written)
+        text = _SECRET_TEXT.format(public=public, secret=secret)
+        _create(secret_file, 0o600, text, written)
+        _create(public_file, 0o644, _PUBLIC_TEXT.format(public=public), written)
     except OSError as error:
         for file in written:  # no half of a pair stays
             with suppress(OSError):
@@ -133,11 +132,7 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
 
 
 def public_key(key: str, folder: Path | None = None) -> str:
-    """Return a public key, 40 characters of Z85, for a name or for such a key itself.
-
-    Args:
-        key: Name of a key in the folder, whose secret need not be here; or the public key.
-        folder: Where to look; the key folder by default.
+    """Return a public key, 40 characters of Z85, for its name or for such a key itself.
 
     Raises:
         ConfigError: If there is no such key, or others may change it.
@@ -159,17 +154,18 @@ def public_key(key: str, folder: Path | None = None) -> str:
 
 
 def key_pair(key: str, folder: Path | None = None) -> KeyPair:
-    """Return the key pair of which this machine holds the secret.
-
-    Args:
-        key: Its name, or its public key.
-        folder: Where to look; the key folder by default.
+    """Return the key pair of a name or a public key; this machine must hold its secret.
 
     Raises:
         ConfigError: If the secret is not here, is damaged, or others may read it.
     """
     folder = _folder(folder)
-    name = _name_of(key, folder) if _is_key(key) else key
+    name = key
+    if _is_key(key):
+        entries = list_keys(folder)
+        name = next((e.name for e in entries if e.public == key and e.has_secret), "")
+        if not name:
+            raise ConfigError(f"the secret of the public key {key} is in no file of {folder}")
     _check_name(name)
     file = folder / f"{name}{SECRET}"
     if not file.exists():
@@ -215,13 +211,6 @@ def _is_key(text: str) -> bool:
     return _Z85.fullmatch(text) is not None
 
 
-def _name_of(key: str, folder: Path) -> str:
-    for entry in list_keys(folder):
-        if entry.public == key and entry.has_secret:
-            return entry.name
-    raise ConfigError(f"the secret of the public key {key} is in no file of {folder}")
-
-
 def _check_name(name: str) -> None:
     if _NAME.fullmatch(name) is None:
         raise ConfigError(
@@ -236,18 +225,13 @@ def _check_folder(folder: Path) -> None:
         raise ConfigError(f"{folder} belongs to another user", "choose a folder of your own")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         # A folder that others need, such as /tmp, is not to be closed to them.
-        action = (
-            f"chmod 700 {folder}"
-            if _is_for_keys_alone(folder, status)
-            else "keep them in a folder of their own, mkdir -m 700 DIR, named by FORCEBOUND_KEYS"
-        )
+        is_shared = status.st_uid != os.geteuid() or bool(status.st_mode & stat.S_ISVTX)
+        action = f"chmod 700 {folder}"
+        if is_shared or any(file.suffix not in (PUBLIC, SECRET) for file in folder.iterdir()):
+            action = (
+                "keep them in a folder of their own, mkdir -m 700 DIR, named by FORCEBOUND_KEYS"
+            )
         raise ConfigError(f"others can replace the keys in {folder}", action)
-
-
-def _is_for_keys_alone(folder: Path, status: os.stat_result) -> bool:
-    if status.st_uid != os.geteuid() or status.st_mode & stat.S_ISVTX:
-        return False
-    return all(file.suffix in (PUBLIC, SECRET) for file in folder.iterdir())
 
 
 def _create(file: Path, mode: int, text: str, written: list[Path]) -> None:
@@ -291,19 +275,3 @@ def _check_file(file: Path, status: os.stat_result) -> None:
         )
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise ConfigError(f"others can replace the public key {file}", f"chmod 644 {file}")
-
-
-def _public_text(public: str) -> str:
-    return (
-        "#   ZeroMQ CURVE public certificate, made by forcebound\n"
-        "#   For the other machine. Send it so that nobody can replace it on the way.\n\n"
-        f'metadata\ncurve\n    public-key = "{public}"\n'
-    )
-
-
-def _secret_text(public: str, secret: str) -> str:
-    return (
-        "#   ZeroMQ CURVE **secret** certificate, made by forcebound\n"
-        "#   Stays on this machine, readable by its owner only.\n\n"
-        f'metadata\ncurve\n    public-key = "{public}"\n    secret-key = "{secret}"\n'
-    )

@@ -53,7 +53,7 @@ from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 from forcebound.network.chances import Chances, Draws, Fate
-from forcebound.network.impairment import Impairment
+from forcebound.network.impairment import PERFECT, Impairment
 from forcebound.network.trace import DelayTrace
 
 RESTART_NS = 1_000_000_000  # 1 s: ten times the usual age limit of a force, far below an uptime
@@ -67,21 +67,18 @@ class Stamped(Protocol):
     @property
     def seq(self) -> int:
         """Counts from 0 at the sender."""
-        ...
 
     @property
     def time_ns(self) -> int:
         """Sender's monotonic clock, in ns."""
-        ...
 
 
 PacketT = TypeVar("PacketT", bound=Stamped)
 
-_Rank: TypeAlias = tuple[
-    int, int, int, int
-]  # life, stamp of the origin, its seq, seq: newer > older
+_Rank: TypeAlias = tuple[int, int, int, int]  # life, stamp and seq of the origin, seq
 
 _OLDEST: _Rank = (-1, 0, 0, 0)
+_FATES = ("sent", "duplicated", "lost", "corrupted", "delivered", "superseded", "queued")
 
 
 def link_seed(seed: int, topic: str) -> int:
@@ -101,12 +98,6 @@ class Link(Generic[PacketT]):
 
     Attributes:
         newest_only: Whether only the newest packet is delivered.
-        sent: Packets that :meth:`accept` got.
-        duplicated: Packets that came twice.
-        lost: Packets that the impairment lost, copies too.
-        corrupted: Packets that arrived damaged and were thrown away.
-        delivered: Packets that :meth:`due` returned.
-        superseded: Packets that were through, but older than one delivered.
     """
 
     def __init__(
@@ -116,24 +107,14 @@ class Link(Generic[PacketT]):
         newest_only: bool,
         trace: DelayTrace | None = None,
     ) -> None:
-        """Make an empty link.
-
-        Args:
-            impairment: What the link does to packets.
-            seed: At least 0; see :func:`link_seed`.
-            newest_only: Deliver only the newest of the packets that are through.
-            trace: Content of the file ``impairment.trace``.
-
-        Raises:
-            ValueError: If the impairment names a trace and it is not given.
-        """
+        """Make an empty link; ``seed`` is at least 0, for the others see :meth:`change`."""
         self.newest_only = newest_only
-        self.sent = 0
+        self.sent = 0  # packets that accept got
         self.duplicated = 0
-        self.lost = 0
-        self.corrupted = 0
-        self.delivered = 0
-        self.superseded = 0
+        self.lost = 0  # copies too
+        self.corrupted = 0  # they arrived damaged and were thrown away
+        self.delivered = 0  # packets that due returned
+        self.superseded = 0  # through, but older than one delivered
         self._queue: list[tuple[int, int, _Rank, PacketT]] = []  # heap: through at, number, ...
         self._life = 0
         self._newest_ns = -1
@@ -152,8 +133,7 @@ class Link(Generic[PacketT]):
 
         Args:
             impairment: What the link does.
-            trace: Content of the file ``impairment.trace``. Like outages, its time counts from the
-                link's first packet.
+            trace: Content of the file ``impairment.trace``; its time counts from the first packet.
 
         Raises:
             ValueError: If the impairment names a trace and it is not given.
@@ -163,7 +143,7 @@ class Link(Generic[PacketT]):
         self._impairment = impairment
         self._trace = trace
         self._chances = Chances(impairment, self._draws)
-        self._is_perfect = impairment == Impairment()
+        self._is_perfect = impairment == PERFECT
         self._is_plain = impairment.is_plain and trace is None
         if self._is_plain:
             return
@@ -177,15 +157,7 @@ class Link(Generic[PacketT]):
     @property
     def counts(self) -> dict[str, int]:
         """How many packets had which fate."""
-        return {
-            "sent": self.sent,
-            "duplicated": self.duplicated,
-            "lost": self.lost,
-            "corrupted": self.corrupted,
-            "delivered": self.delivered,
-            "superseded": self.superseded,
-            "queued": self.queued,
-        }
+        return {fate: getattr(self, fate) for fate in _FATES}
 
     @property
     def has_rate(self) -> bool:
@@ -203,12 +175,9 @@ class Link(Generic[PacketT]):
         return self._queue[0][0] if self._queue else None
 
     def accept(self, time_ns: int, packet: PacketT, size: int = PACKET_SIZE) -> None:
-        """Take a packet that arrives.
+        """Take a packet that arrives at ``time_ns``, on the receiver's clock, in ns.
 
-        Args:
-            time_ns: Now, on the receiver's clock, in ns.
-            packet: The packet.
-            size: Its length on the wire, in bytes; matters where :attr:`has_rate`.
+        Its ``size`` on the wire, in bytes, matters where :attr:`has_rate`.
         """
         self.sent += 1
         if self._first_ns is None:

@@ -26,7 +26,7 @@ import zmq
 
 from forcebound.network import limits
 from forcebound.network.channel import Greeting
-from forcebound.network.monitor import CRYPTOGRAPHIC, MISMATCH, Monitor, SocketEvent
+from forcebound.network.monitor import WRONG_KEY, Monitor, SocketEvent
 from forcebound.network.notices import Notice
 
 
@@ -44,16 +44,11 @@ class _Connection:
 
 
 class Listener:
-    """The connections of one listening socket.
-
-    Args:
-        monitor: Of the socket.
-        names: Names of the peers that may come, by public key; empty: the socket uses no keys.
-    """
+    """The connections of one listening socket."""
 
     def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
         self._monitor = monitor
-        self._names = names
+        self._names = names  # of the peers that may come, by public key; empty: no keys
         self._open: dict[int, _Connection] = {}
         self._refused = 0
         self._failure: SocketEvent | None = None
@@ -143,23 +138,13 @@ class Listener:
             return []
         if connection.is_shut:
             return []
-        return [self._notice(self._failure_of(time_ns, connection, failure), connection)]
-
-    def _failure_of(
-        self, time_ns: int, connection: _Connection, failure: SocketEvent | None
-    ) -> str:
-        """Return the code of the notice of a handshake that failed."""
-        if failure is None:
-            return "no_zmtp"
-        if failure.kind == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and failure.value == CRYPTOGRAPHIC:
-            return "expects_other_key"
-        if failure.kind == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and failure.value == MISMATCH:
-            return "uses_no_keys" if self._names else "uses_keys"
-        if time_ns - connection.since_ns >= limits.HANDSHAKE_TIMEOUT_NS:
-            return "too_slow"
-        if failure.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
-            return "left_as_without_keys" if self._names else "left_as_with_keys"
-        return "no_zmtp"
+        code = "no_zmtp"
+        if failure == WRONG_KEY:
+            code = "expects_other_key"
+        elif failure is not None:
+            left = "left_as_without_keys" if self._names else "left_as_with_keys"
+            code = failure.failure(time_ns - connection.since_ns, bool(self._names), left)
+        return [self._notice(code, connection)]
 
     def _notice(self, code: str, connection: _Connection) -> Notice:
         data = {"address": str(connection)}

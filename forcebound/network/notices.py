@@ -21,17 +21,11 @@ WINDOW_NS = 10_000_000_000
 
 
 class Kind(NamedTuple):
-    """A kind of notice.
+    """A kind of notice."""
 
-    Attributes:
-        meaning: What has happened.
-        action: What to do; empty if it is no problem.
-        command: A shell command for it; capital letters stand for what the user knows.
-    """
-
-    meaning: str
-    action: str = ""
-    command: str = ""
+    meaning: str  # what has happened
+    action: str = ""  # what to do; empty if it is no problem
+    command: str = ""  # of a shell; capital letters stand for what the user knows
 
     @property
     def is_problem(self) -> bool:
@@ -89,9 +83,7 @@ KINDS: Mapping[str, Kind] = {
     ),
 }
 
-_ENDED = "ended the connection of {address}: "
-_CANNOT = "cannot talk to {address}: "
-_HANDSHAKE = f"{HANDSHAKE_MS / 1000:g} s"
+_NO = "no connection with {address}: "
 
 # By code: the kind, and the sentence with the keys of the notice's data.
 SENTENCES: Mapping[str, tuple[str, str]] = {
@@ -121,34 +113,8 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
     ),
     "too_many": (
         "too_many_connections",
-        f"{_ENDED}this port has more than {MAX_CONNECTIONS} connections",
-    ),
-    "expects_other_key": (
-        "wrong_key_of_ours",
-        f"{_ENDED}it expects another public key of ours than we have: give it the right one",
-    ),
-    "uses_no_keys": ("other_security", f"{_ENDED}it uses no keys (CURVE)"),
-    "uses_keys": (
-        "other_security",
-        f"{_ENDED}it uses keys (CURVE), which this end does not (insecure, or without keys)",
-    ),
-    "too_slow": (
-        "handshake_timeout",
-        f"{_ENDED}it did not finish its handshake in {_HANDSHAKE}",
-    ),
-    "left_as_without_keys": (
-        "handshake_failed",
-        f"{_ENDED}it left during the handshake, as one does that uses no keys or does not speak "
-        "ZMTP",
-    ),
-    "left_as_with_keys": (
-        "handshake_failed",
-        f"{_ENDED}it left during the handshake, as one does that uses keys or does not speak ZMTP",
-    ),
-    "no_zmtp": (
-        "handshake_failed",
-        f"{_ENDED}it does not speak ZMTP, the protocol of ZeroMQ, left during the handshake, or "
-        "has another version of forcebound",
+        "ended the connection of {address}: this port has more than "
+        f"{MAX_CONNECTIONS} connections",
     ),
     "there_full": (
         "refused_there",
@@ -159,17 +125,35 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
         "{address} refused us: our key {own} is not in its list of who may connect; add it to the "
         "launch file there, or use the key that is in it",
     ),
-    "there_no_keys": (
-        "other_security",
-        f"{_CANNOT}it uses no keys (CURVE), and we do: start it with keys",
+    # Handshakes that failed, at either end.
+    "expects_other_key": (
+        "wrong_key_of_ours",
+        f"{_NO}it expects another public key of ours than we have: give it the right one",
     ),
-    "there_keys": (
+    "uses_no_keys": (
         "other_security",
-        f"{_CANNOT}it uses keys (CURVE), and we do not: name the keys in the launch file",
+        f"{_NO}it uses no keys (CURVE), and we do: start it with keys",
     ),
-    "there_too_slow": (
+    "uses_keys": (
+        "other_security",
+        f"{_NO}it uses keys (CURVE), and we do not: name the keys in the launch file",
+    ),
+    "too_slow": (
         "handshake_timeout",
-        f"{_CANNOT}it did not finish its handshake in {_HANDSHAKE}",
+        f"{_NO}it did not finish its handshake in {HANDSHAKE_MS / 1000:g} s",
+    ),
+    "no_zmtp": (
+        "handshake_failed",
+        f"{_NO}it does not speak ZMTP, the protocol of ZeroMQ, left during the handshake, or has "
+        "another version of forcebound",
+    ),
+    "left_as_without_keys": (
+        "handshake_failed",
+        "{address} left during the handshake, as one does that uses no keys or does not speak ZMTP",
+    ),
+    "left_as_with_keys": (
+        "handshake_failed",
+        "{address} left during the handshake, as one does that uses keys or does not speak ZMTP",
     ),
     "there_wrong_key": (
         "wrong_key_there",
@@ -181,11 +165,7 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
         "{address} ended the connection during the handshake: most likely it uses keys (CURVE), "
         "and we do not",
     ),
-    "there_no_zmtp": (
-        "handshake_failed",
-        f"{_CANNOT}what answers there breaks the protocol of ZeroMQ, or has another version of "
-        "forcebound",
-    ),
+    # Later.
     "broken": (
         "protocol_error",
         f"{{address}} broke the protocol, as with a message of over {MAX_FRAME} bytes: the "
@@ -202,17 +182,11 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Notice:
-    """Something happened to a connection.
+    """Something happened to a connection."""
 
-    Attributes:
-        code: A key of :data:`SENTENCES`.
-        data: Details as text, such as ``address``, ``key``, ``name``.
-        more: How many like this one were not reported.
-    """
-
-    code: str
-    data: Mapping[str, str] = field(default_factory=dict)
-    more: int = 0
+    code: str  # a key of SENTENCES
+    data: Mapping[str, str] = field(default_factory=dict)  # such as address, key, name
+    more: int = 0  # how many like this one were not reported
 
     @property
     def kind(self) -> str:
@@ -222,7 +196,9 @@ class Notice:
     @property
     def message(self) -> str:
         """What happened, and what to do, for the log."""
-        sentence = SENTENCES[self.code][1].format_map({**self.data, "peer": self._peer})
+        key = self.data.get("key")
+        peer = f"{self.data.get('name')} (key {key})" if key else "a peer without keys"
+        sentence = SENTENCES[self.code][1].format_map({**self.data, "peer": peer})
         if not self.more:
             return sentence
         return f"{self.more} more like this within {WINDOW_NS // 10**9} s: {sentence}"
@@ -232,41 +208,30 @@ class Notice:
         """Whether somebody should do something about it."""
         return KINDS[self.kind].is_problem
 
-    @property
-    def _peer(self) -> str:
-        key = self.data.get("key")
-        return f"{self.data.get('name')} (key {key})" if key else "a peer without keys"
-
 
 class NoticeLimit:
     """Lets the first few notices of a kind through, and then gives how many more there were."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
-        self._windows: dict[str, tuple[int, int]] = {}  # kind: end of the window, notices in it
-        self._last: dict[str, Notice] = {}
+        # By kind: the end of the window, how many notices came in it, the last of them.
+        self._windows: dict[str, tuple[int, int, Notice]] = {}
 
     def admit(self, time_ns: int, notices: list[Notice]) -> list[Notice]:
         """Return what may be reported at ``time_ns``; all notices are counted by kind."""
-        admitted = self._summaries(time_ns)
+        admitted = []
+        for kind, (end_ns, number, last) in list(self._windows.items()):
+            if time_ns >= end_ns:
+                del self._windows[kind]
+                more = number - BURST
+                if more > 0:
+                    data = {**last.data, "suppressed": str(more - 1)}
+                    admitted.append(replace(last, data=data, more=more))
         for notice in notices:
             kind = notice.kind
             self.counts[kind] = self.counts.get(kind, 0) + 1
-            end_ns, number = self._windows.get(kind, (time_ns + WINDOW_NS, 0))
-            self._windows[kind] = (end_ns, number + 1)
-            self._last[kind] = notice
+            end_ns, number, _ = self._windows.get(kind, (time_ns + WINDOW_NS, 0, notice))
+            self._windows[kind] = (end_ns, number + 1, notice)
             if number < BURST:
                 admitted.append(notice)
         return admitted
-
-    def _summaries(self, time_ns: int) -> list[Notice]:
-        summaries = []
-        for kind, (end_ns, number) in list(self._windows.items()):
-            if time_ns < end_ns:
-                continue
-            del self._windows[kind]
-            last, more = self._last.pop(kind), number - BURST
-            if more > 0:
-                data = {**last.data, "suppressed": str(more - 1)}
-                summaries.append(replace(last, data=data, more=more))
-        return summaries

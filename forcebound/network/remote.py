@@ -30,7 +30,7 @@ from forcebound.network.monitor import Monitor
 from forcebound.network.notices import Notice, NoticeLimit
 from forcebound.network.sockets import Guard, Network
 from forcebound.network.subscriber import Subscriber
-from forcebound.network.zap import ALLOWED, ENDPOINT, REFUSED, Verdict, ZapHandler
+from forcebound.network.zap import ALLOWED, ENDPOINT, FULL, Verdict, ZapHandler
 
 EVENT_LIMIT = 200  # events handled in one call of watch; about 2 ms
 LOOK_NS = 1_000_000_000  # watch is due this often: to greet, and in case a descriptor stayed silent
@@ -61,7 +61,9 @@ class RemoteLink:
         refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
         self._due_ns = 0
-        self._first = [_beginning(end)]
+        keys = "without keys" if end.key is None else f"with the key {end.key.name}"
+        where = {"address": end.address, "port": str(end.port), "keys": keys}
+        self._first = [Notice("listening" if end.listens else "connecting", where)]
         self._limit = NoticeLimit()
         self._network = network
         self._sockets: list[zmq.Socket[bytes]] = []
@@ -96,11 +98,6 @@ class RemoteLink:
         """When :meth:`watch` wants to be called at the latest, on the clock that it is given."""
         return 0 if self._channel.greetings else self._due_ns
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """How often each kind of notice has come, also of those that were not reported."""
-        return dict(self._limit.counts)
-
     def status(self) -> dict[str, Any]:
         """Return how the link is doing, as a map of plain values."""
         return {
@@ -112,7 +109,7 @@ class RemoteLink:
             "peers": self._peer.peers,
             "connections": self._peer.connections,
             "superseded": self.subscriber.superseded,
-            "counts": self.counts,
+            "counts": dict(self._limit.counts),  # by kind, also of notices that were not reported
         }
 
     def watch(self, time_ns: int) -> list[Notice]:
@@ -149,8 +146,7 @@ class RemoteLink:
         """Let nobody listen before the one who decides who comes in."""
         socket = self._network.reply_socket(ENDPOINT)
         self._sockets.append(socket)
-        without_keys = self.end.key is None
-        self._handler = ZapHandler(socket, self.end.peers, without_keys, self._has_room)
+        self._handler = ZapHandler(socket, self.end.peers, self._has_room)
         self.descriptors.append(self._handler.descriptor)
 
     def _open(self, endpoint: str) -> "tuple[zmq.Socket[bytes], Monitor]":
@@ -192,14 +188,7 @@ class RemoteLink:
 
     def _refusal(self, verdict: Verdict) -> Notice:
         data = {"address": verdict.address, "key": verdict.key, "name": verdict.name}
-        if verdict.status != REFUSED:
+        if verdict.status == FULL:
             return Notice("full", data)
         data["list"] = "environment_keys" if self.end.role == "graph" else "graph_key"
         return Notice("unknown_key" if verdict.key else "no_key", data)
-
-
-def _beginning(end: RemoteEnd) -> Notice:
-    """Return the first notice of an end."""
-    keys = "without keys" if end.key is None else f"with the key {end.key.name}"
-    data = {"address": end.address, "port": str(end.port), "keys": keys}
-    return Notice("listening" if end.listens else "connecting", data)

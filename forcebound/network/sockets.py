@@ -32,7 +32,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import zmq
@@ -83,18 +82,11 @@ ADVICE = {
 
 @dataclass(frozen=True)
 class Guard:
-    """How a socket makes sure of its peer.
+    """How a socket makes sure of its peer."""
 
-    Attributes:
-        domain: What the authenticator of a listener is asked about
-            (:mod:`forcebound.network.zap`); empty at the end that connects.
-        key: Our key pair; None: no CURVE.
-        listener_key: Public key of the listener, at the end that connects with CURVE.
-    """
-
-    domain: str = ""
-    key: KeyPair | None = None
-    listener_key: str = ""
+    domain: str = ""  # what :mod:`forcebound.network.zap` is asked about; empty: we connect
+    key: KeyPair | None = None  # ours; None: no CURVE
+    listener_key: str = ""  # its public key, at the end that connects with CURVE
 
 
 def library() -> tuple[str, bool]:
@@ -115,8 +107,7 @@ def make_socket(
 
     Args:
         context: Where its input and output thread lives.
-        kind: ``zmq.PUB``, ``zmq.SUB`` (of everything), ``zmq.REQ``, ``zmq.REP``,
-            ``zmq.PAIR``, ``zmq.ROUTER`` or ``zmq.DEALER``.
+        kind: One of zmq's socket types; a ``zmq.SUB`` gets everything.
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
         guard: Who may be at the other end; None: who can reach the endpoint.
@@ -138,17 +129,15 @@ def make_socket(
     try:
         if bind:
             _refuse_to_steal(endpoint)
-            socket.bind(endpoint)
-        else:
-            socket.connect(endpoint)
-    except (zmq.ZMQError, ConfigError) as error:
+        socket.bind(endpoint) if bind else socket.connect(endpoint)
+    except ConfigError:
         socket.close()
-        if isinstance(error, ConfigError):
-            raise
+        raise
+    except zmq.ZMQError as error:
+        socket.close()
         advice = ADVICE.get(error.errno or 0, error.strerror)
-        raise ConfigError(
-            f"cannot {'bind' if bind else 'connect'} to {endpoint}: {advice}"
-        ) from None
+        verb = "bind" if bind else "connect"
+        raise ConfigError(f"cannot {verb} to {endpoint}: {advice}") from None
     return socket
 
 
@@ -204,7 +193,7 @@ class Network:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._farewell_ms = farewell_ms
         self._sockets: list[zmq.Socket[bytes]] = []
-        self._monitored: list[zmq.Socket[bytes]] = []
+        self._monitored: set[zmq.Socket[bytes]] = set()
         self._names = 0
 
     def publisher(self, endpoint: str, *, bind: bool = True) -> Publisher:
@@ -230,7 +219,7 @@ class Network:
     def guarded(
         self, kind: int, endpoint: str, *, bind: bool, guard: Guard
     ) -> "tuple[zmq.Socket[bytes], zmq.Socket[bytes]]":
-        """Open a socket and its monitor; for the network room, see :func:`make_socket`."""
+        """Open a socket and its monitor; see :func:`make_socket`."""
         self._names += 1
         where = f"inproc://monitor-{self._names}"
         monitor = self._open(zmq.PAIR, where, bind=False)
@@ -239,43 +228,32 @@ class Network:
         except ConfigError:
             self.release([monitor])
             raise
-        self._monitored.append(socket)
+        self._monitored.add(socket)
         return socket, monitor
 
     def reply_socket(self, endpoint: str) -> "zmq.Socket[bytes]":
-        """Open a bound REP socket; for the network room."""
+        """Open a bound REP socket."""
         return self._open(zmq.REP, endpoint, bind=True)
 
     def release(self, released: "Sequence[zmq.Socket[bytes]]") -> None:
-        """Close some sockets before the others, in this order."""
+        """Close some sockets before the others; those that were closed already do no harm."""
+        # Without its reader, a monitor would stop the input and output thread.
+        for socket in self._monitored & set(released):
+            socket.disable_monitor()
+        self._monitored -= set(released)
         for socket in released:
-            if socket in self._monitored:
-                # Without its reader, a monitor would stop the input and output thread.
-                socket.disable_monitor()
-                self._monitored.remove(socket)
-            if socket in self._sockets:
-                self._sockets.remove(socket)
             socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
+        self._sockets = [socket for socket in self._sockets if socket not in released]
 
     def close(self) -> None:
         """Close all sockets; returns within ``farewell_ms``."""
-        for socket in self._monitored:
-            socket.disable_monitor()
-        self._monitored.clear()
-        for socket in self._sockets:
-            socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
-        self._sockets.clear()
+        self.release(self._sockets)
         self._context.term()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _open(self, kind: int, endpoint: str, **options: Any) -> "zmq.Socket[bytes]":
@@ -304,25 +282,16 @@ class Waiter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._epoll.close()
 
 
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
-    """Sleep until a descriptor is readable, or the time is over; return those that are.
+    """Sleep until a descriptor is readable, or ``timeout_ns`` is over; return those that are.
 
     A ZeroMQ descriptor is edge-triggered: it shows that something *happened* on a socket. So it may
     be waited for only after everything on the socket was received, and it may have been nothing of
     interest.
-
-    Args:
-        descriptors: Of sockets or files.
-        timeout_ns: Longest sleep, in ns; not positive: none.
     """
     return select.select(descriptors, (), (), timeout_ns * 1e-9 if timeout_ns > 0 else 0)[0]
 

@@ -133,6 +133,4 @@ class Subscriber:
         return b""
 
     def _has_message(self) -> bool:
-        events = self._get(self._socket, _EVENTS)
-        assert isinstance(events, int)
-        return bool(events & _POLLIN)
+        return bool(int(self._get(self._socket, _EVENTS)) & _POLLIN)

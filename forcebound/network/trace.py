@@ -9,6 +9,7 @@ import csv
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from forcebound.errors import ConfigError
@@ -39,21 +40,20 @@ class DelayTrace:
             raise ConfigError(
                 f"a trace needs as many delays as times, got {len(delays)} and {len(times)}"
             )
-        for delay in delays:
-            if delay is not None and not 0.0 <= delay < math.inf:
+        known = [delay for delay in delays if delay is not None]
+        for delay in known:
+            if not 0.0 <= delay < math.inf:
                 raise ConfigError(f"delays of a trace must be finite and >= 0 s, got {delay} s")
         self.times = tuple(times)
         self.delays = tuple(delays)
-        self.shortest = min((delay for delay in delays if delay is not None), default=0.0)
-        if not all(math.isfinite(time) for time in times):
+        self.shortest = min(known, default=0.0)
+        if not all(map(math.isfinite, times)):
             raise ConfigError("times of a trace must be finite")
         self._times_ns = [round((time - times[0]) * 1e9) for time in times]
-        steps = [b - a for a, b in zip(self._times_ns, self._times_ns[1:], strict=False)]
-        if any(step <= 0 for step in steps):
-            row = next(row for row, step in enumerate(steps) if step <= 0)
-            raise ConfigError(
-                f"times of a trace must increase: {times[row + 1]} s after {times[row]} s"
-            )
+        steps = [after - before for before, after in pairwise(self._times_ns)]
+        for step, (before, after) in zip(steps, pairwise(times), strict=True):
+            if step <= 0:
+                raise ConfigError(f"times of a trace must increase: {after} s after {before} s")
         self._delays_ns = [None if delay is None else round(delay * 1e9) for delay in delays]
         self._length_ns = self._times_ns[-1] + steps[-1] if steps else 1
 

@@ -9,7 +9,7 @@ leave it waiting for its handshake to time out.
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import zmq
 from zmq.utils import z85
@@ -18,21 +18,13 @@ ENDPOINT = "inproc://zeromq.zap.01"
 ALLOWED, REFUSED, FULL = "200", "400", "500"
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What was decided about one peer.
+class Verdict(NamedTuple):
+    """What was decided about one peer."""
 
-    Attributes:
-        address: Of the peer, without its port.
-        key: Its public key in Z85; empty without CURVE.
-        name: Of the key, if it is known.
-        status: ``ALLOWED``, ``REFUSED`` or ``FULL``.
-    """
-
-    address: str
-    key: str
-    name: str
-    status: str
+    address: str  # without its port
+    key: str  # its public key in Z85; empty without CURVE
+    name: str  # of the key, if it is known
+    status: str  # ALLOWED, REFUSED or FULL
 
 
 class ZapHandler:
@@ -40,8 +32,8 @@ class ZapHandler:
 
     Args:
         socket: REP, bound to :data:`ENDPOINT`.
-        allowed: Names by public key (Z85). Peers without CURVE are refused.
-        without_keys: Whether, instead, everybody may come who uses no CURVE.
+        allowed: Names by public key (Z85), and peers without CURVE are refused; empty: everybody
+            may come who uses no CURVE.
         has_room: Whether the port takes one more peer.
     """
 
@@ -49,12 +41,10 @@ class ZapHandler:
         self,
         socket: "zmq.Socket[bytes]",
         allowed: Mapping[str, str],
-        without_keys: bool,
         has_room: Callable[[], bool],
     ) -> None:
         self._socket = socket
         self._allowed = dict(allowed)
-        self._without_keys = without_keys
         self._has_room = has_room
         self.descriptor = int(socket.FD)
 
@@ -75,10 +65,8 @@ class ZapHandler:
         key = ""
         if mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32:
             key = z85.encode(credentials[0]).decode("ascii")
-        if self._without_keys:
-            may = version == b"1.0" and mechanism == b"NULL"
-        else:
-            may = version == b"1.0" and key in self._allowed
+        may = key in self._allowed if self._allowed else mechanism == b"NULL"
+        may = may and version == b"1.0"
         status = REFUSED if not may else ALLOWED if self._has_room() else FULL
         reply = [b"1.0", request, status.encode(), b"", key.encode() if may else b"", b""]
         self._socket.send_multipart(reply, zmq.DONTWAIT)

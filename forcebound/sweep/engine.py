@@ -87,7 +87,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
-        or type(config.controller.model) is not DirectController
+        or type(config.controller) is not DirectController
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
     ):
         return None
