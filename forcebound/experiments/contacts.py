@@ -103,9 +103,7 @@ class StiffWall:
         speed, approach = self.speed, SPEEDS[self.speed]
         contacts = {law: runs.wall(law, approach) for law in (self.law, *CERTIFIED)}
         numbers = [
-            Number(
-                words, "N/mm", getattr(contact, quantity), paper_value(law, quantity, speed), law
-            )
+            Number(words, "N/mm", getattr(contact, key), paper_value(law, key, speed), law)
             for key, words in WORDS.items()
             for law, contact in contacts.items()
         ]
@@ -126,7 +124,7 @@ class StiffWall:
 
 
 PAPER_SHOWS = {
-    "less_conservative_viscous": "Stable; oscillates after contact, with energy dissipated in free motion.",
+    "less_conservative_viscous": "Stable; oscillates after contact, with losses of free motion.",
     "less_conservative": "Much stiffer than with viscous damping only; severe oscillations.",
     "aol": "Very similar to the less conservative law, also with oscillations.",
     "more_conservative": "No severe oscillation: no memory; softer.",

@@ -54,9 +54,9 @@ class Approach:
         )
 
 
-# Fitted by experiments/fit_table1.py on one half of Table 1, and rounded; docs/reproduce.md has the
-# reasons. The hand's values are also the defaults of paper_wall.yaml. The mass is about that of hand
-# and forearm. Damping is small, like that of the paper's soft grip (section 4.1); more than
+# Fitted by experiments/fit_table1.py on one half of Table 1, and rounded (docs/reproduce.md). The
+# values of the hand are also the defaults of paper_wall.yaml. The mass is about that of hand and
+# forearm. Damping is small, like that of the paper's soft grip (section 4.1); more than
 # k T / 2 = 5 N s/m would stabilise the wall of Fig. 7 without any law.
 HAND = Hand(mass=0.925, stiffness=1120.0, damping=0.05)
 HIGH = Approach("high", speed=0.153, way=0.0243, target=0.0059)  # paper: 150 to 250 mm/s
