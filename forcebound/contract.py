@@ -6,13 +6,16 @@ repository's own tests on every part that ships.
 """
 
 import dataclasses
+import math
 import numbers
 import pickle
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
 SHOWN = 3  # violations of one promise in a report; the others are alike
 
 
@@ -60,25 +63,8 @@ class Report:
         return {promise: promise not in broken for promise in self.promises}
 
 
-def first_of_each(found: Iterable[Violation]) -> tuple[Violation, ...]:
-    """Return at most ``SHOWN`` violations of each promise."""
-    counts: dict[str, int] = {}
-    kept = []
-    for violation in found:
-        counts[violation.promise] = counts.get(violation.promise, 0) + 1
-        if counts[violation.promise] <= SHOWN:
-            kept.append(violation)
-    return tuple(kept)
-
-
 def vector_fault(answer: object, axes: int, unit: str) -> Fault | None:
-    """Return what is wrong with the form of a vector; None if nothing.
-
-    Args:
-        answer: Of a user's code.
-        axes: How many entries it must have.
-        unit: Of the entries.
-    """
+    """Return what is wrong with the form of a vector in ``unit``; None if nothing."""
     tolist = getattr(answer, "tolist", None)  # of an array
     entries: object = answer if tolist is None else tolist()
     expected = f"a tuple with {axes} number{'s' * (axes > 1)} in {unit}, one per axis"
@@ -92,29 +78,76 @@ def vector_fault(answer: object, axes: int, unit: str) -> Fault | None:
     return None
 
 
-def value_faults(model: Any) -> Iterator[Violation]:
-    """Find what keeps a model from being a value: a frozen dataclass, copied and pickled."""
-    parameters = getattr(model, "__dataclass_params__", None)
-    if parameters is None or not parameters.frozen:
-        kind = type(model).__name__
-        yield Violation("value", "@dataclass(frozen=True)", f"class {kind} without it", kind)
-        return
-    done: dict[str, Callable[[], Any]] = {
-        "dataclasses.replace": lambda: dataclasses.replace(model),
-        "pickle": lambda: pickle.loads(pickle.dumps(model)),
-    }
-    for what, make in done.items():
+class Findings:
+    """Broken promises that a check has found until now."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[Violation]] = {}
+
+    def add(self, promise: str, expected: str, got: str, where: str) -> None:
+        """Note a broken promise, up to ``SHOWN`` times."""
+        found = self._found.setdefault(promise, [])
+        if len(found) < SHOWN:
+            found.append(Violation(promise, expected, got, where))
+
+    @contextmanager
+    def noting(self, promise: str, expected: str, where: str) -> Iterator[None]:
+        """Note what is raised within as a broken promise."""
         try:
-            made = make()
-        except Exception as error:
-            yield Violation("value", "an equal object", describe_raised(error), what)
-            continue
-        if made != model:
-            yield Violation("value", f"an equal object, {model!r}", repr(made), what)
+            yield
+        except (Exception, SystemExit) as error:
+            self.add(promise, expected, describe_raised(error), where)
+
+    def check_value(self, model: Any) -> None:
+        """Check that a model is a frozen dataclass that can be copied and pickled."""
+        parameters = getattr(model, "__dataclass_params__", None)
+        if parameters is None or not parameters.frozen:
+            kind = type(model).__name__
+            self.add("value", "@dataclass(frozen=True)", f"class {kind} without it", kind)
+            return
+        copies: dict[str, Callable[[], Any]] = {
+            "dataclasses.replace": lambda: dataclasses.replace(model),
+            "pickle": lambda: pickle.loads(pickle.dumps(model)),
+        }
+        for what, make in copies.items():
+            with self.noting("value", "an equal object", what):
+                made = make()
+                if made != model:
+                    self.add("value", f"an equal object, {model!r}", repr(made), what)
+
+    def check_number(self, promise: str, model: Any, name: str, unit: str, above: bool) -> None:
+        """Check an attribute: finite, and at least 0, or ``above`` 0."""
+        value = getattr(model, name, None)
+        lowest = math.ulp(0.0) if above else 0.0
+        if not isinstance(value, int | float) or not lowest <= value < math.inf:
+            self.add(promise, f"{'>' if above else '>='} 0 {unit}, finite", repr(value), name)
+
+    def check_vector(
+        self, answer: Any, axes: int, unit: str, where: str, finite: str = "finite"
+    ) -> bool:
+        """Return whether a vector has its form (promise "shape"); check that it is finite."""
+        fault = vector_fault(answer, axes, unit)
+        if fault is not None:
+            self.add("shape", fault.expected, fault.got, where)
+        elif not all(map(math.isfinite, answer)):
+            self.add(finite, "finite numbers", repr(answer), where)
+        return fault is None
+
+    def check_repeats(self, one: Sequence[Any], other: Sequence[Any], where: str) -> None:
+        """Check that the answers of two runs are the same (promise "pure")."""
+        for place, (before, after) in enumerate(zip(one, other, strict=True)):
+            if before != after:
+                self.add("pure", f"{before}, as before", str(after), f"{where}, answer {place}")
+                return
+
+    def report(self, promises: Mapping[str, str], questions: int, left_out: int = 0) -> Report:
+        """Return what was found."""
+        violations = tuple(one for found in self._found.values() for one in found)
+        return Report(promises, violations, questions, left_out)
 
 
 def copy_of(model: Any) -> Any:
-    """Return a copy of a model; the model itself if it is no value (:func:`value_faults`)."""
+    """Return a copy of a model; the model itself if it cannot be copied."""
     try:
         return dataclasses.replace(model)
     except Exception:
@@ -122,7 +155,8 @@ def copy_of(model: Any) -> Any:
 
 
 def describe_raised(error: BaseException) -> str:
-    """Return what was raised, and the innermost line."""
+    """Return what was raised, and the innermost line; of an error of ours, its cause."""
+    error = error.__cause__ or error
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} (raised in {last.filename}:{last.lineno})"
 

@@ -11,12 +11,12 @@ A part has one of three origins:
 
 import inspect
 import logging
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from forcebound import user_module
 from forcebound.errors import ConfigError
@@ -31,13 +31,11 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Form:
-    """What a part of a table must be.
+    """What a part of a table must be: a frozen dataclass, or an object of one class.
 
     Attributes:
-        methods: Of a frozen dataclass: it needs one of them. With their numbers of arguments
-            besides ``self``.
-        instance_of: ``"module:NAME"`` of the class that the part is an object of; None: the part is
-            itself a class.
+        methods: Of the dataclass, with their numbers of arguments besides ``self``: it needs one.
+        instance_of: ``"module:NAME"`` of the class that the part is an object of.
     """
 
     methods: Mapping[str, int] = field(default_factory=dict)
@@ -76,7 +74,7 @@ class Form:
 
 
 class Table(MutableMapping[str, Part], Generic[Part]):
-    """The parts of one section by kind; see the module's page for where they come from.
+    """The parts of one section by kind.
 
     Iterating names the parts without importing them. ``table[kind]`` imports one; ``table[kind] =
     part`` adds one that was made in Python, for this process.
@@ -178,26 +176,23 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         return {point.name: point for point in entry_points(group=f"forcebound.{self.section}")}
 
     def _load(self, kind: str) -> Part:
-        part: Part
         if kind in self._shipped:
-            part = _import(self._shipped[kind])
-        elif user_module.names_file(kind):
-            part = self._load_file(kind, Path())
-        else:
-            part = self._load_offered(self._entry_points[kind])
-        return part
+            return cast(Part, _import(self._shipped[kind]))
+        if user_module.names_file(kind):
+            return self._load_file(kind, Path())
+        return self._load_offered(self._entry_points[kind])
 
-    def _load_file(self, kind: str, folder: Path) -> Any:
-        part = user_module.load(kind, folder, self.form.fits, self.form.expected)
+    def _load_file(self, kind: str, folder: Path) -> Part:
+        part: Part = user_module.load(kind, folder, self.form.fits, self.form.expected)
         file, _, name = (user_module.kind_of(part) or "").rpartition(":")
         self.form.check(part, f"{name} of {Path(file).name}")
         return part
 
-    def _load_offered(self, point: "EntryPoint") -> Any:
+    def _load_offered(self, point: "EntryPoint") -> Part:
         package = point.dist.name if point.dist is not None else "unknown"
         offer = f"{point.name!r} of the package {package} (entry point {point.value})"
         try:
-            part = point.load()
+            part: Part = point.load()
         except (Exception, SystemExit) as error:
             words = f"{type(error).__name__}: {error}"
             raise ConfigError(f"cannot import {offer}: {words}; mend or uninstall it") from error
@@ -213,9 +208,8 @@ def _import(entry: str) -> Any:
 def _check_arguments(part: type, method: str, count: int, name: str) -> None:
     static = inspect.getattr_static(part, method, None)
     given = count if isinstance(static, staticmethod | classmethod) else count + 1  # with self
-    call: Callable[..., Any] = getattr(part, method)
     try:
-        inspect.signature(call).bind(*range(given))
+        inspect.signature(getattr(part, method)).bind(*range(given))
     except (TypeError, ValueError) as error:
         message = f"class {name}: {method} must take {count} arguments besides self: {error}"
         raise ConfigError(message) from None

@@ -4,8 +4,8 @@ A parameter declares its unit in its type, ``stiffness: Stiffness = 10_000.0``; 
 then say ``10 N/mm``. In the program every quantity is a float in SI units. A parameter may also
 declare what values make sense, ``rate: Annotated[Frequency, POSITIVE] = 1000.0``.
 
-Units are read where text comes in, by the launch files (:mod:`forcebound.config`). Ranges are
-checked there, too, and by :func:`check_ranges` when the dataclass is made in Python.
+Units are read, and ranges checked, where text comes in, by the launch files
+(:mod:`forcebound.config`); ranges also by :func:`check_ranges` when a dataclass is made in Python.
 """
 
 import math
@@ -101,23 +101,19 @@ class Range:
 
 @dataclass(frozen=True)
 class CheckedText:
-    """What a text must be, in ``Annotated[str, CheckedText(check)]``.
+    """What a text must be, in ``Annotated[str, CheckedText(check)]``."""
 
-    Attributes:
-        check: Raises :class:`forcebound.errors.ConfigError` if a text will not do.
-    """
-
-    check: Callable[[str], object]
+    check: Callable[[str], object]  # raises ConfigError if a text will not do
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Let pydantic check the text after it has been read."""
         from pydantic_core import core_schema
 
-        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+        def checked(text: str) -> str:
+            self.check(text)
+            return text
 
-    def _checked(self, text: str) -> str:
-        self.check(text)
-        return text
+        return core_schema.no_info_after_validator_function(checked, handler(source))
 
 
 POSITIVE = Range(above=0)
@@ -126,10 +122,7 @@ PROBABILITY = Range(at_least=0, at_most=1, hint=", or with a sign, 33 %")
 
 
 def check_ranges(settings: Any) -> None:
-    """Check the numbers of a dataclass whose types name a :class:`Range`.
-
-    A dataclass calls it in ``__post_init__``, so that one made in Python is checked as one that a
-    launch file gives.
+    """Check, in ``__post_init__`` of a dataclass, the numbers whose types name a :class:`Range`.
 
     Raises:
         ConfigError: If one is outside; it names the field.
@@ -173,8 +166,7 @@ def parse_quantity(value: object, unit: str) -> float:
     """Return a quantity as a finite float in the SI unit ``unit``.
 
     Args:
-        value: A number, taken as SI, or text: ``"10 N/mm"``, ``"5ms"``, ``"40 %"``; text without a
-            unit is SI too.
+        value: A number, or text: ``"10 N/mm"``, ``"5ms"``, ``"40 %"``; without a unit it is SI.
         unit: Symbol of the expected SI unit, such as ``"N/m"``; ``""`` for a plain ratio.
 
     Raises:
@@ -184,27 +176,22 @@ def parse_quantity(value: object, unit: str) -> float:
     expected = _expected(unit)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ConfigError(f"expected {expected}; got {_shown(value)}")
-    number = _number_of(value, unit, expected)
+    if isinstance(value, str):
+        number, given = split_quantity(value, expected)
+        if given:
+            # 0.03 mm is 3e-5, the float nearest to what is written: floats would round twice.
+            factor = _factor(given, unit, value, expected)
+            number = _finite(float(Decimal(repr(number)) * factor), value, expected)
+    else:
+        number = _finite(value, value, expected)
     if unit == "s" and abs(number) > LONGEST:
         raise ConfigError(f"expected {expected}, at most {LONGEST:g} s; got {_shown(value)}")
     return number
 
 
-def _number_of(value: int | float | str, unit: str, expected: str) -> float:
-    if not isinstance(value, str):
-        return _finite(value, value, expected)
-    match = _QUANTITY.fullmatch(value.strip())
-    if match is None:
-        raise ConfigError(f"expected {expected}; got {_shown(value)}")
-    number = _finite(float(match["number"]), value, expected)
-    if not match["unit"]:
-        return number
-    factor = _factor(match["unit"], unit, value, expected)
-    # 0.03 mm is 3e-5, the float nearest to what is written: floats would round twice.
-    return _finite(float(Decimal(repr(number)) * factor), value, expected)
-
-
-def split_quantity(text: str) -> tuple[float, str]:
+def split_quantity(
+    text: str, expected: str = "a number, with or without a unit"
+) -> tuple[float, str]:
     """Return number and unit of a quantity as it is written; the unit ``""`` if it has none.
 
     Raises:
@@ -212,8 +199,8 @@ def split_quantity(text: str) -> tuple[float, str]:
     """
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"expected a number, with or without a unit; got {_shown(text)}")
-    return _finite(float(match["number"]), text, "a number"), match["unit"] or ""
+        raise ConfigError(f"expected {expected}; got {_shown(text)}")
+    return _finite(float(match["number"]), text, expected), match["unit"] or ""
 
 
 @lru_cache(maxsize=65536)
@@ -343,11 +330,8 @@ def _named(unit: Any) -> str:
 
 def _expected(unit: str) -> str:
     name, example = _NAMES.get(unit, ("quantity", ""))
-    return (
-        _article(name)
-        + (f" in {unit}" if unit else "")
-        + (f", for example {example}" if example else "")
-    )
+    words = _article(name) + (f" in {unit}" if unit else "")
+    return words + (f", for example {example}" if example else "")
 
 
 def _article(name: str) -> str:

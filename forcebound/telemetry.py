@@ -1,14 +1,17 @@
 """Telemetry of a run as columns, one array per field."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Self
 
 from forcebound.messages.packets import Telemetry, Vector
+
+if TYPE_CHECKING:  # a launcher starts without numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,8 @@ class TelemetryColumns:
         Raises:
             ValueError: If the packets differ in their number of axes.
         """
+        import numpy as np
+
         axes = len(packets[0].position) if packets else 1
         nothing = (math.nan,) * axes
 

@@ -15,7 +15,7 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,8 +23,7 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 
-KIND_PATTERN = r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?"
-_KIND = re.compile(KIND_PATTERN, re.DOTALL)
+_KIND = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,12 +49,7 @@ def is_absolute(kind: str) -> bool:
 
 
 def file_of(kind: str, folder: Path) -> Path:
-    """Return the absolute path of the file that a ``kind`` names.
-
-    Args:
-        kind: ``FILE.py`` or ``FILE.py:NAME``.
-        folder: Folder from which a relative path starts.
-    """
+    """Return the absolute path of the file that ``FILE.py:NAME`` names in a folder."""
     return (folder / _match(kind)["file"]).absolute()
 
 
@@ -123,7 +117,9 @@ def _load(path: Path) -> _File:
         if isinstance(error, KeyboardInterrupt):
             raise
         raise ConfigError(f"cannot load {path.name}: {_describe(error, {str(path)})}") from error
-    return _File(module, source.decode("utf-8", "replace"), frozenset(_imported(tree.body)))
+    imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    imported = {alias.asname or alias.name for node in imports for alias in node.names}
+    return _File(module, source.decode("utf-8", "replace"), frozenset(imported))
 
 
 def _read(path: Path) -> bytes:
@@ -134,11 +130,6 @@ def _read(path: Path) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a path that no file can have
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     raise ConfigError(f"{path} {found}; a relative path starts from the folder of the launch file")
-
-
-def _imported(statements: Iterable[ast.stmt]) -> list[str]:
-    imports = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
-    return [alias.asname or alias.name for node in imports for alias in node.names]
 
 
 def _describe(error: BaseException, files: set[str]) -> str:
@@ -165,7 +156,8 @@ def _name_in(
     }
     if wanted is not None:
         if wanted not in defined:
-            raise ConfigError(f"{path.name} does not define {wanted!r}; it has: {_list(defined)}")
+            known = ", ".join(sorted(defined)) or "none"
+            raise ConfigError(f"{path.name} does not define {wanted!r}; it has: {known}")
         return wanted
     classes = [name for name, part in defined.items() if isinstance(part, type)]
     fitting = [name for name, part in defined.items() if fits(part)]
@@ -187,10 +179,6 @@ def _is_part(name: str, part: object) -> bool:
     if isinstance(part, type):
         return part.__name__ == name
     return dataclasses.is_dataclass(part)
-
-
-def _list(names: Mapping[str, object]) -> str:
-    return ", ".join(sorted(names)) or "none"
 
 
 def _reduce(member: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:

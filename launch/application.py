@@ -1,6 +1,6 @@
 """Application of changed parameters to nodes and links, live and in virtual time.
 
-:func:`forcebound.config.changes.change` makes the configuration that holds them.
+:func:`forcebound.config.loader.change` makes the configuration that holds them.
 """
 
 from collections.abc import Iterator, Mapping

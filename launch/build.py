@@ -43,7 +43,7 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         ConfigError: If the controller's own code fails.
     """
     try:
-        controller = config.controller.model.open(config.device.model.axes)
+        controller = config.controller.open(config.device.model.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))

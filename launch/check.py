@@ -4,7 +4,7 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,103 +16,58 @@ from forcebound.contract import Report
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
 from forcebound.environments import Environment, EnvironmentModel, open_environment
-from forcebound.environments.contract import PROMISES, check
+from forcebound.environments import contract as environments
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
 from forcebound.quantities import parse_quantity
 from forcebound.user_module import file_of, names_file
 
+CONTRACTS: Mapping[str, Any] = {
+    "law": laws,
+    "device": devices,
+    "operator": operators,
+    "controller": controllers,
+    "environment": environments,
+}
+
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
-PROMISES_OF: Mapping[str, Mapping[str, str]] = {
-    "law": laws.PROMISES,
-    "device": devices.PROMISES,
-    "operator": operators.PROMISES,
-    "controller": controllers.PROMISES,
-}
-CHECKS: Mapping[str, Callable[[Any], Report]] = {
-    "law": laws.check,
-    "device": devices.check,
-    "operator": operators.check,
-    "controller": controllers.check,
-}
 QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
 
 
-def check_part(section: str, kind: str, arguments: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the findings of the contract test of a law, device, operator or controller.
-
-    A file of the user's own runs in the sandbox.
-
-    Args:
-        section: ``"law"``, ``"device"``, ``"operator"`` or ``"controller"``.
-        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
-        arguments: Its parameters, each ``name:=value``; a law has none.
-
-    Returns:
-        ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
-        and ``violations``.
-
-    Raises:
-        ConfigError: As :func:`check_environment`.
-    """
-    words: list[Any] = [section, kind, list(arguments)]
-    if not names_file(kind):
-        return check_part_here(no_progress, *words)
-    document: dict[str, Any] = run_in_sandbox(check_part_here, words, [file_of(kind, Path())])
-    return document
-
-
-def check_part_here(
-    progress: Progress, section: str, kind: str, arguments: Sequence[str]
-) -> dict[str, Any]:
-    """Do the work of :func:`check_part` in this process."""
-    part: dict[str, Any]
-    if section == "law":
-        law = law_of(kind)
-        part, report = {"kind": law}, CHECKS["law"](law)
-    else:
-        model = member_of(section, kind, arguments)
-        part, report = member_document(section, model), CHECKS[section](model)
-    return {
-        "part": part,
-        "passed": not report.violations,
-        "questions": report.questions,
-        "promises": report.held,
-        "violations": [dataclasses.asdict(v) for v in report.violations],
-    }
-
-
-def check_environment(
+def check_part(
+    section: str,
     kind: str,
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Return the findings of the contract test of an environment, in plain JSON types.
+    """Return what the contract test finds of a part, in plain JSON types.
 
-    A user's file runs in a sandboxed process. A slow environment gets fewer queries.
+    A file of the user's own runs in the sandbox. A slow environment gets fewer queries.
 
     Args:
-        kind: ``FILE.py``, ``FILE.py:CLASS`` or a kind that comes with the package.
-        arguments: Its parameters, each ``name:=value``.
-        axes: Numbers of axes; none: 1 to 6.
-        rest: Forces expected at rest, each ``POSITION=FORCE``.
-        progress: Called before each answer.
+        section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
+        kind: ``FILE.py``, ``FILE.py:NAME`` or a kind that is installed.
+        arguments: Its parameters, each ``name:=value``; a law has none.
+        axes: Numbers of axes of an environment; none: 1 to 6.
+        rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
+        progress: Called before each answer of an environment.
 
     Returns:
-        ``environment`` (kind and parameters), ``passed``, ``questions`` that were asked,
-        ``left_out`` that were not, ``promises`` (which were kept), ``violations``, ``at_rest``
-        (position and force on the first axis, in m and N; no force where it gave none) and
-        ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
+        ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
+        and ``violations``. Of an environment ``part`` is called ``environment``, and there are
+        ``left_out`` (queries that were not sent), ``at_rest`` (position and force on the first
+        axis, in m and N; no force where it gave none) and ``seconds_per_answer`` (``median``,
+        ``max`` of ``answers``; None if it gives none).
 
     Raises:
-        ConfigError: If there is no such environment, a parameter is wrong, or the user's code was
-            too slow or ended its process.
+        ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
+            or ended its process.
     """
-    words: list[Any] = [kind, list(arguments), list(axes), list(rest)]
+    words: list[Any] = [section, kind, list(arguments), list(axes), list(rest)]
     if not names_file(kind):
         return check_here(progress, *words)
     document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], progress)
@@ -121,14 +76,38 @@ def check_environment(
 
 def check_here(
     progress: Progress,
+    section: str,
     kind: str,
-    arguments: Sequence[str],
-    axes: Sequence[int],
-    rest: Sequence[str],
+    arguments: Sequence[str] = (),
+    axes: Sequence[int] = (),
+    rest: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Do the work of :func:`check_environment` in this process."""
-    expected = dict(_expected(text) for text in rest)
-    model: EnvironmentModel = member_of("environment", kind, arguments)
+    """Do the work of :func:`check_part` in this process."""
+    if section == "law":
+        law = law_of(kind)
+        return {"part": {"kind": law}, **_found(laws.check(law))}
+    expected = dict(map(_expected, rest))
+    model = member_of(section, kind, arguments)
+    if section == "environment":
+        return _check_environment(progress, model, axes, expected)
+    return {"part": member_document(section, model), **_found(CONTRACTS[section].check(model))}
+
+
+def _found(report: Report) -> dict[str, Any]:
+    return {
+        "passed": not report.violations,
+        "questions": report.questions,
+        "promises": report.held,
+        "violations": [dataclasses.asdict(v) for v in report.violations],
+    }
+
+
+def _check_environment(
+    progress: Progress,
+    model: EnvironmentModel,
+    axes: Sequence[int],
+    expected: Mapping[float, float],
+) -> dict[str, Any]:
     one = min(axes, default=1)
     environment = open_environment(model, one)
     at_rest, times = [], []
@@ -138,16 +117,18 @@ def check_here(
         at_rest.append({"position_m": position, "force_n": _at_rest(environment, position, one)})
         times.append(time.perf_counter() - began)
     usual = statistics.median(times)
-    at_most = round(QUERYING / usual / 2)
-    report = check(model, axes or range(1, MAX_AXES + 1), expected, 1, 100, at_most, progress)
+    report = environments.check(
+        model,
+        axes or range(1, MAX_AXES + 1),
+        expected,
+        at_most=round(QUERYING / usual / 2),
+        progress=progress,
+    )
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     return {
         "environment": member_document("environment", model),
-        "passed": not report.violations,
-        "questions": report.questions,
+        **_found(report),
         "left_out": report.left_out,
-        "promises": report.held,
-        "violations": [dataclasses.asdict(v) for v in report.violations],
         "at_rest": at_rest,
         "seconds_per_answer": {
             "median": statistics.median(times) if times else None,
@@ -157,33 +138,27 @@ def check_here(
     }
 
 
-def promise_lines(document: Mapping[str, Any], promises: Mapping[str, str]) -> list[str]:
-    """Return kept and broken promises as lines of text.
-
-    Args:
-        document: Of :func:`check_part` or :func:`check_environment`.
-        promises: In words.
-    """
+def lines(section: str, document: Mapping[str, Any]) -> list[str]:
+    """Return the result of :func:`check_part` as lines of text."""
     text = []
     for promise, held in document["promises"].items():
-        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {promises[promise]}")
+        words = CONTRACTS[section].PROMISES[promise]
+        text.append(f"{'kept  ' if held else 'BROKEN'}  {promise:<8} {words}")
         for violation in document["violations"]:
             if violation["promise"] == promise:
                 text.append(f"          {violation['where']}")
                 text.append(f"            expected {violation['expected']}")
                 text.append(f"            got      {violation['got']}")
-    return text
+    return text + (_measured(document) if section == "environment" else [])
 
 
-def lines(document: Mapping[str, Any]) -> list[str]:
-    """Return the result of :func:`check_environment` as lines of text."""
-    text = promise_lines(document, PROMISES)
+def _measured(document: Mapping[str, Any]) -> list[str]:
     shown = ", ".join(
         f"{one['position_m'] * 1e3:g} mm: "
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
         for one in document["at_rest"]
     )
-    text.append(f"at rest, on the first axis: {shown}")
+    text = [f"at rest, on the first axis: {shown}"]
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
         text.append(f"{document['questions']} of {known} queries, since answers are slow")

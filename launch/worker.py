@@ -193,6 +193,8 @@ def _run(
     if kind == "recorder":
         _record(run, run_dir, stop)
         return
+    import numpy  # noqa: F401  # a link that is impaired later must not load it in the loop
+
     settings = realtime.Settings(
         policy=config.realtime.policy,
         core=run.core,

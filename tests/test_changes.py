@@ -15,9 +15,8 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
-from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load
+from forcebound.config.loader import change, from_document, load
 from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document

@@ -11,9 +11,8 @@ from builders import MS
 from fakes import press
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.changes import change
 from forcebound.config.graph import EnvironmentConfig
-from forcebound.config.loader import from_document, load
+from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError

@@ -8,11 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
+from forcebound.config.arguments import MAX_PASTED
 from forcebound.config.document import SHIPPED, shipped
 from forcebound.config.loader import from_document, load
 from forcebound.config.problems import MAX_PROBLEMS
 from forcebound.config.resolved import to_document
-from forcebound.config.substitution import MAX_PASTED
 from forcebound.errors import ConfigError
 
 SHIPPED_TEXTS = [(SHIPPED / name).read_bytes() for name in shipped()]

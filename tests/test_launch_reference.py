@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from forcebound.config.reference import reference_page
+from forcebound.config.schema import reference_page
 
 PAGE = Path(__file__).parent.parent / "docs" / "launch-files.md"
 

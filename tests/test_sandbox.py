@@ -163,7 +163,9 @@ def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
     assert "force((1000000.0,), (0.0,), 0.0) ended the process (exit status 3)" in result.stderr
     _, file = own(tmp_path, f"if position[0] == 1e6:\n            {FOR_EVER}")
     with pytest.raises(ConfigError, match=r"force\(\(1000000.0,\), .* took more than 6 s"):
-        run_in_sandbox(check_here, [str(file), [], [1], []], [file], limit=LIMIT, loading=LIMIT)
+        run_in_sandbox(
+            check_here, ["environment", str(file), [], [1]], [file], limit=LIMIT, loading=LIMIT
+        )
 
 
 def test_a_slow_environment_is_asked_fewer_questions(
@@ -172,12 +174,14 @@ def test_a_slow_environment_is_asked_fewer_questions(
     monkeypatch.setattr("forcebound.launch.check.QUERYING", 1.0)
     monkeypatch.setattr("forcebound.launch.check.TIMING", 0.2)
     _, file = own(tmp_path, "time.sleep(0.02)")
-    document = check_here(no_progress, str(file), [], [1, 2], [])
+    document = check_here(no_progress, "environment", str(file), [], [1, 2])
     assert document["passed"]
     assert 1 <= document["questions"] <= 1.0 / 0.02 / 2
     assert document["seconds_per_answer"]["answers"] == 10
     known = document["questions"] + document["left_out"]
-    assert f"{document['questions']} of {known} queries" in "\n".join(lines(document))
+    assert f"{document['questions']} of {known} queries" in "\n".join(
+        lines("environment", document)
+    )
 
 
 def test_the_check_says_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from forcebound.config.resolved import restore, to_document
 from forcebound.config.sandbox import no_progress
 from forcebound.environments.contract import check
 from forcebound.errors import ConfigError, DeviceError
-from forcebound.launch.check import check_part_here
+from forcebound.launch.check import check_here
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply
@@ -138,7 +138,7 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, tmp_path: Path) -> None:
     write_page(page, tmp_path)
-    document = check_part_here(no_progress, page, str(tmp_path / f"my_{page}.py"), [])
+    document = check_here(no_progress, page, str(tmp_path / f"my_{page}.py"))
     assert document["violations"] == []
 
 

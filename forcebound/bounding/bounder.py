@@ -11,8 +11,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from forcebound.bounding.law import BoundingLaw, Dissipation
 from forcebound.bounding.laws import LAWS
 from forcebound.bounding.sample import (
@@ -74,6 +72,8 @@ class ForceBounder:
             raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
         if axes < 1:
             raise ConfigError(f"axes must be >= 1, got {axes}")
+        import numpy as np  # not in the launcher
+
         self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
         self._vector = np.zeros(axes)  # what a compiled call takes in

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from random import Random
 
 from forcebound.bounding import LAWS, Dissipation, ForceBounder
-from forcebound.contract import Report, Violation, describe_raised, first_of_each
+from forcebound.contract import Findings, Report
 from forcebound.messages.packets import Vector
 
 PROMISES: dict[str, str] = {
@@ -32,28 +32,19 @@ def check(law: str, seed: int = 1, samples: int = 2000) -> Report:
         seed: Of the random walks.
         samples: Of each walk.
     """
-    found: list[Violation] = []
-    chosen = LAWS[law]
-    if not chosen.summary or "\n" in chosen.summary:
-        found.append(Violation("summary", "one line", repr(chosen.summary), "summary"))
+    found = Findings()
+    summary = LAWS[law].summary
+    if not summary or "\n" in summary:
+        found.add("summary", "one line", repr(summary), "summary")
     for axes in (1, 3):
-        runs: list[list[Vector]] = []
-        for _ in range(2):
-            try:
-                runs.append(list(_walk(law, axes, Random(seed), samples, found)))
-            except (Exception, SystemExit) as error:
-                where = f"a random walk of {axes} axes"
-                found.append(Violation("answers", "a force", describe_raised(error), where))
-        if len(runs) == 2 and runs[0] != runs[1]:
-            place = next(k for k, pair in enumerate(zip(*runs, strict=True)) if pair[0] != pair[1])
-            one, other = runs[0][place], runs[1][place]
-            found.append(Violation("pure", f"{one}, as before", repr(other), f"sample {place}"))
-    return Report(PROMISES, first_of_each(found), 4 * samples)
+        where = f"a random walk of {axes} axes"
+        with found.noting("answers", "a force", where):
+            one, other = (list(_walk(law, axes, Random(seed), samples, found)) for _ in range(2))
+            found.check_repeats(one, other, where)
+    return found.report(PROMISES, 4 * samples)
 
 
-def _walk(
-    law: str, axes: int, random: Random, samples: int, found: list[Violation]
-) -> Iterator[Vector]:
+def _walk(law: str, axes: int, random: Random, samples: int, found: Findings) -> Iterator[Vector]:
     """The forces of a walk of a hand that begins, turns and stops."""
     bounder = ForceBounder(law, DEVICE, axes)
     adds_damping = LAWS[law].adds_damping
@@ -69,7 +60,7 @@ def _walk(
         force = bounder.bound(time_ns, readings, commanded)
         fault = _fault(force, commanded, adds_damping)
         if fault is not None:
-            found.append(Violation("bounded", fault, repr(force), f"sample {sample}: {commanded}"))
+            found.add("bounded", fault, repr(force), f"sample {sample}: {commanded}")
         bounder.settle(force)
         yield force
 

@@ -27,12 +27,13 @@ memory begins anew at the reading, with no force held.
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # a launcher reads the laws' names, and starts without numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
+Floats: TypeAlias = "NDArray[np.float64]"
 
 #: Joules. An energy is negative if it is below minus this: rounding of sums that reach some 10 J.
 ENERGY_TOLERANCE = 1e-9

@@ -2,8 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -12,7 +12,6 @@ import click
 from forcebound.errors import ConfigError, ForceboundError
 
 P = ParamSpec("P")
-
 
 ARGUMENTS = "[NAME:=VALUE]..."
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
@@ -57,6 +56,9 @@ def duration_option_for(help_text: str) -> Callable[[Callable[P, None]], Callabl
 duration_option = duration_option_for("Duration of the run, e.g. 5s or 500ms.")
 
 
+file_option = partial(click.option, type=click.Path(path_type=Path, dir_okay=False))
+
+
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
     if path is None:
         return None
@@ -64,14 +66,9 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
         raise click.BadParameter(
             f"the name of a recording must end in .mcap, or have no ending, got {path}"
         )
-    holds_something = path.exists() and path.stat().st_size > 0
-    if holds_something and not context.meta[_OVERWRITE]:
+    if path.exists() and path.stat().st_size > 0 and not context.meta[_OVERWRITE]:
         raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
     return path
-
-
-def _set_overwrite(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    context.meta[_OVERWRITE] = wanted
 
 
 _OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
@@ -81,16 +78,12 @@ _overwrite_option = click.option(
     is_flag=True,
     is_eager=True,  # evaluated before --record, in any order on the command line
     expose_value=False,
-    callback=_set_overwrite,
+    callback=lambda context, _, wanted: context.meta.update({_OVERWRITE: wanted}),
     help="Let --record replace an existing recording.",
 )
 
-_record_option = click.option(
-    "--record",
-    type=click.Path(path_type=Path, dir_okay=False),
-    callback=_recording,
-    metavar="RUN.mcap",
-    help="Record the run in this file.",
+_record_option = file_option(
+    "--record", callback=_recording, metavar="RUN.mcap", help="Record the run in this file."
 )
 
 
@@ -110,18 +103,25 @@ run_option = click.option(
 
 def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     """Print the key figures of some runs, one column each, headed by labels or their laws."""
+    from forcebound.analysis.tables import summary_rows
+
+    columns = [dict(summary_rows(result.summary)) for result in results]
+    rows = [(label, *(column.get(label, "-") for column in columns)) for label in columns[0]]
+    print_rows(("", *(labels or [result.label for result in results])), rows)
+
+
+def print_rows(
+    head: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None
+) -> None:
+    """Print a table whose first column is flush left."""
     from rich.console import Console
     from rich.table import Table
 
-    from forcebound.analysis.tables import summary_rows
-
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    columns = [dict(summary_rows(result.summary)) for result in results]
-    for label in labels or [result.label for result in results]:
-        table.add_column(label, justify="right", overflow="fold")
-    for label in columns[0]:
-        table.add_row(label, *(column.get(label, "-") for column in columns))
+    table = Table(head[0], title=title, title_justify="left", box=None, pad_edge=False)
+    for name in head[1:]:
+        table.add_column(name, justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     Console().print(table)
 
 

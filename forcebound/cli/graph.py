@@ -9,6 +9,7 @@ import click
 
 from forcebound.cli.common import (
     duration_option_for,
+    file_option,
     json_option,
     print_json,
     reports_errors,
@@ -55,13 +56,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
 
 @click.command()
 @click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="TRACE.csv",
-    help="Write the delays as a trace for a link.",
-)
+@file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")
 @json_option
 @reports_errors
@@ -139,8 +134,9 @@ def _show_parameters(
 
     run = find(run_dir)
     with while_running(run):
-        found = tuning.changed_parameters(run) if changed else {}
-        if not changed:
+        if changed:
+            found = tuning.changed_parameters(run)
+        else:
             found = tuning.find_parameters(tuning.configuration(run), names)
         print_json(found) if as_json else _print_parameters(run, found)
 

@@ -4,11 +4,7 @@ from dataclasses import asdict
 
 import click
 
-from forcebound.cli.common import (
-    json_option,
-    print_json,
-    reports_errors,
-)
+from forcebound.cli.common import json_option, print_json, reports_errors
 
 
 @click.group("keys")

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,10 @@ import click
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
+    file_option,
     json_option,
     print_json,
+    print_rows,
     print_table,
     record_option,
     reports_errors,
@@ -23,20 +25,25 @@ if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
 
-check_option = click.option("--check", is_flag=True, help="Only check the launch file.")
+_OPTIONS = (
+    click.argument("file"),
+    click.argument("arguments", nargs=-1, metavar=ARGUMENTS),
+    duration_option,
+    record_option,
+    click.option("--check", is_flag=True, help="Only check the launch file."),
+    click.option("--show-args", is_flag=True, help="List the arguments of the file."),
+    json_option,
+)
 
 
-show_args_option = click.option("--show-args", is_flag=True, help="List the arguments of the file.")
+def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
 
 
 @click.command("launch")
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@duration_option
-@record_option
-@check_option
-@show_args_option
-@json_option
+@_graph_options
 @reports_errors
 def launch_graph(
     file: str,
@@ -52,21 +59,14 @@ def launch_graph(
 
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
-    if config is None:
-        return
-    described = " ".join((file, *arguments))
-    _report(run_live(config, duration, record, file=described), record, as_json)
+    if config is not None:
+        described = " ".join((file, *arguments))
+        _report(run_live(config, duration, record, file=described), record, as_json)
 
 
 @click.command()
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@duration_option
-@record_option
+@_graph_options
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
-@check_option
-@show_args_option
-@json_option
 @reports_errors
 def simulate(
     file: str,
@@ -117,11 +117,8 @@ def node(
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture file, .png or .svg. Default: name of the first recording, .png.",
+@file_option(
+    "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
 )
 @json_option
 @reports_errors
@@ -152,7 +149,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 def schema(page: bool) -> None:
     """Print the JSON schema of launch files, for completion in an editor."""
     if page:
-        from forcebound.config.reference import reference_page
+        from forcebound.config.schema import reference_page
 
         click.echo(reference_page(), nl=False)
         return
@@ -168,12 +165,11 @@ def _configuration(
     show_args: bool,
     as_json: bool,
     seed: int | None = None,
-    also: "Callable[[GraphConfig], None] | None" = None,
+    also: "Callable[[GraphConfig], None]" = lambda config: None,
 ) -> "GraphConfig | None":
     """Return the configuration of a launch file; None if it was only checked or shown."""
-    from dataclasses import replace
-
     from forcebound.config.loader import load_tried
+    from forcebound.config.resolved import to_document
 
     if show_args:
         _show_arguments(file, as_json)
@@ -181,12 +177,11 @@ def _configuration(
     config = load_tried(file, arguments)
     if seed is not None:
         config = replace(config, seed=seed)
-    if check:
-        if also is not None:
-            also(config)
-        _print_document(config) if as_json else click.echo(f"{file}: correct")
-        return None
-    return config
+    if not check:
+        return config
+    also(config)
+    print_json(to_document(config)) if as_json else click.echo(f"{file}: correct")
+    return None
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
@@ -203,7 +198,6 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
 
 def _as_written(value: object) -> str:
-    """Return a value as written in a launch file."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -215,27 +209,10 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         return
     print_table([result])
     if result.summary["phases"]:
-        _print_phases(result.summary["phases"])
+        from forcebound.analysis.tables import phase_rows
+
+        head, *rows = phase_rows(result.summary["phases"])
+        click.echo()
+        print_rows(head, rows)
     if record is not None:
         click.echo(f"recording: {record}")
-
-
-def _print_phases(phases: list[Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from forcebound.analysis.tables import phase_rows
-
-    head, *rows = phase_rows(phases)
-    table = Table(head[0], box=None, pad_edge=False)
-    for name in head[1:]:
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    Console().print("", table)
-
-
-def _print_document(config: Any) -> None:
-    from forcebound.config.resolved import to_document
-
-    print_json(to_document(config))

@@ -8,8 +8,10 @@ import click
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
+    file_option,
     json_option,
     print_json,
+    print_rows,
     reports_errors,
 )
 from forcebound.errors import ConfigError, RunError
@@ -34,14 +36,8 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     if as_json:
         print_json(result)
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    for one in tables(result):
-        table = Table(*one.columns, title=one.title, title_justify="left", box=None)
-        for row in one.rows:
-            table.add_row(*row)
-        Console().print(table)
+    for table in tables(result):
+        print_rows(table.columns, table.rows, table.title)
 
 
 @click.group(invoke_without_command=True)
@@ -69,12 +65,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="REPORT.md",
-    help="Write the report to this file.",
-)
+@file_option("--out", metavar="REPORT.md", help="Write the report to this file.")
 @json_option
 @click.pass_context
 @reports_errors
@@ -109,12 +100,7 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="RUN.png",
-    help="Draw the run to this file, .png or .svg.",
-)
+@file_option("--out", metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
@@ -158,12 +144,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.command()
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Parquet file to write. Default: name of the sweep file.",
-)
+@file_option("-o", "--output", help="Parquet file to write. Default: name of the sweep file.")
 @click.option(
     "--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core."
 )
@@ -212,11 +193,8 @@ def sweep(
 
 @click.command("map")
 @click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture file, .png or .svg. Default: name of the result, .png.",
+@file_option(
+    "-o", "--output", help="Picture file, .png or .svg. Default: name of the result, .png."
 )
 @reports_errors
 def draw_map(result: Path, output: Path | None) -> None:

@@ -1,13 +1,24 @@
-"""Arguments of a launch file: ``arguments:``, and ``name:=value`` on the command line."""
+"""Arguments of a launch file: ``arguments:``, ``name:=value`` on the command line, and their use.
 
+Values are put where the file says ``$(arg name)`` or ``${env:NAME}``. A value that is nothing but
+one substitution takes the substitute's type: ``seed: $(arg seed)`` with ``seed:=3`` is the number
+3. Inside other text the substitute is pasted as it was written: ``$(arg delay) ms``.
+"""
+
+import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcebound.config.problems import Place, Problems, Related, unknown
-from forcebound.config.substitution import Substitution
 from forcebound.config.tree import BROKEN, Scalar, Value, scalar
 
+_SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
+_ARG = re.compile(r"\s*arg\s+(?P<name>\S+)\s*")
+_ENV = re.compile(r"env:(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?P<fallback>:-.*)?", re.DOTALL)
+MAX_PASTED = 4096  # characters of a value that substitutes are pasted into: they could fill memory
+
+_KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _KEYS = ("default", "help", "choices")
 
@@ -64,20 +75,18 @@ class Arguments:
             if key not in _KEYS:
                 self._problems.add(unknown("key", key, _KEYS), entry.key or entry.place)
         is_mapping = isinstance(value.content, Mapping)
-        default = value.entries.get("default") if is_mapping else value
-        if default is not None:
-            default = self._default(default)
+        default = self._default(value.entries.get("default") if is_mapping else value)
         self._defaults[name] = default
-        help_text = value.entries.get("help")
-        choices = self._choices(value.entries.get("choices"))
         self.declared[name] = Argument(
             name,
             None if default is None or default.is_broken else default.plain,
-            "" if help_text is None else help_text.text,
-            choices,
+            value.entries["help"].text if "help" in value.entries else "",
+            self._choices(value.entries.get("choices")),
         )
 
-    def _default(self, value: Value) -> Value | None:
+    def _default(self, value: Value | None) -> Value | None:
+        if value is None:
+            return None
         if isinstance(value.content, Mapping | tuple):
             self._problems.add(f"a default is a single value, got {value}", value.place)
             return Value(BROKEN, value.place)
@@ -87,12 +96,11 @@ class Arguments:
     def _choices(self, value: Value | None) -> tuple[Scalar, ...]:
         if value is None:
             return ()
-        if not isinstance(value.content, tuple) or any(
-            isinstance(choice.content, Mapping | tuple) for choice in value.content
-        ):
+        choices = value.plain
+        if not isinstance(choices, list) or any(isinstance(one, dict | list) for one in choices):
             self._problems.add(f"choices must be a list of values, got {value}", value.place)
             return ()
-        return tuple(choice.plain for choice in value.content)
+        return tuple(choices)
 
     def _override(self, text: str, given: dict[str, Value]) -> None:
         text = text.encode("utf-8", "replace").decode()  # the shell may pass any bytes
@@ -135,3 +143,83 @@ def check_overrides_are_used(
 def _place(override: str) -> Place:
     shown = override if len(override) <= 200 else override[:197] + "..."
     return Place(f"argument {shown}")
+
+
+class Substitution:
+    """Puts the values of arguments and of the process's environment where they are used.
+
+    Attributes:
+        used: Names of the arguments that were used.
+    """
+
+    def __init__(self, arguments: Mapping[str, Value] | None, problems: Problems) -> None:
+        """Prepare; ``arguments`` None: they are not known yet and using one is a problem."""
+        self.used: set[str] = set()
+        self._arguments = arguments
+        self._problems = problems
+
+    def apply(self, value: Value) -> Value:
+        """Return ``value`` with everything filled in; broken where that failed."""
+        content = value.content
+        if isinstance(content, Mapping):
+            filled = {name: self.apply(entry) for name, entry in content.items()}
+            return replace(value, content=filled)
+        if isinstance(content, tuple):
+            return replace(value, content=tuple(self.apply(entry) for entry in content))
+        if not isinstance(content, str) or "$" not in content:
+            return value
+        matches = list(_SUBSTITUTION.finditer(content))
+        parts = [self._substitute(match, value) for match in matches]
+        substitutes = [part for part in parts if part is not None]
+        if len(substitutes) < len(parts):
+            return replace(value, content=BROKEN)
+        if len(matches) == 1 and matches[0].span() == (0, len(content)):
+            return replace(substitutes[0], key=value.key)
+        length = len(content) + sum(len(part.text) for part in substitutes)
+        if length > MAX_PASTED:
+            words = f"filled in, this has {length} characters; more than {MAX_PASTED} is a mistake"
+            self._problems.add(words, value.place)
+            return replace(value, content=BROKEN)
+        return _pasted(value, matches, substitutes)
+
+    def _substitute(self, match: re.Match[str], value: Value) -> Value | None:
+        opened, closed = match[0][1], match[0][-1]  # "$(arg}" is neither
+        if (opened, closed) == ("(", ")") and (call := _ARG.fullmatch(match["call"])):
+            return self._argument(call["name"], value)
+        if (opened, closed) == ("{", "}") and (braces := _ENV.fullmatch(match["braces"])):
+            return self._variable(braces["name"], braces["fallback"], value)
+        self._problems.add(f"unknown substitution {match[0]!r}; {_KNOWN}", value.place)
+        return None
+
+    def _argument(self, name: str, value: Value) -> Value | None:
+        if self._arguments is None:
+            message = f"$(arg {name}) cannot stand here: the arguments are not known yet"
+            self._problems.add(message, value.place)
+            return None
+        if name not in self._arguments:
+            self._problems.add(unknown("argument", name, self._arguments), value.place)
+            return None
+        self.used.add(name)
+        argument = self._arguments[name]
+        related = Related("used at", value.place)
+        return None if argument.is_broken else replace(argument, related=related)
+
+    def _variable(self, name: str, fallback: str | None, value: Value) -> Value | None:
+        text = os.environ.get(name, None if fallback is None else fallback[2:])
+        if text is None:
+            hint = f"${{env:{name}:-default}} would give it a default"
+            self._problems.add(f"environment variable {name} is not set; {hint}", value.place)
+            return None
+        text = text.encode("utf-8", "replace").decode()  # the environment may hold any bytes
+        return replace(value, content=scalar(text), text=text)
+
+
+def _pasted(value: Value, matches: list[re.Match[str]], substitutes: list[Value]) -> Value:
+    text, end, content, related = "", 0, str(value.content), None
+    for match, substitute in zip(matches, substitutes, strict=True):
+        text += content[end : match.start()] + substitute.text
+        end = match.end()
+        if substitute.related is not None:
+            related = Related("with", substitute.place)
+    text += content[end:]
+    return replace(value, content=text, text=text, related=related)

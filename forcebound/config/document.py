@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from forcebound.config.arguments import Substitution
 from forcebound.config.problems import Place, Problems
-from forcebound.config.substitution import Substitution
 from forcebound.config.tree import Value, parse
 from forcebound.files import reason
 
@@ -20,14 +20,9 @@ MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and sl
 SHIPPED = Path(__file__).parent.parent / "launch"
 
 
-def find(path: Path, folder: Path | None = None) -> Path | None:
-    """Return the launch file meant by ``path``: on disk, or else among those that are shipped.
-
-    Args:
-        path: As the user or an ``include`` wrote it.
-        folder: Folder that a relative path starts from; None: the current one.
-    """
-    on_disk = path if folder is None else folder / path
+def find(path: Path, folder: Path = Path()) -> Path | None:
+    """Return the launch file meant by ``path`` in a folder: on disk, or else of those shipped."""
+    on_disk = folder / path
     try:
         if on_disk.is_file():
             return on_disk
@@ -52,12 +47,8 @@ def missing(path: object) -> str:
     )
 
 
-def read(path: Path, problems: Problems) -> Value | None:
+def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Value | None:
     """Return the tree of the file and all that it includes; None if nothing can be made of it."""
-    return _read(path, problems, ())
-
-
-def _read(path: Path, problems: Problems, including: tuple[Path, ...]) -> Value | None:
     text = _text_of(path, problems)
     root = None if text is None else parse(text, str(path), problems)
     if root is None or "include" not in root.entries:
@@ -83,7 +74,7 @@ def _include(
         chain = " includes ".join(str(file.name) for file in (*including, found))
         problems.add(f"files include each other: {chain}", wanted.place)
         return None
-    beneath = _read(found, problems, including)
+    beneath = read(found, problems, including)
     return None if beneath is None else merge(beneath, replace(root, content=rest))
 
 
@@ -128,12 +119,10 @@ def _text_of(path: Path, problems: Problems) -> str | None:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        before = data[: error.start].decode("utf-8-sig", "replace")
-        line = before.count("\n") + 1
-        start = before.rfind("\n") + 1
+        *before, last = data[: error.start].decode("utf-8-sig", "replace").split("\n")
         after = data[error.start :].decode("utf-8", "replace").partition("\n")[0]
         problems.add(
             f"byte 0x{data[error.start]:02x} is not UTF-8: save the file as UTF-8",
-            Place(str(path), line, len(before) - start + 1, before[start:] + after),
+            Place(str(path), len(before) + 1, len(last) + 1, last + after),
         )
         return None

@@ -63,12 +63,9 @@ def adapter(*fields: Field) -> Any:
 def check_fields(kind: type, taken: Collection[str]) -> None:
     """Check that a launch file can give every field of a dataclass that a user wrote.
 
-    Args:
-        kind: The dataclass.
-        taken: Names that already mean something in its section.
-
     Raises:
-        ConfigError: If a field has such a name, or a type that no value of a launch file has.
+        ConfigError: If a field has a name that is ``taken`` in its section, or a type that no value
+            of a launch file has.
     """
     try:
         fields = fields_of(kind)
@@ -100,7 +97,7 @@ class Section:
         problems: Problems,
         any_value: bool = False,
     ) -> None:
-        """Open the section ``name``, given as ``value``; problems with its absence go to parent.
+        """Open the section ``name`` of ``parent``, where problems with its absence are noted.
 
         Args:
             value: None: it is absent.
@@ -124,6 +121,11 @@ class Section:
         """Whether this is a mapping; if not, a problem has been noted."""
         return isinstance(self.value.content, Mapping)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether this is a mapping without entries, or absent."""
+        return self.is_readable and not self.value.entries
+
     def add(self, message: str, value: Value) -> None:
         """Note a problem with a value of this section."""
         self.problems.add(message, value.place, value.related)
@@ -144,14 +146,12 @@ class Section:
         value = self.value.entries.get(key)
         if value is None:
             self.add_here(f"{self.name} needs {key!r}, one of {', '.join(sorted(table))}")
-        elif value.is_broken:
-            pass
-        elif not isinstance(value.content, str):
-            self.add(f"{key} must be one of {', '.join(sorted(table))}, got {value}", value)
-        elif value.content not in table:
+        elif isinstance(value.content, str):
+            if value.content in table:
+                return value.content
             self.add(unknown(what, value.content, table), value)
-        else:
-            return value.content
+        elif not value.is_broken:
+            self.add(f"{key} must be one of {', '.join(sorted(table))}, got {value}", value)
         return None
 
     def read(self, fields: Mapping[str, Field]) -> dict[str, Any] | None:
@@ -176,8 +176,7 @@ class Section:
         Args:
             kind: The dataclass.
             knows_all: Whether the section has no keys but its fields.
-            made_before: Fields that do not stand in this section as such; None: a problem has been
-                noted.
+            made_before: Fields that do not stand in this section; None: a problem has been noted.
         """
         if not self.is_readable:
             return None
@@ -191,26 +190,17 @@ class Section:
             return kind(**values, **made_before)
         except Exception as error:
             if isinstance(error, ValueError | ArithmeticError):
-                self._note_refusal(error)
+                at = self.value.entries.get(getattr(error, "field", None) or "")
+                self.add_here(f"{self.name}: {error}") if at is None else self.add(str(error), at)
             elif kind_of(kind) is not None:
                 self.add_here(f"{self.name}: {describe_user_error(error)}")
             else:
                 raise
         return None
 
-    def _note_refusal(self, error: Exception) -> None:
-        """Note what a dataclass refused, at the field that the error names."""
-        at = self.value.entries.get(getattr(error, "field", None) or "")
-        if at is None:
-            self.add_here(f"{self.name}: {error}")
-        else:
-            self.add(str(error), at)
-
     def _note(self, details: list[Any]) -> None:
         """Note what pydantic refused: one problem for each place, whatever a union has tried."""
-        named: dict[Place, tuple[str, Value]] = {}
-        refused: dict[Place, list[str]] = {}
-        expected: dict[Place, list[str]] = {}
+        found: dict[Place, tuple[str, Value, list[str], list[str]]] = {}
         for detail in details:
             if detail["loc"][0] not in self.value.entries:
                 self.add_here(f"{self.name} needs {detail['loc'][0]!r}")
@@ -219,16 +209,13 @@ class Section:
             _, at = _inside(self.value, (*detail["loc"], *refusal[1:]))
             is_key = detail["type"] in _KEYS
             name, _ = _inside(self.value, detail["loc"][:-1] if is_key else detail["loc"])
-            named.setdefault(at.place, (name, at))
-            if refusal:
-                refused.setdefault(at.place, []).append(refusal[0])
+            _, _, refused, expected = found.setdefault(at.place, (name, at, [], []))
+            refused.append(refusal[0]) if refusal else expected.append(_expected(detail))
+        for name, at, refused, expected in found.values():
+            if refused:
+                self.add(f"{name}: {'; or '.join(refused)}", at)
             else:
-                expected.setdefault(at.place, []).append(_expected(detail))
-        for place, (name, at) in named.items():
-            if place in refused:
-                self.add(f"{name}: {'; or '.join(refused[place])}", at)
-            else:
-                self.add(f"{name}: expected {' or '.join(expected[place])}, got {at}", at)
+                self.add(f"{name}: expected {' or '.join(expected)}, got {at}", at)
 
 
 def _absolute(value: Any, written: Value) -> Any:

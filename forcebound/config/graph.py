@@ -42,13 +42,6 @@ class DeviceConfig:
 
 
 @dataclass(frozen=True)
-class ControllerConfig:
-    """What connects device and environment."""
-
-    model: ControllerModel
-
-
-@dataclass(frozen=True)
 class EnvironmentConfig:
     """The virtual environment, and the time that it computes on top of what its code needs.
 
@@ -145,7 +138,7 @@ class GraphConfig:
     device: DeviceConfig
     operator: Operator | None  # None: no hand holds the device
     environment: EnvironmentConfig
-    controller: ControllerConfig
+    controller: ControllerModel
     description: str = ""
     links: Mapping[str, Impairment] = field(default_factory=dict)
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)

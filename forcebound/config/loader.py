@@ -2,7 +2,7 @@
 
 1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
 2. :mod:`forcebound.config.arguments` finds the value of each argument, and
-   :mod:`forcebound.config.substitution` puts them where they are used.
+   :mod:`forcebound.config.arguments` puts them where they are used.
 3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
    (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
@@ -10,32 +10,33 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.arguments import Argument, Arguments, check_overrides_are_used
+from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
 from forcebound.config.document import find, missing, read
-from forcebound.config.fields import Field, Section, fields_of
+from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
     RUN_KEYS,
-    ControllerConfig,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
     RealtimeConfig,
     RemoteConfig,
 )
+from forcebound.config.parameters import parameters, unknown_parameter
 from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems, unknown
+from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
-from forcebound.config.substitution import Substitution
 from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, scalar
 from forcebound.config.user_parts import (
@@ -112,15 +113,10 @@ def read_template(path: str | Path) -> Value:
 def build(
     template: Value, overrides: Sequence[str] = (), problems: Problems | None = None
 ) -> GraphConfig:
-    """Return the configuration of a launch file that has been read.
-
-    Args:
-        template: Of :func:`read_template`.
-        overrides: Values for its arguments, each ``name:=value``.
-        problems: Found before, to be reported with the others.
+    """Return the configuration of a launch file that :func:`read_template` has read.
 
     Raises:
-        ConfigError: As :func:`load`.
+        ConfigError: As :func:`load`, with the ``problems`` found before.
     """
     problems = Problems() if problems is None else problems
     return _build(_filled(template, overrides, problems), problems)
@@ -129,8 +125,7 @@ def build(
 def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Value:
     """The template with its arguments' values in their places."""
     arguments = Arguments(template, problems)
-    values = arguments.values(overrides)
-    substitution = Substitution(values, problems)
+    substitution = Substitution(arguments.values(overrides), problems)
     rest = {name: value for name, value in template.entries.items() if name != "arguments"}
     filled = substitution.apply(replace(template, content=rest))
     check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
@@ -199,6 +194,33 @@ def from_document(document: Mapping[str, Any]) -> GraphConfig:
     return _build(from_plain(document, "document"), Problems())
 
 
+def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration with other parameters, checked as a launch file is.
+
+    Args:
+        config: What runs.
+        settings: New values by name; quantities are SI, or text with their unit.
+
+    Raises:
+        ConfigError: If there is no such parameter, or it cannot have this value.
+    """
+    known = parameters(config)
+    for name in settings:
+        if name not in known:
+            raise ConfigError(unknown_parameter(name, config))
+    document = to_document(config)
+    for name, value in settings.items():
+        *path, last = name.split(".")
+        section = document
+        for step in path:
+            section = section.setdefault(step, {})
+        section[last] = value
+    try:
+        return from_document(document)
+    except ConfigError as error:  # the places are names of parameters: they need no other words
+        raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
+
+
 def _read(path: str | Path, problems: Problems) -> Value:
     found = find(Path(path))
     if found is None:
@@ -220,7 +242,7 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     made = {
         "device": _device(sections["device"], asks),
-        "operator": _operator(sections["operator"]),
+        "operator": None if sections["operator"].is_empty else _model(sections["operator"]),
         "controller": _controller(sections["controller"]),
         "environment": _environment(sections["environment"]),
         "links": _links(sections["links"]),
@@ -254,8 +276,8 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
         _check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])
-    if controller and asks:
-        check_controller(controller.model, axes, sections["controller"])
+    if controller is not None and asks:
+        check_controller(controller, axes, sections["controller"])
 
 
 def _check_format(top: Section) -> None:
@@ -267,32 +289,22 @@ def _check_format(top: Section) -> None:
         top.add(message, version)
 
 
-def _model(section: Section, beside: Mapping[str, Field] | None = None) -> Any:
+def _model(section: Section, beside: Collection[str] = ()) -> Any:
     """The model of the kind that a section names; ``beside``: what else stands there."""
-    if not section.is_readable:
+    taken = {"kind", *beside}
+    table = KINDS[section.name]
+    kind = section.choose(f"{section.name} kind", "kind", table) if section.is_readable else None
+    if kind is None:
         return None
-    taken = {"kind", *(beside or ())}
-    model = _class_of(section, taken)
+    if table.is_shipped(kind):
+        model = table[kind]
+    else:
+        model = find_class(section, section.value.entries["kind"], table, taken)
     if model is None:
         return None
     section.check_keys({*fields_of(model), *taken})
     made = section.make(model)
     return made if made is None or can_be_written(made, section) else None
-
-
-def _operator(section: Section) -> Any:
-    """The hand; None if the section is empty or missing: no hand holds the device."""
-    is_empty = section.is_readable and not section.value.entries
-    return None if is_empty else _model(section)
-
-
-def _class_of(section: Section, taken: set[str]) -> type | None:
-    """The class that the kind of a section names; None with a problem noted."""
-    table = KINDS[section.name]
-    kind = section.choose(f"{section.name} kind", "kind", table)
-    if kind is None or table.is_shipped(kind):
-        return None if kind is None else table[kind]
-    return find_class(section, section.value.entries["kind"], table, taken)
 
 
 def _device(section: Section, asks: bool) -> DeviceConfig | None:
@@ -308,19 +320,15 @@ def _device(section: Section, asks: bool) -> DeviceConfig | None:
     return device if check_device(device, section, asks) else None
 
 
-def _controller(section: Section) -> ControllerConfig | None:
-    if not section.value.entries and section.is_readable:
-        return ControllerConfig(KINDS["controller"]["direct"]())
-    model = _model(section)
-    return None if model is None else ControllerConfig(model)
+def _controller(section: Section) -> Any:
+    return KINDS["controller"]["direct"]() if section.is_empty else _model(section)
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:
     model = _model(section, fields_of(EnvironmentConfig, COMPUTATION))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
-    if made is None or not _has_trace(section, "compute_trace", made.computation):
-        return None
-    return made
+    has_trace = made is not None and _has_trace(section, "compute_trace", made.computation)
+    return made if has_trace else None
 
 
 def _links(section: Section) -> dict[str, Impairment]:

@@ -43,13 +43,13 @@ def read_phases(
     build: Callable[[Value, Problems], GraphConfig],
     problems: Problems,
 ) -> tuple[Phase, ...]:
-    """Return the phases of a launch file.
+    """Return the phases of a launch file; what is wrong is added to ``problems``.
 
     Args:
         root: The launch file.
         config: Configuration without phases.
         build: Reads a launch file; raises ConfigError with the problems noted.
-        problems: What is wrong is added to it.
+        problems: Of the launch file.
     """
     listed = root.entries[KEY]
     entries = listed.content if isinstance(listed.content, tuple) else ()
@@ -129,8 +129,7 @@ def timetable(config: GraphConfig) -> list[Part]:
     plain = replace(config, phases=())
     start_ns = 0
     for phase in config.phases:
-        what = describe(phase.settings) or "as the launch file says"
-        message = f"phase {phase.name}: {what}"
+        message = f"phase {phase.name}: {describe(phase.settings) or 'as the launch file says'}"
         parts.append(Part(phase.name, start_ns, with_parameters(plain, phase.settings), message))
         start_ns += round(phase.duration * 1e9)
     return parts

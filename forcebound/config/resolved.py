@@ -7,6 +7,7 @@ it with :func:`restore`, which checks nothing again; every recording holds it.
 import dataclasses
 import json
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from forcebound.config.graph import (
     COMPUTATION,
     FORMAT,
     KINDS,
-    ControllerConfig,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
@@ -30,6 +30,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import ServoSettings
 
 ALL_CODE = frozenset(KINDS)
+_STAND_INS = {"controller": "direct", "environment": "wall", "device": "phantom_premium_1_5"}
 
 # Sections whose code a process runs. That of environment and controller must not run beside the
 # bounder; the others need the device's number of axes.
@@ -53,7 +54,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "seed": config.seed,
         "duration": config.duration,
         "device": {**member_document("device", device.model), **plain(device.servo)},
-        "controller": member_document("controller", config.controller.model),
+        "controller": member_document("controller", config.controller),
         "environment": environment_document(config.environment),
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
@@ -98,11 +99,8 @@ def member_document(section: str, member: object) -> dict[str, Any]:
 
 def plain(member: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
-    return {
-        field.name: _json(getattr(member, field.name))
-        for field in dataclasses.fields(member)
-        if field.init
-    }
+    fields = [field.name for field in dataclasses.fields(member) if field.init]
+    return {name: _json(getattr(member, name)) for name in fields}
 
 
 def _json(value: Any) -> Any:
@@ -117,8 +115,7 @@ def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> Gr
     """Return the configuration of a document that :func:`to_document` made.
 
     Args:
-        document: What was made. One that somebody may have changed is checked by
-            :func:`forcebound.config.loader.from_document` instead.
+        document: Unchanged; else :func:`forcebound.config.loader.from_document` checks it.
         runs: Sections whose parts' code may run here if it does not ship with forcebound; in the
             others a shipped part takes the place.
 
@@ -126,18 +123,17 @@ def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> Gr
         ConfigError: If it is no such document, or a file that it names is gone.
     """
     try:
-        return _graph(without_code(document, runs))
+        return _graph(document, runs)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"this is no resolved launch document: {error!r}") from error
 
 
 def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
-    """Return the configuration with other parameters, checked before.
+    """Return the configuration with other :func:`~forcebound.config.parameters.parameters`.
 
     Args:
         config: What has other values.
-        settings: Plain JSON values in SI units, by the names of
-            :func:`forcebound.config.parameters.parameters`.
+        settings: By name, plain JSON values in SI units, checked before.
 
     Raises:
         ConfigError: If there is no such parameter, or a file that one names is gone.
@@ -157,37 +153,60 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
                 links[topic] = _restored(Impairment, link)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
-    return dataclasses.replace(config, links=links, environment=environment)
+    return replace(config, links=links, environment=environment)
 
 
-def _graph(document: Mapping[str, Any]) -> GraphConfig:
+def _graph(document: Mapping[str, Any], runs: Collection[str]) -> GraphConfig:
     device = document["device"]
     remote = document.get("remote")
+    phases = [
+        Phase(phase["name"], float(phase["duration"]), phase["set"])
+        for phase in document.get("phases", ())
+    ]
+    if not _is_run("environment", document["environment"], runs):
+        phases = [replace(phase, settings=_without_model(phase.settings)) for phase in phases]
     return GraphConfig(
         description=document["description"],
         seed=document["seed"],
         duration=float(document["duration"]),
-        device=DeviceConfig(_part("device", device), _restored(ServoSettings, device)),
-        operator=_part("operator", document["operator"]) if "operator" in document else None,
-        controller=ControllerConfig(_part("controller", document["controller"])),
-        environment=_environment(document["environment"]),
+        device=DeviceConfig(_part("device", device, runs), _restored(ServoSettings, device)),
+        operator=_part("operator", document.get("operator"), runs),
+        controller=_part("controller", document["controller"], runs),
+        environment=_environment(document["environment"], runs),
         links={topic: _restored(Impairment, link) for topic, link in document["links"].items()},
         realtime=_restored(RealtimeConfig, document["realtime"]),
         remote=None if remote is None else _restored(RemoteConfig, remote),
-        phases=tuple(
-            Phase(phase["name"], float(phase["duration"]), phase["set"])
-            for phase in document.get("phases", ())
-        ),
+        phases=tuple(phases),
     )
 
 
-def _environment(document: Mapping[str, Any]) -> EnvironmentConfig:
+def _environment(
+    document: Mapping[str, Any], runs: Collection[str] = ALL_CODE
+) -> EnvironmentConfig:
     computation = _values(EnvironmentConfig, document, COMPUTATION)
-    return EnvironmentConfig(_part("environment", document), **computation)
+    return EnvironmentConfig(_part("environment", document, runs), **computation)
 
 
-def _part(section: str, document: Mapping[str, Any]) -> Any:
-    """The model that a section names."""
+def _is_run(section: str, document: Mapping[str, Any], runs: Collection[str]) -> bool:
+    """Whether the part of a section is made here, not a shipped one in its place."""
+    return section in runs or KINDS[section].is_shipped(document["kind"])
+
+
+def _without_model(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters without those of the environment's model."""
+    kept = {f"environment.{name}" for name in COMPUTATION}
+    return {n: v for n, v in settings.items() if n in kept or not n.startswith("environment.")}
+
+
+def _part(section: str, document: Mapping[str, Any] | None, runs: Collection[str]) -> Any:
+    """The model that a section names, or what takes its place; None without a section."""
+    if document is None:
+        return None
+    if not _is_run(section, document, runs):
+        if section == "operator":
+            return None
+        stand_in = KINDS[section][_STAND_INS[section]]
+        return stand_in(axes=document.get("axes", 1)) if section == "device" else stand_in()
     kind = document["kind"]
     model = KINDS[section][kind]
     if KINDS[section].is_shipped(kind):
@@ -202,55 +221,14 @@ def _restored(kind: type, document: Mapping[str, Any]) -> Any:
     return kind(**_values(kind, document))
 
 
+def _path(kind: type, value: Any) -> Any:  # the only type here that JSON does not have
+    return kind(value)
+
+
 def _values(
     kind: type, document: Mapping[str, Any], names: tuple[str, ...] | None = None
 ) -> dict[str, Any]:
     return {
-        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_from_text)
+        field.name: msgspec.convert(document[field.name], field.hint, dec_hook=_path)
         for field in fields_of(kind, names).values()
     }
-
-
-def _from_text(kind: type, value: Any) -> Any:
-    return kind(value)  # a path, the only type here that JSON does not have
-
-
-def without_code(document: Mapping[str, Any], runs: Collection[str]) -> Mapping[str, Any]:
-    """Return a document with shipped parts in place of the others, except in some sections.
-
-    Args:
-        document: Of :func:`to_document`.
-        runs: Sections whose code may run.
-    """
-    changed = dict(document)
-    for section, table in KINDS.items():
-        given = document.get(section)
-        if section in runs or given is None or table.is_shipped(given["kind"]):
-            continue
-        if section == "operator":
-            del changed[section]
-            continue
-        changed[section] = _stand_in(section, given)
-        if section == "environment":
-            changed["phases"] = [
-                {**phase, "set": {n: v for n, v in phase["set"].items() if not _is_of_model(n)}}
-                for phase in document.get("phases", ())
-            ]
-    return changed
-
-
-def _stand_in(section: str, document: Mapping[str, Any]) -> dict[str, Any]:
-    """A shipped part, with what of the section does not concern its kind."""
-    if section == "controller":
-        return member_document(section, KINDS[section]["direct"]())
-    if section == "environment":
-        kept = {name: document[name] for name in COMPUTATION}
-        return {**member_document(section, KINDS[section]["wall"]()), **kept}
-    device = KINDS[section]["phantom_premium_1_5"](axes=document.get("axes", 1))
-    kept = {name: document[name] for name in fields_of(ServoSettings)}
-    return {**member_document(section, device), **kept}
-
-
-def _is_of_model(name: str) -> bool:
-    section, _, entry = name.partition(".")
-    return section == "environment" and entry not in COMPUTATION

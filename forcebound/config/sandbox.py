@@ -3,10 +3,9 @@
 Such code may take for ever, end its process (``sys.exit``, ``os._exit``) or crash it. The error
 then names it, with the line of the user's file.
 
-The child writes its steps (:data:`Progress`) and, in the end, its result to a pipe, each a line of
-JSON. It may load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets
-SIGABRT, at which Python's faulthandler writes down where it was, and is killed with all that it has
-started.
+The child sends its steps (:data:`Progress`) and, in the end, its result through a pipe. It may
+load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets SIGABRT, at which
+faulthandler writes down where it was, and is killed with all that it has started.
 """
 
 import contextlib
@@ -16,7 +15,6 @@ import logging
 import os
 import re
 import resource
-import select
 import signal
 import subprocess
 import sys
@@ -25,6 +23,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from itertools import chain, repeat
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -70,21 +70,22 @@ def run_in_sandbox(
     Raises:
         ConfigError: If the task raised one of our errors, was silent too long or ended its process.
     """
-    module = f"{task.__module__}:{task.__name__}"
-    with tempfile.TemporaryFile("w+") as crash:
-        words = [module, json.dumps(arguments), str(crash.fileno())]
-        child = subprocess.Popen(
-            [sys.executable, "-m", "forcebound.config.sandbox", *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            pass_fds=(crash.fileno(),),
-            start_new_session=True,  # to be ended with all that it starts; Ctrl-C is for us alone
-        )
+    reader, writer = Pipe(duplex=False)
+    with tempfile.TemporaryFile("w+") as crash, reader:
+        with writer:
+            descriptors = (writer.fileno(), crash.fileno())
+            words = [f"{task.__module__}:{task.__name__}", json.dumps(arguments)]
+            child = subprocess.Popen(
+                [sys.executable, "-m", __name__, *words, *map(str, descriptors)],
+                stdin=subprocess.DEVNULL,
+                stdout=2,  # what the user's code prints must not get into a document
+                pass_fds=descriptors,
+                start_new_session=True,  # to be ended with all that it starts; Ctrl-C is for us
+            )
         timeout = _Timeout(", ".join(file.name for file in files))
         limits = chain([loading], repeat(limit))
         try:
-            for line in _lines(child, timeout):
-                kind, *content = json.loads(line)
+            for kind, *content in _messages(child, reader, timeout):
                 if kind == "result":
                     return content[0]
                 if kind == "error":
@@ -101,8 +102,6 @@ def run_in_sandbox(
             with contextlib.suppress(ProcessLookupError):  # nothing of it is left
                 os.killpg(child.pid, signal.SIGKILL)
             child.wait()
-            assert child.stdout is not None
-            child.stdout.close()
         raise ConfigError(_ended(timeout, _where(crash, files), status))
 
 
@@ -114,7 +113,6 @@ class _Timeout:
         self.begin("beginning", START)
 
     def begin(self, doing: str, limit: float) -> None:
-        """Wait for something else."""
         self.doing = doing
         self.limit = limit
         self._since = time.monotonic()
@@ -131,19 +129,17 @@ class _Timeout:
             _logger.warning(message, self.names, self.doing, self.limit)
 
 
-def _lines(child: subprocess.Popen[bytes], timeout: _Timeout) -> Iterator[bytes]:
-    """What the child writes, until it ends; TimeoutExpired if it is silent for too long."""
-    assert child.stdout is not None
-    pipe = child.stdout.fileno()
-    unread = b""
+def _messages(
+    child: subprocess.Popen[bytes], reader: Connection, timeout: _Timeout
+) -> Iterator[list[Any]]:
+    """What the child sends, until it ends; TimeoutExpired if it is silent for too long."""
     while True:
         is_over = child.poll() is not None  # before the look: what it wrote last is there, then
-        if select.select([pipe], [], [], 0.0 if is_over else _POLL)[0]:
-            some = os.read(pipe, 65536)
-            if not some:
+        if reader.poll(0.0 if is_over else _POLL):
+            try:
+                yield json.loads(reader.recv_bytes())
+            except (EOFError, OSError):
                 return
-            *lines, unread = (unread + some).split(b"\n")
-            yield from lines
         elif is_over:
             return
         else:
@@ -182,16 +178,15 @@ def _where(crash: IO[str], files: Sequence[Path]) -> str:
     return f"\n  in {file}:{number}: {text}"
 
 
-def _serve(module: str, arguments: str, crash: str) -> None:
+def _serve(module: str, arguments: str, pipe: str, crash: str) -> None:
     """Be the child."""
     die_with_parent(signal.SIGKILL)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     faulthandler.enable(int(crash), all_threads=False)
-    pipe = os.dup(1)
-    os.dup2(2, 1)  # what the user's code prints must not get between our lines
+    writer = Connection(int(pipe), readable=False)
 
     def write(*content: Any) -> None:
-        os.write(pipe, json.dumps(content).encode() + b"\n")
+        writer.send_bytes(json.dumps(content).encode())
 
     name, _, function = module.partition(":")
     task = getattr(import_module(name), function)

@@ -6,8 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
@@ -77,6 +75,8 @@ def loop_delays(columns: TelemetryColumns) -> DelayTrace:
     Raises:
         ConfigError: If nothing is left.
     """
+    import numpy as np  # few launch files name a recording
+
     answers, first = np.unique(columns.device_seq, return_index=True)
     delay_of = dict(zip(answers.tolist(), columns.loop_delay[first].tolist(), strict=True))
     known = columns.loop_delay[np.isfinite(columns.loop_delay)]

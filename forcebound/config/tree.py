@@ -18,6 +18,7 @@ from forcebound.config.problems import Place, Problems, Related
 from forcebound.errors import ConfigError
 
 MAX_DEPTH = 40  # levels of nesting
+_LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")  # as the parser counts lines
 
 
 class _Broken:
@@ -79,7 +80,7 @@ class Value:
         return repr(shown)
 
 
-def from_plain(content: object, name: str) -> Value:
+def from_plain(content: Any, name: str) -> Value:
     """Return the tree of plain Python values; places say the path within, ``name`` first."""
     place = Place(name)
     if isinstance(content, Mapping):
@@ -93,11 +94,10 @@ def from_plain(content: object, name: str) -> Value:
         return Value(
             tuple(from_plain(value, f"{name}[{i}]") for i, value in enumerate(content)), place
         )
-    if content is None or isinstance(content, bool | float | str):
-        return Value(content, place, text=str(content))
-    if isinstance(content, int) and content.bit_length() <= _LONGEST_INT:
-        return Value(content, place, text=str(content))
-    return Value(f"a {type(content).__name__}", place, text=f"a {type(content).__name__}")
+    is_plain = content is None or isinstance(content, bool | float | str | int)
+    if not is_plain or (isinstance(content, int) and content.bit_length() > _LONGEST_INT):
+        content = f"a {type(content).__name__}"
+    return Value(content, place, text=str(content))
 
 
 _LONGEST_INT = 128  # bits; Python refuses to print far longer ones
@@ -108,9 +108,7 @@ _WORDS: dict[str, Scalar] = {
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
     **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
-    **dict.fromkeys(
-        (f"{sign}.{inf}" for sign in ("", "+") for inf in ("inf", "Inf", "INF")), 1e999
-    ),
+    **dict.fromkeys((".inf", ".Inf", ".INF", "+.inf", "+.Inf", "+.INF"), 1e999),
     **dict.fromkeys(("-.inf", "-.Inf", "-.INF"), -1e999),
 }
 
@@ -150,7 +148,8 @@ class _Tree:
     """Builds the tree of one file from the parser's events."""
 
     def __init__(self, text: str, name: str, problems: Problems) -> None:
-        self._lines = re.split(r"\r\n|[\n\r\x85\u2028\u2029]", text)  # as the parser counts lines
+        self._text = text
+        self._lines = _LINE_END.split(text)
         self._name = name
         self._problems = problems
 
@@ -172,29 +171,21 @@ class _Tree:
         return root
 
     def syntax_error(self, error: Exception) -> None:
-        mark = getattr(error, "problem_mark", None)
-        words = str(getattr(error, "problem", None) or error).splitlines()[:1] or ["damaged"]
-        message = f"this is not YAML: {words[0]}"
-        if "'\\t'" in words[0]:
+        # What the parser raises has a mark; what its reader raises, a position in the text.
+        mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
+        words = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
+        message = f"this is not YAML: {words.partition(chr(10))[0] or 'damaged'}"
+        if "'\\t'" in words:
             message = "a tab; YAML wants spaces here"
         elif getattr(error, "context", None):
             message += f" ({error.context})"  # type: ignore[attr-defined]  # looked for just now
-        position = getattr(error, "position", None)
+        place = Place(self._name)
         if mark is not None:
-            self._problems.add(message, self._at(mark.line, mark.column))
+            place = self._at(mark.line, mark.column)
         elif isinstance(position, int):
-            self._problems.add(
-                f"this is not YAML: {getattr(error, 'reason', words[0])}", self._offset(position)
-            )
-        else:
-            self._problems.add(message, Place(self._name))
-
-    def _offset(self, position: int) -> Place:
-        for line, text in enumerate(self._lines):
-            if position <= len(text):
-                return self._at(line, position)
-            position -= len(text) + 1
-        return Place(self._name)
+            *before, last = _LINE_END.split(self._text[:position])
+            place = self._at(len(before), len(last))
+        self._problems.add(message, place)
 
     def _at(self, line: int, column: int) -> Place:
         text = self._lines[line] if line < len(self._lines) else ""
@@ -221,13 +212,11 @@ class _Tree:
         if getattr(event, "ctag", None) is not None:
             self._problems.add(f"tags such as {event.tag} have no meaning here", place)
         if kind == "MappingStartEvent":
-            value = self._mapping(place, stream, depth)
-        elif kind == "SequenceStartEvent":
-            value = self._sequence(place, stream, depth)
-        else:
-            content = event.value if event.style else scalar(event.value)
-            value = Value(content, place, text=event.value)
-        return value
+            return self._mapping(place, stream, depth)
+        if kind == "SequenceStartEvent":
+            return self._sequence(place, stream, depth)
+        content = event.value if event.style else scalar(event.value)
+        return Value(content, place, text=event.value)
 
     def _mapping(self, place: Place, stream: Iterator[Any], depth: int) -> Value:
         entries: dict[str, Value] = {}
@@ -241,12 +230,8 @@ class _Tree:
             if isinstance(key.content, Mapping | tuple) or key.content is None:
                 self._problems.add(f"a key must be a name, got {key}", key.place)
             elif key.text in entries:
-                first = entries[key.text].key
-                self._problems.add(
-                    f"{key} is given twice",
-                    key.place,
-                    None if first is None else Related("first at", first),
-                )
+                first = Related("first at", entries[key.text].key or place)
+                self._problems.add(f"{key} is given twice", key.place, first)
             else:
                 entries[key.text] = value
         return Value(entries, place)

@@ -6,7 +6,8 @@ the part in it.
 
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from forcebound.contract import vector_fault
 from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Vector
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts import Table
@@ -64,7 +65,7 @@ def find_class(section: Section, value: Value, table: Table[Any], taken: set[str
 
 
 def find_law(section: Section, value: Value) -> str | None:
-    """Return the absolute kind of a law in a user's file; None with a problem noted."""
+    """Return the absolute kind of a law; None with a problem noted."""
     try:
         return LAWS.resolve(value.text, _beside(value))
     except ConfigError as error:
@@ -84,13 +85,7 @@ def can_be_written(made: object, section: Section) -> bool:
 
 
 def check_device(device: DeviceConfig, section: Section, asks: bool) -> bool:
-    """Return whether a device and a law of the user's own can be used; note what is wrong.
-
-    Args:
-        device: With its law.
-        section: Of the device.
-        asks: Whether to call the law, once.
-    """
+    """Return whether device and law can be used; ``asks``: whether to call the law, once."""
     model, law = device.model, device.servo.law
     try:
         if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
@@ -101,94 +96,80 @@ def check_device(device: DeviceConfig, section: Section, asks: bool) -> bool:
             bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
             bounder.settle((0.0,) * model.axes)
     except (Exception, SystemExit) as error:
-        words = str(error) if isinstance(error, ConfigError) else describe_user_error(error)
-        section.add_here(f"device: {words}")
+        section.add_here(f"device: {_words(error)}")
         return False
     return True
 
 
 def check_path(operator: Operator, axes: int, section: Section) -> None:
-    """Note what is wrong with the path of an operator: of a user's own, it is asked once."""
-    try:
+    """Note what is wrong with the path of an operator at its beginning."""
+    with _noting(section, "target(0.0)"):
         wanted = len(operator.target(0.0))
-    except (Exception, SystemExit) as error:
-        _add_failure(section, "target(0.0)", describe_user_error(error))
-        return
-    if wanted > axes:
-        section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+        if wanted > axes:
+            section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
 
 
 def check_environment(model: EnvironmentModel, axes: int, section: Section) -> None:
     """Note what a user's environment does wrong at the first question: nobody has tried it yet."""
+    if kind_of(type(model)) is None:
+        return
     still = (0.0,) * axes
-
-    def ask() -> None:
-        opened = open_environment(model, axes)
-        try:
-            fault = vector_fault(opened.force(still, still, 0.0), axes, "N")
-        finally:
-            opened.close()
-        if fault is not None:
-            raise ConfigError(str(fault))
-
-    _check(model, section, f"force({still}, {still}, 0.0)", ask)
+    with (
+        _noting(section, f"force({still}, {still}, 0.0)"),
+        closing(open_environment(model, axes)) as opened,
+    ):
+        _check_vector(opened.force(still, still, 0.0), axes, "N")
 
 
 def check_controller(model: ControllerModel, axes: int, section: Section) -> None:
     """Note what a user's controller does wrong at the first state and reply."""
+    if kind_of(type(model)) is None:
+        return
     zero = (0.0,) * axes
     state = DeviceState(0, 0, 0.0, zero, zero, zero)
     reply = EnvironmentReply(0, 0, 0, 0, 0, 0, zero, "environment")
-
-    def ask() -> None:
-        opened = model.open(axes)
-        try:
-            forces = [opened.on_state(state, 0)]
-            position, velocity = opened.query(state)
-            forces.append(opened.on_reply(reply, 0))
-        finally:
-            opened.close()
-        vectors = [(position, "m"), (velocity, "m/s")]
-        vectors += [(force, "N") for force in forces if force is not None]
-        for vector, unit in vectors:
-            fault = vector_fault(vector, axes, unit)
-            if fault is not None:
-                raise ConfigError(str(fault))
-
-    _check(model, section, "its first state and reply", ask)
+    with _noting(section, "its first state and reply"), closing(model.open(axes)) as opened:
+        forces = [opened.on_state(state, 0)]
+        position, velocity = opened.query(state)
+        forces.append(opened.on_reply(reply, 0))
+        _check_vector(position, axes, "m")
+        _check_vector(velocity, axes, "m/s")
+        for force in forces:
+            if force is not None:
+                _check_vector(force, axes, "N")
 
 
-def _check(model: object, section: Section, what: str, ask: Callable[[], None]) -> None:
-    if kind_of(type(model)) is None:  # no file of the user's own
-        return
+def _check_vector(vector: Vector, axes: int, unit: str) -> None:
+    fault = vector_fault(vector, axes, unit)
+    if fault is not None:
+        raise ConfigError(str(fault))
+
+
+@contextmanager
+def _noting(section: Section, what: str) -> Iterator[None]:
+    """Note what is raised within at the part's kind."""
     try:
-        ask()
-    except ConfigError as error:
-        _add_failure(section, what, str(error))
+        yield
     except (Exception, SystemExit) as error:
-        _add_failure(section, what, describe_user_error(error))
+        section.add(f"{section.name}: {what}: {_words(error)}", section.value.entries["kind"])
 
 
-def _add_failure(section: Section, what: str, words: str) -> None:
-    section.add(f"{section.name}: {what}: {words}", section.value.entries["kind"])
+def _words(error: BaseException) -> str:
+    return str(error) if isinstance(error, ConfigError) else describe_user_error(error)
 
 
 def warn_uncertified(config: GraphConfig) -> None:
     """Log which parts in the device's process, beside the bounder, do not ship with forcebound."""
-    if not LAWS.is_shipped(config.device.servo.law):
-        _warn("law", config.device.servo.law)
-    for section, part in (("device", config.device.model), ("operator", config.operator)):
-        if part is None:
-            continue
+    law, device = config.device.servo.law, config.device.model
+    uncertified = [] if LAWS.is_shipped(law) else [("law", law)]
+    for section, part in (("device", device), ("operator", config.operator)):
         kind = KINDS[section].kind_of(type(part))
-        if kind is None or not KINDS[section].is_shipped(kind):
-            _warn(section, kind or type(part).__name__)
-
-
-def _warn(section: str, kind: str) -> None:
-    _logger.warning(
-        "%s %s is not certified by forcebound: it runs in the device's process, and the proof of"
-        " passivity does not cover it",
-        section,
-        kind,
-    )
+        if part is not None and (kind is None or not KINDS[section].is_shipped(kind)):
+            uncertified.append((section, kind or type(part).__name__))
+    for section, kind in uncertified:
+        _logger.warning(
+            "%s %s is not certified by forcebound: it runs in the device's process, and the proof"
+            " of passivity does not cover it",
+            section,
+            kind,
+        )

@@ -1,19 +1,10 @@
 """Contract of every controller, and its check."""
 
-import math
 from collections.abc import Iterable, Iterator
 from random import Random
 from typing import Any
 
-from forcebound.contract import (
-    Report,
-    Violation,
-    copy_of,
-    describe_raised,
-    first_of_each,
-    value_faults,
-    vector_fault,
-)
+from forcebound.contract import VALUE, Findings, Report, copy_of
 from forcebound.controllers import Controller, ControllerModel
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
 
@@ -23,7 +14,7 @@ PROMISES: dict[str, str] = {
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
     "pure": "the same calls, in the same order from open on, return the same",
-    "value": "is a frozen dataclass that can be copied, changed and pickled",
+    **VALUE,
 }
 
 
@@ -41,50 +32,37 @@ def check(
         seed: Of the random states and replies.
         states: For each number of axes.
     """
-    found = list(value_faults(model))
+    found = Findings()
+    found.check_value(model)
     asked = 0
     for count in axes:
         runs = []
         for one in (model, copy_of(model)):
             asked += states
-            try:
+            with found.noting("opens", "an instance, and an end", f"{count} axes"):
                 controller = one.open(count)
                 runs.append(list(_drive(controller, count, Random(seed), states, found)))
                 controller.close()
-            except (Exception, SystemExit) as error:
-                raised = describe_raised(error)
-                found.append(Violation("opens", "an instance, and an end", raised, f"{count} axes"))
-                break
-        if len(runs) == 2 and runs[0] != runs[1]:
-            place = next(k for k, pair in enumerate(zip(*runs, strict=True)) if pair[0] != pair[1])
-            one_answer, other = runs[0][place], runs[1][place]
-            where = f"call {place} for {count} axes"
-            found.append(Violation("pure", f"{one_answer}, as before", other, where))
-    return Report(PROMISES, first_of_each(found), asked)
+        if len(runs) == 2:
+            found.check_repeats(runs[0], runs[1], f"{count} axes")
+    return found.report(PROMISES, asked)
 
 
 def _drive(
-    controller: Controller, axes: int, random: Random, states: int, found: list[Violation]
+    controller: Controller, axes: int, random: Random, states: int, found: Findings
 ) -> Iterator[str]:
     """What it returns to states, and to replies of which some are missing."""
 
     def call(method: Any, *arguments: Any, units: tuple[str, ...]) -> str:
         where = f"{method.__name__} for {axes} axes"
-        try:
+        with found.noting("answers", "an answer", where):
             answer = method(*arguments)
             vectors = (answer,) if len(units) == 1 else tuple(answer)
-        except (Exception, SystemExit) as error:
-            found.append(Violation("answers", "an answer", describe_raised(error), where))
-            return "no answer"
-        for vector, unit in zip(vectors, units, strict=False):
-            if vector is None and unit == "N":
-                continue
-            fault = vector_fault(vector, axes, unit)
-            if fault is not None:
-                found.append(Violation("shape", fault.expected, fault.got, where))
-            elif not all(math.isfinite(entry) for entry in vector or ()):
-                found.append(Violation("finite", "finite numbers", repr(vector), where))
-        return repr(answer)
+            for vector, unit in zip(vectors, units, strict=True):
+                if vector is not None or unit != "N":
+                    found.check_vector(vector, axes, unit, where)
+            return repr(answer)
+        return "no answer"
 
     for seq in range(states):
         time_ns = seq * 1_000_000

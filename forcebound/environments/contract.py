@@ -5,21 +5,14 @@ and at its limits; a violation names the question.
 """
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 
-from forcebound.contract import (
-    Report,
-    Violation,
-    copy_of,
-    describe_raised,
-    first_of_each,
-    value_faults,
-    vector_fault,
-)
+from forcebound.contract import VALUE, Findings, Report, copy_of, vector_fault
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.messages.packets import MAX_AXES, Vector
 
@@ -34,7 +27,7 @@ PROMISES: dict[str, str] = {
     "shape": f"gives a tuple with one number per axis, for 1 to {MAX_AXES} axes",
     "finite": f"a force is finite within {FAR:g} m, {FAR:g} m/s and {LONG:g} s",
     "pure": "the same questions, in the same order from open on, have the same answers",
-    "value": "is a frozen dataclass that can be copied, changed and pickled",
+    **VALUE,
     "rest": "shows at rest the force that was stated",
 }
 
@@ -82,54 +75,69 @@ def check(
         known += len(everything)
         questions[count] = _some(everything, Random(seed * 100 + count), at_most, len(axes))
     total = sum(map(len, questions.values()))
-    found: list[Violation] = list(value_faults(model))
-    given = itertools.count()
-    for count in axes:
+    found = Findings()
+    found.check_value(model)
+    numbers = itertools.count()
 
-        def answer(environment: Environment, question: Question) -> "Answer":
-            progress(str(question), next(given), 2 * total)
-            return _answer(environment, question)
+    def report(question: Question) -> None:
+        progress(str(question), next(numbers), 2 * total)
 
-        found += _check_axes(model, count, questions[count], answer)
-    for position, wanted in (at_rest or {}).items():
-        found.extend(_rest_faults(model, axes, position, wanted))
+    for count, asked in questions.items():
+        before = _answers(model, count, asked, found, report)
+        after = _answers(copy_of(model), count, asked, Findings(), report)
+        for question, one, other in zip(asked, before, after, strict=False):  # none: not opened
+            if one is not None and repr(one) != repr(other):
+                found.add("pure", f"{one}, as before", repr(other), str(question))
+    for (position, wanted), count in itertools.product((at_rest or {}).items(), axes):
+        still = (0.0,) * (count - 1)
+        question = Question((position, *still), (0.0, *still), 1.0)
+        for force in _answers(model, count, [question], Findings()):
+            expected = (wanted, *still)
+            if force is None or not all(map(_is_close, force, expected)):
+                found.add("rest", f"{expected} N", repr(force), str(question))
     promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
-    return Report(promises, first_of_each(found), total, known - total)
+    return found.report(promises, total, known - total)
 
 
-Answer = tuple[Vector, Violation | None]
+_is_close = functools.partial(math.isclose, rel_tol=1e-9, abs_tol=1e-12)
 
 
-def _check_axes(
+def _answers(
     model: EnvironmentModel,
     axes: int,
     questions: Sequence[Question],
-    ask: Callable[[Environment, Question], Answer],
-) -> list[Violation]:
-    """Ask two instances the same, one after the other."""
-    found: list[Violation] = []
-    answers: list[Answer] = []
-    for twin in (False, True):
-        try:
-            environment = open_environment(copy_of(model) if twin else model, axes)
-        except Exception as error:
-            cause = error.__cause__ or error
-            return [Violation("opens", "an instance", describe_raised(cause), f"open({axes})")]
-        for place, question in enumerate(questions):
-            force, violation = ask(environment, question)
-            if not twin:
-                answers.append((force, violation))
-                violation = violation or _finite_fault(force, question)
-                found += [] if violation is None else [violation]
-            elif answers[place][1] is None and repr(force) != repr(answers[place][0]):
-                got = repr(force) if violation is None else violation.got
-                before = f"{answers[place][0]!r}, as before"
-                found.append(Violation("pure", before, got, str(question)))
-        try:
-            environment.close()
-        except Exception as error:
-            found.append(Violation("opens", "an end", describe_raised(error), "close()"))
-    return found
+    found: Findings,
+    report: Callable[[Question], None] = lambda question: None,
+) -> list[Vector | None]:
+    """The answers of a new instance; None where there was none; empty if it does not open."""
+    answers: list[Vector | None] = []
+    with found.noting("opens", "an instance, and an end", f"open({axes}), close()"):
+        environment = open_environment(model, axes)
+        for question in questions:
+            report(question)
+            answers.append(_answer(environment, question, found))
+        environment.close()
+    return answers
+
+
+def _answer(environment: Environment, question: Question, found: Findings) -> Vector | None:
+    where = str(question)
+    with found.noting("answers", "an answer", where):
+        force = environment.force(question.position, question.velocity, question.elapsed)
+        fault = vector_fault(force, len(question.position), "N")
+        if fault is not None:
+            found.add("shape", fault.expected, fault.got, where)
+            return None
+        entries = tuple(float(entry) for entry in force)
+        if not _is_far(question) and not all(map(math.isfinite, entries)):
+            found.add("finite", "finite numbers", repr(entries), where)
+        return entries
+    return None
+
+
+def _is_far(question: Question) -> bool:
+    largest = max(map(abs, (*question.position, *question.velocity)))
+    return largest > FAR or question.elapsed > LONG
 
 
 def _questions(
@@ -172,47 +180,3 @@ def _edges(model: EnvironmentModel) -> list[float]:
     lengths = [float(v) for v in values if isinstance(v, int | float) and abs(v) <= 1.0]
     beside = [(math.nextafter(v, -math.inf), v, math.nextafter(v, math.inf)) for v in lengths]
     return [edge for triple in beside for edge in triple]
-
-
-def _answer(environment: Environment, question: Question) -> Answer:
-    """The answer as floats; empty, with the broken promise, if there is none."""
-    try:
-        force = environment.force(question.position, question.velocity, question.elapsed)
-        fault = vector_fault(force, len(question.position), "N")
-        if fault is None:
-            return tuple(float(entry) for entry in force), None
-    except (Exception, SystemExit) as error:
-        return (), Violation("answers", "an answer", describe_raised(error), str(question))
-    return (), Violation("shape", fault.expected, fault.got, str(question))
-
-
-def _is_far(question: Question) -> bool:
-    largest = max(map(abs, (*question.position, *question.velocity)))
-    return largest > FAR or question.elapsed > LONG
-
-
-def _finite_fault(force: Vector, question: Question) -> Violation | None:
-    if _is_far(question) or all(math.isfinite(entry) for entry in force):
-        return None
-    return Violation("finite", "finite numbers", repr(force), str(question))
-
-
-def _rest_faults(
-    model: EnvironmentModel, axes: Iterable[int], position: float, wanted: float
-) -> Iterator[Violation]:
-    for count in axes:
-        still = (0.0,) * count
-        question = Question((position, *still[1:]), still, 1.0)
-        try:
-            environment = open_environment(model, count)
-        except Exception:  # the promise "opens" is broken
-            return
-        force, violation = _answer(environment, question)
-        environment.close()
-        expected = (wanted, *still[1:])
-        if violation is not None or any(
-            not math.isclose(f, e, rel_tol=1e-9, abs_tol=1e-12)
-            for f, e in zip(force, expected, strict=True)
-        ):
-            got = repr(force) if violation is None else violation.got
-            yield Violation("rest", f"{expected} N", got, str(question))

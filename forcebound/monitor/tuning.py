@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.changes import change
 from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import change
 from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import ALL_CODE, restore

@@ -16,13 +16,16 @@ two numbers only (:meth:`Chances.next_plain`), or all packets of a run draw thei
 (:func:`plain_fates`).
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from forcebound.network.impairment import Impairment, Slot
+
+if TYPE_CHECKING:  # a launcher has no link, and starts without numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 Draw: TypeAlias = Callable[[], float]
 
@@ -62,6 +65,8 @@ class Draws(dict[str, Draw]):
 
 
 def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Generator:
+    import numpy as np
+
     place = _DECISIONS.index(decision)
     words = [seed, place, 1] if is_copy else [seed, place]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
@@ -75,6 +80,8 @@ def plain_fates(
     Returns:
         Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
     """
+    import numpy as np
+
     lost = np.zeros(count, dtype=np.bool_)
     deviation = np.zeros(count)
     if impairment.loss > 0.0:  # a generator costs more than all the rest
