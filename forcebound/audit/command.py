@@ -45,7 +45,7 @@ def run(
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("runs, left:"),
-        TimeRemainingColumn(elapsed_when_finished=True),
+        TimeRemainingColumn(elapsed_when_finished=False),
     )
     bar = Progress(*columns, console=Console(stderr=True))
     task = bar.add_task("audit", total=None)
