@@ -169,13 +169,15 @@ def fit(half: NDArray[np.bool_], seconds: float, seed: int) -> None:
             "seed": int(random.integers(1, 2**31)),
         }
         strategy = cma.CMAEvolutionStrategy(start, 0.12, options)
-        while not strategy.stop() and time.monotonic() < end:
+        while not strategy.stop():
             points = strategy.ask()
             strategy.tell(points, [cost(point) for point in points])
-        tell(decode(np.asarray(strategy.result.xbest)), half)
+            if time.monotonic() >= end:
+                break
+        print_hand(decode(np.asarray(strategy.result.xbest)), half)
 
 
-def tell(numbers: Floats, half: NDArray[np.bool_]) -> None:
+def print_hand(numbers: Floats, half: NDArray[np.bool_]) -> None:
     """Print one result."""
 
     def rms(errors: Floats) -> float:

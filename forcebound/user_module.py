@@ -23,8 +23,7 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 
-KIND_PATTERN = r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?"
-_KIND = re.compile(KIND_PATTERN, re.DOTALL)
+_KIND = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
 
 
 @dataclasses.dataclass(frozen=True)

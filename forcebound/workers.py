@@ -1,4 +1,4 @@
-"""Executors for work that can be divided: this machine's cores, or a dask cluster.
+"""Executors for divisible work (this machine's cores or a dask cluster), and its progress bar.
 
 Take the results from :func:`completed` and do not cancel futures: a future that is cancelled while
 its process ends makes the pool's own thread fail in Python 3.11. An interruption ends the
@@ -17,7 +17,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     as_completed,
 )
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
@@ -64,6 +64,42 @@ def _termination_interrupts() -> Iterator[None]:
 def _begin_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     die_with_parent(signal.SIGKILL)
+
+
+@contextmanager
+def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that shows progress on standard error; it takes what is done, and the total.
+
+    The bar appears with the first call, so that errors in arguments are reported without it.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn(name),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(elapsed_when_finished=False),
+    )
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task(name, total=None)
+    with ExitStack() as stack:
+
+        def show(done: int, total: int) -> None:
+            if not bar.live.is_started:
+                stack.enter_context(bar)
+            bar.update(task, completed=done, total=total)
+
+        yield show
 
 
 @contextmanager

@@ -86,11 +86,10 @@ def check_here(
     if section == "law":
         law = law_of(kind)
         return {"part": {"kind": law}, **_found(laws.check(law))}
-    if section == "environment":
-        expected = dict(map(_expected, rest))
-        model = member_of(section, kind, arguments)
-        return _check_environment(progress, model, axes, expected)
+    expected = dict(map(_expected, rest))
     model = member_of(section, kind, arguments)
+    if section == "environment":
+        return _check_environment(progress, model, axes, expected)
     return {"part": member_document(section, model), **_found(CONTRACTS[section].check(model))}
 
 

@@ -8,8 +8,8 @@
 
 While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
 restarted (:mod:`forcebound.launch.restarts`), with zero force meanwhile. They may also be stopped
-and started on request; a node that was stopped so stays away until a start request. The end of the
-run waits for none of this.
+and started on request; a node stopped on request stays stopped until a start request. None of this
+delays the end of the run.
 
 Stopping goes group by group (:mod:`forcebound.processes`): the device first, the recorder last. A
 process that does not stop in time is killed. Only the first failure is reported.

@@ -1,15 +1,14 @@
 """Supervisor: starts, monitors and ends the processes of a run.
 
-:mod:`forcebound.launch.lifecycle` decides, this module acts. One loop, no
-thread: it sleeps until a process writes a line, ends, or answers, until a signal comes, or until
-the lifecycle's next deadline.
+:mod:`forcebound.launch.lifecycle` decides; this module acts. One loop without threads sleeps until
+a process writes a line, ends or answers, a signal arrives, or a deadline of the lifecycle.
 
-No process survives the launcher, however it ends: each asks the kernel for a signal at its death
+No process survives the launcher: each gets a signal from the kernel when the launcher ends
 (:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order.
 
 The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
-``configure``, ``stop_node`` and ``start_node``; and publishes events, as every process does.
+``configure``, ``stop_node`` and ``start_node``. It publishes events like every process.
 """
 
 import selectors

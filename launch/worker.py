@@ -1,10 +1,10 @@
-"""One process of a graph: builds the node and drives it to its end.
+"""One process of a graph: builds the node and runs it.
 
-A supervised process ends with its launcher, however that ends. The kernel sends it a signal when
-the launcher is gone: SIGTERM to the device and the recorder, which have work to finish (zero force;
-the recording), SIGKILL to the others. The device or the recorder then removes the run directory.
+A supervised process ends with its launcher in any case. When the launcher has ended, the kernel
+sends SIGTERM to the device and the recorder, which have work to finish (zero force; the recording),
+and SIGKILL to the others. The device or the recorder then removes the run directory.
 
-A process never waits for its launcher: its output goes into a pipe, and is dropped when the pipe is
+A process never waits for its launcher: its output goes to a pipe and is dropped when the pipe is
 full.
 """
 

@@ -5,25 +5,24 @@ class and ``"version"``; ``docs/protocol.md`` describes the format for other pro
 
 Strategy:
 
-1. The classes of ``packets.py`` say all: msgspec builds a decoder from each. A new packet or field
-   needs no line here.
-2. :func:`encode` trusts its own side: it does not check values.
+1. msgspec builds a decoder from each class of ``packets.py``. A new packet or field needs no change
+   here.
+2. :func:`encode` does not check values.
 3. :func:`decode` trusts no sender: any bytes give a packet or a :class:`PacketError`. Compiled code
-   does the checking; two things that it leaves open are looked at here: whether ``packet`` and
-   ``version``, which it takes for granted, were there (by the number of pairs, which also shows a
-   key given twice), and whether all vectors have one length.
-4. Why a frame is refused is worked out only then, by reading it again without expectations. What
-   could make that allocate much is bounded: the size of the whole (``MAX_BYTES``), and the length
-   that an array or map may claim. The reasons, in the order of the checks:
+   does the checks except two, which follow here: that ``packet`` and ``version`` were present (by
+   the number of pairs, which also reveals a duplicate key), and that all vectors have one length.
+4. The reason of a rejection is determined only afterwards, by decoding the frame again without a
+   schema. Its memory is bounded by the size of the frame (``MAX_BYTES``) and the length that an
+   array or map may state. The reasons, in the order of the checks:
 
    ========= =====================================================================================
    malformed not one msgpack map with text keys: cut short, trailing bytes, too large or too deep
    version   another version of the wire format
-   keys      a key is missing, unknown or given twice, or it is another packet than expected
+   keys      a key is missing, unknown or duplicate, or it is another packet than expected
    value     a value has the wrong type, range or length, or two vectors differ in length
    ========= =====================================================================================
 
-Not-a-number and infinity *are* decoded: the safety chain of the device refuses and counts them.
+Not-a-number and infinity *are* decoded: the safety chain of the device rejects and counts them.
 """
 
 import re

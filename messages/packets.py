@@ -1,7 +1,7 @@
 """Packets: one frozen class each, and the table of topics.
 
-The classes are msgspec structs: made, written and checked on arrival by compiled code, because each
-tick makes four of them in every run. Making one checks nothing; decoding does.
+The classes are msgspec structs: compiled code creates, encodes and checks them, because each tick
+needs four. Creating a packet checks nothing; decoding does.
 
 Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the sender's own
 monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the device state that it

@@ -1,13 +1,13 @@
 """The device node: the servo that reads, queries, bounds and writes.
 
 A tick has two instants at fixed phase. At 0: read the position, publish the state. At
-``reply_wait`` of the period: read again, take the newest command (the answer to this very tick's
-state, if it has come), run the safety chain, bound with the position just read, write, publish
+``reply_wait`` of the period: read again, take the newest command (the answer to this tick's
+state, if it has arrived), run the safety chain, bound with the position just read, write, publish
 telemetry. Writes are strictly periodic, so the hold limit can stay close to the period; the
 samples of the law's ledger are the writes.
 
-Late ticks are skipped and counted, never run in a burst: after a stall the node goes on with the
-tick whose time it is.
+Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
+tick that is due.
 """
 
 import logging

@@ -1,9 +1,9 @@
 """The lease of environments: one environment serves a graph at a time.
 
 The first one that answers gets the lease: every query names it, and answers of others are rejected.
-The lease ends when its holder has been silent for longer than ``lease_ns``; or, if it is known to
-be dead, for longer than ``dead_lease_ns``. Both are longer than the age limit of a force: so the
-force is zero between two environments, and returns over the engage ramp.
+The lease ends when its holder has been silent for longer than ``lease_ns`` or, if its process is
+known to have ended, for longer than ``dead_lease_ns``. Both are longer than the age limit of a
+force, so the force is zero between two environments and returns over the engage ramp.
 """
 
 from forcebound.messages.packets import Event, Packet

@@ -16,10 +16,10 @@ motor does.
 The bounder follows in :mod:`forcebound.nodes.device`; nothing follows the bounder.
 
 A command is ordered and aged by the tick that it answers, not by its sender's clock or counter: the
-device knows when it measured that tick, so a restarted, a lying or a remote sender with another
-clock can neither look fresh nor lock out its successor. The echoed ``device_time_ns`` must be
-the very time that the device remembers; after a restart of the device, answers to its former life
-do not match.
+device knows when it measured that tick, so neither a restarted or malicious sender nor one with
+another clock can make an old command look fresh or block its successor. The echoed
+``device_time_ns`` must equal the time that the device remembers, so answers from before a restart
+of the device do not match.
 """
 
 import math

@@ -132,7 +132,7 @@ def test_the_ends_of_the_code_are_the_ends_of_the_ranges(u: float) -> None:
 
 @pytest.mark.parametrize("name", ["", "-1", "x1", "c0", "c" + "w" * 45, "c" + "9" * 45])
 def test_a_name_that_is_no_case_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match="a case is a seed or a code"):
+    with pytest.raises(ConfigError, match="expected as case a seed or a code"):
         case_of(name, SECONDS)
 
 

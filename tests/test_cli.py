@@ -152,7 +152,7 @@ def test_a_simulation_that_is_interrupted_gives_the_result_until_then(tmp_path: 
         simulation.send_signal(signal.SIGINT)
         out, said = simulation.communicate(timeout=PATIENCE)
     assert simulation.returncode == 0, said
-    assert "interrupted; this is the run until then" in said
+    assert "interrupted; result up to here" in said
     summary = json.loads(out)
     assert summary["interrupted"]
     assert summary["links"]["environment_query"]["sent"] > 0

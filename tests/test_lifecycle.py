@@ -439,7 +439,7 @@ def test_a_request_that_cannot_be_met_changes_nothing_and_says_why() -> None:
         "recorder": "a run ends without its recorder",
         "environment": "does not run its environment; it runs controller, device, recorder",
         "dashboard": "no node 'dashboard' in this graph; its nodes are controller, device",
-        "controller": "the run is starting; nodes stop and start while it is running",
+        "controller": "the run is starting; nodes stop and start only while it is running",
     }.items():
         assert reason in (lifecycle.refusal(node) or "")
         assert lifecycle.advance(1, StopRequested(node)) == []

@@ -406,7 +406,7 @@ def test_a_message_that_is_too_large_ends_the_connection_which_comes_back(
         bad.send(b"good")
         return b"good" in graph.got
 
-    run_until(heard, "the peer", graph)
+    run_until(lambda: heard() and graph.link.connected, "the peer", graph)
     bad.send(bytes(limits.MAX_FRAME + 1))
     word = "disconnected" if listens == "graph" else "protocol_error"
     run_until(lambda: word in graph.kinds(), "a word", graph)

@@ -1,4 +1,4 @@
-"""Campaign of attacks on laws: random and by search, on all cores, and the worst of each.
+"""Campaign of random and searched attacks on laws, on all cores.
 
 The campaign consists of independent tasks, so its numbers do not depend on the number of cores.
 """
@@ -114,7 +114,7 @@ def run_campaign(
     Args:
         laws: Keys of :data:`forcebound.bounding.LAWS`.
         runs: Random runs of each law; they have the seeds ``seed``, ``seed + 1``, ...
-        searched: Runs of each law that the search may make.
+        searched: Runs of each law in the search.
         seed: Seed of the first random run, and of the search.
         seconds: Length of each run, in s.
         workers: Processes; None: one for each core; 0: this process.
@@ -122,7 +122,7 @@ def run_campaign(
 
     Returns:
         ``runs`` in all, ``seed``, ``seconds``, and ``laws``: one entry each with ``law``,
-        ``is_certified``, ``holds`` (a law that promises nothing holds), ``runs``,
+        ``is_certified``, ``holds`` (always true without a certificate), ``runs``,
         ``loss_and_work_min_j`` and its ``case``, ``energy_min_j``, ``share_left_min``,
         ``balance_min_j``; ``random`` and ``search``: the same of each kind; ``difficulties``: by
         axis and difficulty ``runs``, ``loss_and_work_min_j`` and ``case``.
@@ -154,7 +154,7 @@ def run_campaign(
 
 
 def _all_done(tasks: Sequence[Task], workers: int | None) -> Iterator[tuple[Task, Tally]]:
-    """Yield each task with its tally, in the order of the tasks, so that ties fall alike."""
+    """Yield each task with its tally, in the order of tasks, so that ties are deterministic."""
     if workers == 0:
         yield from ((task, tally(task)) for task in tasks)
         return

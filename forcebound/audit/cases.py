@@ -1,7 +1,7 @@
 """Cases of an audit: devices, hands, adversaries and clocks, and their names.
 
-A case can be made again from its name: for a random case its seed, for a case of a search a code of
-its parameters (``c`` and base-32 digits).
+The name of a case is enough to repeat it: the seed of a random case, or for a case of a search a
+code of its parameters (``c`` and base-32 digits).
 """
 
 import math
@@ -24,7 +24,7 @@ ADVERSARIES = (
     "late_spring",
 )
 
-#: How a reading may differ from the position: by half the resolution, in any way.
+#: Kinds of reading errors, each of at most half the resolution.
 SENSORS = ("quantised", "noisy", "chattering", "leading")
 
 LEVELS = 1024  # of each continuous parameter in a code: two base-32 digits
@@ -35,7 +35,7 @@ NOISES = 32  # sequences of random numbers that a code can name
 class Case(NamedTuple):
     """Definition of a run, without the law."""
 
-    name: str  # see the top of this page
+    name: str  # see the module's docstring
     seed: int  # of noise, faults and clock
     samples: int
     # device
@@ -74,9 +74,9 @@ class Range:
     Attributes:
         low: Lowest value, SI units.
         high: Highest value, SI units.
-        is_logarithmic: Whether orders of magnitude are alike, rather than values.
-        zeros: In a random draw, how many chances 0 has against one for a value.
-        zero_share: In a code, the part of the range that stands for 0.
+        is_logarithmic: Whether the logarithm is distributed evenly, instead of the value.
+        zeros: In a random draw, the odds of 0 against a value, as N to 1.
+        zero_share: In a code, the share of the range that means 0.
     """
 
     low: float
@@ -149,7 +149,7 @@ def _draw_delay(draw: random.Random) -> int:
     return draw.choice((0, 0, 1, draw.randrange(samples), draw.randrange(samples)))
 
 
-#: What a random case draws in another way: some values are likelier, or not continuous.
+#: Parameters that a random case draws differently: some values are likelier, or discrete.
 DRAWN: dict[str, Callable[[random.Random], float]] = {
     "resolution": _draw_resolution,
     "sensor": lambda draw: draw.choice((0, 0, 1, 2, 3)),
@@ -191,7 +191,7 @@ def decode(code: str, seconds: float) -> Case:
         or digits[0] >= len(ADVERSARIES)
         or digits[1] >= len(SENSORS)
     ):
-        raise ConfigError(f"a case is a seed or a code that an audit has printed, got {code!r}")
+        raise ConfigError(f"expected as case a seed or a code printed by an audit, got {code!r}")
     adversary, sensor, noise = digits[:3]
     point = (
         (len(DIGITS) * high + low) / (LEVELS - 1)

@@ -1,7 +1,6 @@
-"""Command ``forcebound audit``: a campaign with progress on standard error, or one run again."""
+"""Command ``forcebound audit``: a campaign, or the replay of one run."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from forcebound.audit.run import replay
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
+from forcebound.workers import progress_bar
 
 
 def run(
@@ -31,31 +31,7 @@ def run(
         raise ConfigError(f"the page must end in .md, got {out.name!r}")
     if out is not None:
         check_writable(out, "the page")
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("audit"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("runs, left:"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-    )
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("audit", total=None)
-    with ExitStack() as stack:
-
-        def show(done: int, total: int) -> None:
-            if not bar.live.is_started:  # not before the arguments have been found to be good
-                stack.enter_context(bar)
-            bar.update(task, completed=done, total=total)
-
+    with progress_bar("audit") as show:
         document = run_campaign(
             list(laws) or list(LAWS), runs, searched, seed, workers=workers, progress=show
         )
@@ -70,7 +46,7 @@ def run(
 
 
 def run_again(law: str, case: str, seconds: float, picture: Path | None) -> dict[str, Any]:
-    """Run one case again, draw it on request, and return its description and result.
+    """Repeat one case, draw it on request, and return its description and result.
 
     Raises:
         ConfigError: If the law or the case is not known.

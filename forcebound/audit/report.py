@@ -37,7 +37,7 @@ search minimises the *share left*: the lowest ratio of the loss plus work to its
 {ranges}
 """
 
-#: Difficulties with a section of their own: what the paper's laws assume, and one step away.
+#: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
 ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
 
 
@@ -52,7 +52,7 @@ def page(document: dict[str, Any], command: str) -> str:
 
 
 def describe_ranges() -> str:
-    """Return what is drawn, in words, as a paragraph."""
+    """Return the ranges of the parameters, as a paragraph of text."""
 
     def ends(name: str, factor: float = 1.0) -> str:
         return f"{RANGES[name].low * factor:g} to {most(name, factor)}"

@@ -37,7 +37,7 @@ class Result(NamedTuple):
     energy_min: float  # J, lowest energy of the hand
     loss_and_work_min: float  # J, lowest loss plus motor work
     balance_min: float  # J, lowest balance of a plant step: the integrator's error
-    share_left: float  # lowest share left of what had been lost and worked; 1 if it was nothing
+    share_left: float  # lowest share left of the loss plus work so far; 1 if there was none
     time_of_min: float  # s, when loss plus work was lowest
     peak_force: float  # N
     case: Case
@@ -117,7 +117,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
 def replay(law: str, name: str | int, seconds: float) -> tuple[Result, Floats]:
     """Run a case again by its name; see :func:`attack` and :func:`forcebound.audit.case_of`.
 
-    Another length of the same name is the same run, cut.
+    The same name with other ``seconds`` is the same run, cut.
     """
     return attack(law, case_of(name, seconds))
 
@@ -137,7 +137,7 @@ LOST = 1  # the force of this sample did not arrive: the old one is commanded ag
 CORRUPTED = 2  # a random force arrived in its place
 
 
-def ask(case: Case, reading: float, velocity: float, chance: float) -> float:
+def answer_of(case: Case, reading: float, velocity: float, chance: float) -> float:
     """Return the force of the case's adversary, in N; ``chance`` is random in [-1, 1]."""
     if case.adversary == 0:
         return wall_force(reading, case.stiffness, case.surface)
@@ -265,12 +265,12 @@ def _kernel_of(law: str) -> Kernel:
             target_before, target = target, target_at(case, time)
             body, lowest = move(body, case, target_before, target, dt, axis.force)
             reading = read(case.sensor, body.x, body.v, case.resolution, noise[n])
-            # The environment sees readings, late; its answer may get lost or corrupted.
+            # The environment gets late readings; its answer may be lost or corrupted.
             slot = n % (case.delay + 1)
             history[slot, 0] = reading
             history[slot, 1] = (reading - axis.reading) / dt
             seen = (n + 1) % (case.delay + 1)
-            answer = ask(case, history[seen, 0], history[seen, 1], chances[n])
+            answer = answer_of(case, history[seen, 0], history[seen, 1], chances[n])
             commanded = command(case, answer, faults[n], chances[n], commanded)
             axis, memory, state, _ = bound(
                 axis, memory, state, reading, commanded, case.saturation, dt, device

@@ -2,8 +2,8 @@
 
 The covariance matrix adaptation evolution strategy (N. Hansen, "The CMA evolution strategy: a
 tutorial", arXiv:1604.00772) draws cases from a normal distribution and moves it towards those with
-the lowest objective. It gets one niche at a time, an adversary with a sensor, since these are not
-numbers that have neighbours; where it converges it begins anew elsewhere in its niche.
+the lowest objective. It searches one niche at a time, an adversary with a sensor, since these are
+not numbers with neighbours. After convergence it restarts at another point of its niche.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 
 NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
-GENERATION = 12  # cases that are compared with each other; Hansen's 4 + 3 ln(21)
+GENERATION = 12  # cases of one generation; Hansen's 4 + 3 ln(21)
 SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
 
@@ -37,11 +37,11 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
         law: A key of :data:`forcebound.bounding.LAWS`.
         niche: Index in :data:`NICHES`.
         runs: How many.
-        seed: Of the search; the same seed makes the same runs.
+        seed: Of the search; the same seed gives the same runs.
         seconds: Length of each run, in s.
 
     Raises:
-        ConfigError: If the package ``cma`` is not there.
+        ConfigError: If the package ``cma`` is not installed.
     """
     try:
         import cma
@@ -61,7 +61,7 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
                 "bounds": [0.0, 1.0],
                 "popsize": GENERATION,
                 "randn": lambda *shape: random.standard_normal(shape),
-                "seed": np.nan,  # ours decides; the package would seed numpy's global one
+                "seed": np.nan,  # randn decides; the package would seed numpy's global generator
                 "verbose": -9,
             },
         )

@@ -1,10 +1,10 @@
-"""Benchmarks: each measures its own limit in the same run, in turns, and reports the ratio.
+"""Benchmarks: each measures its reference in the same run, alternately, and reports the ratio.
 
-On a shared machine absolute times mean nothing, but ratios of neighbouring rounds do. The limit is
-the same work in C, or in bare pyzmq.
+On a shared machine absolute times mean nothing, but ratios of neighbouring rounds do. The reference
+is the same work in C or in bare pyzmq.
 
-To add a benchmark: write a module with ``run(duration, rate, progress)`` that returns what
-:func:`report` makes, and add one line to ``BENCHMARKS``; ``tests/test_benchmark.py`` then runs it.
+To add a benchmark, write a module with ``run(duration, rate, progress)`` that returns the result of
+:func:`forcebound.benchmark.figures.report`, and add one line to ``BENCHMARKS``.
 """
 
 import importlib
@@ -25,9 +25,9 @@ class Benchmark:
     """One benchmark.
 
     Attributes:
-        summary: What it measures, in one line.
+        summary: Its subject, in one line.
         module: Where its ``run`` is; imported when it runs.
-        duration: How long its contestants run together by default, in s.
+        duration: Default time of all contestants together, in s.
     """
 
     summary: str
@@ -40,7 +40,7 @@ class Benchmark:
         """Run it and return figures, limits, ratios, targets and conditions; fit for JSON.
 
         Args:
-            duration: Time for all contestants together, in s; starting them comes on top.
+            duration: Time of all contestants together, without their start, in s.
             rate: Ticks a second, in Hz.
             progress: Called with a line of progress on each measurement.
 
@@ -86,7 +86,7 @@ class Table:
 
 
 def tables(result: Result) -> list[Table]:
-    """Return what :meth:`Benchmark.run` measured as tables for people."""
+    """Return the result of :meth:`Benchmark.run` as tables for people."""
     return [
         Table(
             f"{result['benchmark']}: measured, in us",
@@ -94,7 +94,7 @@ def tables(result: Result) -> list[Table]:
             tuple(_measured(one) for one in result["contestants"].values()),
         ),
         Table(
-            f"{result['benchmark']}: against limits and targets",
+            f"{result['benchmark']}: against references and targets",
             ("", "here", "round by round", "target", "reached"),
             tuple(_judged(one) for one in result["comparisons"].values()),
         ),

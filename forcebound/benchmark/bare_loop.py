@@ -3,18 +3,17 @@
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
 ``environment`` answers. Frames are real packets as opaque bytes, encoded once; the last eight bytes
-are overwritten with the number of the tick, so that a late answer is never taken for the next one.
+are overwritten with the number of the tick, so that a late answer is never mistaken for the next.
 Nothing is decoded.
 
-The controller waits for the two streams in turn, which a real one cannot, and no process answers on
-a control socket: no faster way to use these sockets is known.
+The controller waits for the two streams alternately, which a real one cannot, and there are no
+control sockets: no faster way to use these sockets is known.
 
 With CORE -1 placement and scheduling are the kernel's. Otherwise they are set by the function that
 sets them for the real nodes (:func:`forcebound.realtime.enter`).
 """
 
 import os
-import signal
 import struct
 import sys
 import time
@@ -23,7 +22,7 @@ from typing import TypeAlias
 
 import zmq
 
-from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, write_times
+from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, Stopwatch, enter_contestant
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -33,7 +32,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
-from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
+from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 
 Send: TypeAlias = Callable[[bytes], object]
 Receive: TypeAlias = Callable[[], bytes]
@@ -59,22 +58,16 @@ def _sender(context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[P
     return lambda tick: send(head + tick)
 
 
-def _subscribe(
-    context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet], newest_only: bool
-) -> "zmq.Socket[bytes]":
-    socket = context.socket(zmq.SUB)
-    socket.linger = 0
-    socket.conflate = newest_only  # has no effect after connect
-    socket.rcvtimeo = TIMEOUT_NS // 1_000_000
-    socket.subscribe(b"")
-    socket.connect(f"ipc://{folder}/{TOPIC_OF[kind]}")
-    return socket
-
-
 def _receiver(
     context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]
 ) -> Receive:
-    receive = _subscribe(context, folder, kind, newest_only=True).recv
+    socket = context.socket(zmq.SUB)
+    socket.linger = 0
+    socket.conflate = True  # has no effect after connect
+    socket.rcvtimeo = TIMEOUT_NS // 1_000_000
+    socket.subscribe(b"")
+    socket.connect(f"ipc://{folder}/{TOPIC_OF[kind]}")
+    receive = socket.recv
     return lambda: receive()[-_TICK.size :]
 
 
@@ -118,12 +111,12 @@ def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
             sys.exit("the bare loop did not close: one of its processes is missing")
         number += 1
     times_ns: list[int] = []
-    missed = processor_ns = begin_ns = 0
+    missed, watch = 0, Stopwatch()
     next_ns = time.monotonic_ns() + period_ns
     for index in range(-WARMUP, count):
         if index == 0:
             times_ns.clear()
-            missed, processor_ns, begin_ns = 0, time.process_time_ns(), time.monotonic_ns()
+            missed, watch = 0, Stopwatch()
         wait_until(next_ns, _SPIN_NS)
         number += 1
         tick = _TICK.pack(number)
@@ -135,15 +128,12 @@ def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
         if arrived_ns is None or arrived_ns - sent_ns > period_ns:
             missed += 1
         next_ns += period_ns * max(1, 1 + (time.monotonic_ns() - next_ns) // period_ns)
-    write_times(
-        times_ns, missed, time.process_time_ns() - processor_ns, time.monotonic_ns() - begin_ns
-    )
+    watch.write_times(times_ns, missed)
 
 
 def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:
-    """Be one of the four processes; only the device ends by itself."""
-    die_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
+    """Run one of the three processes; only the device ends by itself."""
+    enter_contestant()
     if core >= 0:
         enter(Settings(policy=policy, core=core), role)
     context = zmq.Context()

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable
 from typing import Any
 
-from forcebound.benchmark.figures import Measured, beyond, plan
+from forcebound.benchmark.figures import Measured, beyond, plan, report
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.link_delay import LINKS
 from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
@@ -20,38 +20,25 @@ from forcebound.config.loader import load
 LAUNCH_FILE = "delayed_wall"
 OWN = "own"
 TARGETS_US = {"p50": 100.0, "p99": 500.0}
-SUPERSEDED = 4  # times as long at most: of packets that jitter reorders only the newest come
+SUPERSEDED = 4  # times as long at most, since of reordered packets only the newest arrive
 
 
 def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
-    surroundings = conditions()
-    settings = settings_of(load(LAUNCH_FILE))
+    surroundings = conditions(settings_of(load(LAUNCH_FILE)))
     contestants = {name: Measured(_label(name)) for name in LINKS}
     rounds, count = plan(duration, len(contestants), rate)
     for number in range(rounds):
         for name, measured in contestants.items():
             progress(f"round {number + 1} of {rounds}: {measured.label}")
             _round(name, rate, count, measured)
-    own = contestants.pop(OWN)
-    return {
-        "benchmark": "delay",
-        "duration_s": duration,
-        "rate_hz": rate,
-        "contestants": {OWN: own.summary()}
-        | {name: one.summary() for name, one in contestants.items()},
-        "comparisons": {
-            f"{name}_{share}": beyond(one, own, share, target)
-            for name, one in contestants.items()
-            for share, target in TARGETS_US.items()
-        },
-        "conditions": {
-            **surroundings,
-            "core": settings.core,
-            "policy_asked": settings.policy,
-            "deep_sleep": settings.deep_sleep,
-        },
+    comparisons = {
+        f"{name}_{share}": beyond(one, contestants[OWN], share, target)
+        for name, one in contestants.items()
+        for share, target in TARGETS_US.items()
+        if name != OWN
     }
+    return report("delay", duration, rate, contestants, comparisons, surroundings)
 
 
 def _label(name: str) -> str:

@@ -1,7 +1,7 @@
 """Figures of measured times: percentiles, and ratios of two contestants."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,10 +27,10 @@ def percentile(ordered: Sequence[int], share: float) -> int:
 
 @dataclass
 class Measured:
-    """What one contestant did in all its rounds.
+    """Times of one contestant in all its rounds.
 
     Attributes:
-        label: Who it is, for people.
+        label: Its name in tables.
         rounds: Its times, one list a round, in ns.
         missed: Ticks skipped, or left without an answer in time.
         processor_ns: Processor time used by its process, in ns.
@@ -44,7 +44,7 @@ class Measured:
     elapsed_ns: int = 0
 
     def add(self, times_ns: list[int], missed: int, processor_ns: int, elapsed_ns: int) -> None:
-        """Take in one round."""
+        """Add one round."""
         self.rounds.append(times_ns)
         self.missed += missed
         self.processor_ns += processor_ns
@@ -61,8 +61,11 @@ class Measured:
         Raises:
             ValueError: If it has no times.
         """
-        together = [time_ns for times_ns in self.rounds for time_ns in times_ns]
-        return percentile(sorted(together), SHARES[name])
+        return percentile(self.all_times(), SHARES[name])
+
+    def all_times(self) -> list[int]:
+        """Return the times of all rounds, in ns, in ascending order."""
+        return sorted(time_ns for times_ns in self.rounds for time_ns in times_ns)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures for a report: percentiles in us, and counts.
@@ -80,45 +83,33 @@ class Measured:
 
 
 def compare(ours: Measured, limit: Measured, name: str, target: float | None) -> dict[str, Any]:
-    """Return how a percentile of ours compares with that of the limit in the same run.
+    """Return how a percentile of ours compares with that of the reference in the same run.
 
     Args:
         ours: The contestant.
-        limit: What it is measured against; as many rounds, run in turns.
+        limit: Its reference; as many rounds, run alternately.
         name: A key of ``SHARES``.
         target: Largest ratio that is good enough; None: only for information.
 
     Returns:
         ``what``, ``value`` (the ratio over all rounds), ``unit``, ``lowest`` and ``highest`` (the
-        ratio of a round to the neighbouring round of the limit), ``target`` and ``reached``.
+        ratio of a round to the neighbouring round of the reference), ``target`` and ``reached``.
     """
 
-    def ratio(mine: float, other: float) -> float:
-        return max(mine, 1) / max(other, 1)  # a clock that did not move counts as 1 ns
+    def ratio(mine: list[int], other: list[int]) -> float:
+        # A clock that did not move counts as 1 ns.
+        return max(percentile(mine, SHARES[name]), 1) / max(percentile(other, SHARES[name]), 1)
 
-    share = SHARES[name]
-    neighbours = [
-        ratio(percentile(sorted(mine), share), percentile(sorted(other), share))
-        for mine, other in zip(ours.rounds, limit.rounds, strict=True)
-        if mine and other
-    ]
-    value = ratio(ours.at(name), limit.at(name))
-    return {
-        "what": f"{ours.label} / {limit.label}, {name.replace('_', '.')}",
-        "value": value,
-        "unit": "ratio",
-        "lowest": min(neighbours),
-        "highest": max(neighbours),
-        **_verdict(value, target),
-    }
+    what = f"{ours.label} / {limit.label}, {name.replace('_', '.')}"
+    return _against(ours, limit, ratio, judged=(what, "ratio", target))
 
 
 def beyond(ours: Measured, own: Measured, name: str, target_us: float | None) -> dict[str, Any]:
-    """Return how far a percentile of ours lies above the median of what there is anyway.
+    """Return the difference between a percentile of ours and the median of a baseline.
 
     Args:
         ours: The contestant.
-        own: What takes its time without anything injected; as many rounds, run in turns.
+        own: The baseline, without an injected delay; as many rounds, run alternately.
         name: A key of ``SHARES``.
         target_us: Largest difference that is good enough, in us; None: only for information.
 
@@ -126,49 +117,70 @@ def beyond(ours: Measured, own: Measured, name: str, target_us: float | None) ->
         As :func:`compare`, differences in us instead of ratios.
     """
 
-    def difference(mine: Sequence[int], other: Sequence[int]) -> float:
-        return (percentile(sorted(mine), SHARES[name]) - percentile(sorted(other), 0.5)) / 1e3
+    def difference(mine: list[int], other: list[int]) -> float:
+        return (percentile(mine, SHARES[name]) - percentile(other, 0.5)) / 1e3
 
-    neighbours = [
-        difference(mine, other)
-        for mine, other in zip(ours.rounds, own.rounds, strict=True)
-        if mine and other
+    what = f"{ours.label}, {name.replace('_', '.')} beyond {own.label}"
+    return _against(ours, own, difference, judged=(what, "us", target_us))
+
+
+def _against(
+    ours: Measured,
+    other: Measured,
+    relation: Callable[[list[int], list[int]], float],
+    judged: tuple[str, str, float | None],
+) -> dict[str, Any]:
+    """Judge the relation of all times, and add its extremes over the pairs of rounds."""
+    pairs = [
+        relation(sorted(mine), sorted(theirs))
+        for mine, theirs in zip(ours.rounds, other.rounds, strict=True)
+        if mine and theirs
     ]
-    value = (ours.at(name) - own.at("p50")) / 1e3
+    what, unit, target = judged
+    value = relation(ours.all_times(), other.all_times())
+    return judge(what, value, unit, target) | {"lowest": min(pairs), "highest": max(pairs)}
+
+
+def judge(
+    what: str, value: float, unit: str, target: float | None, at_least: bool = False
+) -> dict[str, Any]:
+    """Return a figure with its target, in the form of :func:`compare`.
+
+    With ``at_least`` a larger value is better.
+    """
+    judged = {"what": what, "value": value, "unit": unit, "target": target, "reached": None}
+    if target is not None:
+        judged["reached"] = value >= target if at_least else value <= target
+    return judged | ({"at_least": True} if at_least else {})
+
+
+def report(
+    benchmark: str,
+    duration: float,
+    rate: float,
+    contestants: Mapping[str, Measured],
+    comparisons: Mapping[str, Any],
+    conditions: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the result of a benchmark, fit for JSON; ``duration`` in s, ``rate`` in Hz."""
     return {
-        "what": f"{ours.label}, {name.replace('_', '.')} beyond {own.label}",
-        "value": value,
-        "unit": "us",
-        "lowest": min(neighbours),
-        "highest": max(neighbours),
-        **_verdict(value, target_us),
+        "benchmark": benchmark,
+        "duration_s": duration,
+        "rate_hz": rate,
+        "contestants": {name: one.summary() for name, one in contestants.items()},
+        "comparisons": dict(comparisons),
+        "conditions": dict(conditions),
     }
 
 
-def judge(what: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
-    """Return a figure with its target, in the form of :func:`compare`."""
-    return {"what": what, "value": value, "unit": unit, **_verdict(value, target)}
-
-
-def judge_speed(what: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
-    """Return a figure of which more is better, in the form of :func:`compare`."""
-    reached = None if target is None else value >= target
-    verdict = {"target": target, "reached": reached, "at_least": True}
-    return {"what": what, "value": value, "unit": unit, **verdict}
-
-
-def _verdict(value: float, target: float | None) -> dict[str, Any]:
-    return {"target": target, "reached": None if target is None else value <= target}
-
-
 def plan(duration: float, contestants: int, rate: float) -> tuple[int, int]:
-    """Share ``duration`` out: return the number of rounds and the ticks of a contestant in each.
+    """Divide ``duration``: return the number of rounds and the ticks of a contestant in each.
 
     A round is a second or a little more; short runs have one round. Never fewer than 20 ticks.
 
     Args:
         duration: Time for all contestants together, in s.
-        contestants: How many take turns.
+        contestants: Their number.
         rate: Ticks a second, in Hz.
     """
     each = duration / contestants

@@ -12,14 +12,13 @@ time when the decoded packet reaches the node. The round trip counts from the st
 """
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, write_times
+from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, Stopwatch, enter_contestant
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.launch.build import build_links, build_node
@@ -31,7 +30,6 @@ from forcebound.process import Runner, Stop, run
 from forcebound.realtime import (
     Settings,
     choose_core,
-    die_with_parent,
     enter,
     freeze_garbage,
     wait_until,
@@ -81,7 +79,7 @@ def drive(
     """
     period_ns, count = timing
     times_ns: list[int] = []
-    missed = processor_ns = begin_ns = 0
+    missed, watch = 0, Stopwatch()
     index = -WARMUP
     next_ns = time.monotonic_ns()
     ready_ns = next_ns + round(READY * 1e9)
@@ -89,7 +87,7 @@ def drive(
     while index < count:
         if index == 0:
             times_ns.clear()
-            missed, processor_ns, begin_ns = 0, time.process_time_ns(), time.monotonic_ns()
+            missed, watch = 0, Stopwatch()
         next_ns += period_ns
         node.wake_ns = next_ns
         runner.turn(wait_until(next_ns, spin_ns))
@@ -106,9 +104,7 @@ def drive(
             missed += 1
         next_ns += period_ns * max(0, (time.monotonic_ns() - next_ns) // period_ns)
         index += is_closed
-    write_times(
-        times_ns, missed, time.process_time_ns() - processor_ns, time.monotonic_ns() - begin_ns
-    )
+    watch.write_times(times_ns, missed)
 
 
 def settings_of(config: GraphConfig) -> Settings:
@@ -124,9 +120,8 @@ def settings_of(config: GraphConfig) -> Settings:
 
 
 def main(role: str, folder: Path, launch_file: str, period_ns: int, count: int) -> None:
-    """Be one of the three processes; only the device ends by itself."""
-    die_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
+    """Run one of the three processes; only the device ends by itself."""
+    enter_contestant()
     config = load(launch_file)
     settings = settings_of(config)
     stop = Stop()
@@ -138,7 +133,7 @@ def main(role: str, folder: Path, launch_file: str, period_ns: int, count: int) 
     runner = Runner(node, role, folder, build_links(config), Network(), settings.spin_ns)
     freeze_garbage()
     drive(runner, node, stop, settings.spin_ns, (period_ns, count))
-    os._exit(0)  # nothing of the sockets is worth waiting for
+    os._exit(0)  # without waiting for the sockets
 
 
 if __name__ == "__main__":

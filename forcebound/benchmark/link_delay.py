@@ -11,7 +11,6 @@ stepped with it, less the delay that the link drew for it.
 """
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from forcebound.benchmark.graph_loop import settings_of
-from forcebound.benchmark.workers import WARMUP, write_times
+from forcebound.benchmark.workers import WARMUP, Stopwatch, enter_contestant
 from forcebound.config.loader import load
 from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network.chances import Chances, Draws
@@ -29,7 +28,7 @@ from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.events import EventLog
 from forcebound.process import Runner, Stop, run
-from forcebound.realtime import die_with_parent, enter, freeze_garbage
+from forcebound.realtime import enter, freeze_garbage
 
 TOPIC = "environment_query"
 
@@ -79,10 +78,10 @@ class SenderNode(Node):
 
 
 class WatchedLink(Link[Packet]):
-    """A link that records the delay that it adds to each packet.
+    """A link that records the delay added to each packet.
 
     Attributes:
-        added_ns: By ``seq``, in ns, of packets that were not taken yet.
+        added_ns: By ``seq``, in ns, for packets not yet taken.
     """
 
     def __init__(self, impairment: Impairment) -> None:
@@ -101,7 +100,7 @@ class ReceiverNode(Node):
 
     Attributes:
         times_ns: From sending to the node, less what the link added, in ns.
-        missed: Packets for which a newer one was there already; not those that jitter overtook.
+        missed: Packets replaced by a newer one before they were read, except by jitter.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
@@ -113,8 +112,7 @@ class ReceiverNode(Node):
         self.events = EventLog("environment")
         self.times_ns: list[int] = []
         self.missed = 0
-        self.began_ns = 0
-        self._processor_ns = 0
+        self._watch = Stopwatch()
         self._left = WARMUP + count
         self._count = count
         self._stop = stop
@@ -130,7 +128,7 @@ class ReceiverNode(Node):
             added_ns = 0 if self._link is None else self._link.added_ns.pop(packet.seq)
             self._left -= 1
             if self._left == self._count:
-                self._begin(packet.seq, now_ns)
+                self._watch, self._last = Stopwatch(), packet.seq
             elif self._left < self._count:
                 self._count_missed(packet.seq)
                 self.times_ns.append(now_ns - packet.time_ns - added_ns)
@@ -139,17 +137,8 @@ class ReceiverNode(Node):
         return []
 
     def finish(self) -> None:
-        """Hand the times to the benchmark."""
-        write_times(
-            self.times_ns,
-            self.missed,
-            time.process_time_ns() - self._processor_ns,
-            time.monotonic_ns() - self.began_ns,
-        )
-
-    def _begin(self, seq: int, now_ns: int) -> None:
-        self.began_ns, self._processor_ns = now_ns, time.process_time_ns()
-        self._last = seq
+        """Write the times for the benchmark."""
+        self._watch.write_times(self.times_ns, self.missed)
 
     def _count_missed(self, seq: int) -> None:
         if self._link is None:
@@ -158,7 +147,7 @@ class ReceiverNode(Node):
 
 
 def main(role: str, folder: Path, launch_file: str, link: str, timing: tuple[int, int]) -> None:
-    """Be one of the two processes; only the receiver (``environment``) ends by itself.
+    """Run one of the two processes; only the receiver (``environment``) ends by itself.
 
     Args:
         role: ``"controller"`` sends, ``"environment"`` receives.
@@ -167,8 +156,7 @@ def main(role: str, folder: Path, launch_file: str, link: str, timing: tuple[int
         link: A key of :data:`LINKS`.
         timing: Period in ns, and number of packets that count.
     """
-    die_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
+    enter_contestant()
     settings = settings_of(load(launch_file))
     period_ns, count = timing
     stop = Stop()
@@ -185,7 +173,7 @@ def main(role: str, folder: Path, launch_file: str, link: str, timing: tuple[int
     freeze_garbage()
     runner.run(stop)
     node.finish()
-    os._exit(0)  # nothing of the sockets is worth waiting for
+    os._exit(0)  # without waiting for the sockets
 
 
 if __name__ == "__main__":

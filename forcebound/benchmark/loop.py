@@ -1,7 +1,7 @@
 """Benchmark of the four-hop loop: the real graph against bare pyzmq.
 
-Device, controller, environment, controller, device. Contestants, in turns, a fresh set of processes
-for each round:
+Device, controller, environment, controller, device. Contestants run alternately, with fresh
+processes for each round:
 
 1. ``graph``: the nodes of the launch file, as the launcher places and schedules them
    (:mod:`forcebound.benchmark.graph_loop`);
@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Callable
 from typing import Any
 
-from forcebound.benchmark.figures import Measured, compare, judge, plan
+from forcebound.benchmark.figures import Measured, compare, judge, plan, report
 from forcebound.benchmark.graph_loop import settings_of
 from forcebound.benchmark.workers import READY, WARMUP, collect, conditions, module, started
 from forcebound.config.loader import load
@@ -34,8 +34,8 @@ TARGETS: dict[str, dict[str, float | None]] = {
 
 def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run the benchmark; see :meth:`forcebound.benchmark.Benchmark.run`."""
-    surroundings = conditions()
     settings = settings_of(load(LAUNCH_FILE))
+    surroundings = conditions(settings)
     core = -1 if settings.core is None else settings.core
     contestants = {
         "graph": Measured(f"graph of {LAUNCH_FILE}"),
@@ -44,43 +44,23 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
     }
     rounds, count = plan(duration, len(contestants), rate)
     timing = (round(1e9 / rate), count)
-    bare = (core, settings.policy, *timing)
-    # module, roles, arguments after the folder
-    rest: dict[str, tuple[str, tuple[str, ...], tuple[object, ...]]] = {
-        "graph": ("graph_loop", NODES, (LAUNCH_FILE, *timing)),
-        "bare": ("bare_loop", NODES, bare),
-        "default": ("bare_loop", NODES, (-1, "other", *timing)),
+    programs: dict[str, tuple[str, tuple[object, ...]]] = {  # module, arguments after the folder
+        "graph": ("graph_loop", (LAUNCH_FILE, *timing)),
+        "bare": ("bare_loop", (core, settings.policy, *timing)),
+        "default": ("bare_loop", (-1, "other", *timing)),
     }
     takes = READY + (WARMUP + count) / rate
     for number in range(rounds):
         for name, measured in contestants.items():
             progress(f"round {number + 1} of {rounds}: {measured.label}")
-            _round(*rest[name], takes, measured)
-    return {
-        "benchmark": "loop",
-        "duration_s": duration,
-        "rate_hz": rate,
-        "contestants": {name: one.summary() for name, one in contestants.items()},
-        "comparisons": _compare(contestants),
-        "conditions": {
-            **surroundings,
-            "core": settings.core,
-            "policy_asked": settings.policy,
-            "deep_sleep": settings.deep_sleep,
-        },
-    }
+            _round(*programs[name], takes, measured)
+    return report("loop", duration, rate, contestants, _compare(contestants), surroundings)
 
 
-def _round(
-    name: str,
-    roles: tuple[str, ...],
-    arguments: tuple[object, ...],
-    takes: float,
-    measured: Measured,
-) -> None:
+def _round(name: str, arguments: tuple[object, ...], takes: float, measured: Measured) -> None:
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="forcebound-"))
-        *others, device = (module(name, role, folder, *arguments) for role in roles)
+        *others, device = (module(name, role, folder, *arguments) for role in NODES)
         for command in others:
             stack.enter_context(started(command))
         collect(device, takes, measured)

@@ -5,34 +5,31 @@
     python -m forcebound.benchmark.pacing CORE POLICY PERIOD_NS COUNT
 """
 
-import signal
 import sys
 import time
 
-from forcebound.benchmark.workers import WARMUP, write_times
-from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
+from forcebound.benchmark.workers import WARMUP, Stopwatch, enter_contestant
+from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 
 
 def main(core: int, policy: str, period_ns: int, count: int) -> None:
     """Wake up ``count`` times and write each lateness to standard output."""
-    die_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
+    enter_contestant()
     settings = Settings(policy=policy, core=core)
     enter(settings, "device")
     freeze_garbage()
     spin_ns = settings.spin_ns
     late_ns = [0] * (WARMUP + count)
-    skipped = processor_ns = begin_ns = 0
+    skipped, watch = 0, Stopwatch()
     next_ns = time.monotonic_ns() + period_ns
     for index in range(WARMUP + count):
         if index == WARMUP:
-            skipped, processor_ns, begin_ns = 0, time.process_time_ns(), time.monotonic_ns()
+            skipped, watch = 0, Stopwatch()
         late = wait_until(next_ns, spin_ns) - next_ns
         late_ns[index] = late
         skipped += late // period_ns
         next_ns += period_ns * (1 + late // period_ns)
-    processor_ns = time.process_time_ns() - processor_ns
-    write_times(late_ns[WARMUP:], skipped, processor_ns, time.monotonic_ns() - begin_ns)
+    watch.write_times(late_ns[WARMUP:], skipped)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from forcebound.benchmark.figures import Measured, compare, judge, plan
+from forcebound.benchmark.figures import Measured, compare, judge, plan, report
 from forcebound.benchmark.workers import (
     READY,
     WARMUP,
@@ -51,14 +51,9 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
             for each_rate in dict.fromkeys((rate, FAST_RATE))
         }
     contestants = {name: one for pair in pairs.values() for name, one in pair.items()} | ticks
-    return {
-        "benchmark": "servo",
-        "duration_s": duration,
-        "rate_hz": rate,
-        "contestants": {name: one.summary() for name, one in contestants.items()},
-        "comparisons": _compare_wake_ups(pairs) | _judge_ticks(ticks, rate),
-        "conditions": {**surroundings, "core": core, "tick_policy": policy},
-    }
+    comparisons = _compare_wake_ups(pairs) | _judge_ticks(ticks, rate)
+    surroundings |= {"core": core, "tick_policy": policy}
+    return report("servo", duration, rate, contestants, comparisons, surroundings)
 
 
 def _wake_ups(

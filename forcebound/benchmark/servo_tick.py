@@ -11,14 +11,13 @@ receive, decode, read, chain, bound, write and publish the telemetry. The waits 
 """
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from forcebound.benchmark.workers import READY, WARMUP, write_times
+from forcebound.benchmark.workers import READY, WARMUP, Stopwatch, enter_contestant
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
@@ -28,7 +27,7 @@ from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
 from forcebound.nodes.events import EventLog
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.process import Runner, Stop, run
-from forcebound.realtime import Settings, die_with_parent, enter, freeze_garbage, wait_until
+from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
 
 
 class AnswerNode(Node):
@@ -66,13 +65,12 @@ def drive(runner: Runner, node: DeviceNode, spin_ns: int, count: int) -> None:
     """
     durations_ns: list[int] = []
     index = -WARMUP
-    missed = processor_ns = begin_ns = 0
+    missed, watch = 0, Stopwatch()
     deadline_ns = time.monotonic_ns() + round(READY * 1e9)
     while index < count:
         if index == 0:
             durations_ns.clear()
-            missed = node.deadline_misses
-            processor_ns, begin_ns = time.process_time_ns(), time.monotonic_ns()
+            missed, watch = node.deadline_misses, Stopwatch()
         begun_ns = wait_until(node.wake_ns, spin_ns)  # to read and publish the state
         runner.turn(begun_ns)
         spent_ns = time.monotonic_ns() - begun_ns
@@ -83,18 +81,12 @@ def drive(runner: Runner, node: DeviceNode, spin_ns: int, count: int) -> None:
             index += 1
         elif begun_ns > deadline_ns:
             sys.exit("the servo got no answer: the answering process is missing")
-    write_times(
-        durations_ns,
-        node.deadline_misses - missed,
-        time.process_time_ns() - processor_ns,
-        time.monotonic_ns() - begin_ns,
-    )
+    watch.write_times(durations_ns, node.deadline_misses - missed)
 
 
 def main(role: str, folder: Path, core: int, policy: str, period_ns: int, count: int) -> None:
-    """Be one of the two processes; only the device ends by itself."""
-    die_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the benchmark ends it
+    """Run one of the two processes; only the device ends by itself."""
+    enter_contestant()
     settings = Settings(policy=policy, core=core)
     if role == "controller":
         run(AnswerNode(), role, folder, {}, settings, Stop())
@@ -107,7 +99,7 @@ def main(role: str, folder: Path, core: int, policy: str, period_ns: int, count:
     node.engage()
     freeze_garbage()
     drive(runner, node, settings.spin_ns, count)
-    os._exit(0)  # nothing of the sockets is worth waiting for
+    os._exit(0)  # without waiting for the sockets
 
 
 if __name__ == "__main__":

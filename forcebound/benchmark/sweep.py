@@ -7,22 +7,20 @@ without contraction must give the kernel's numbers to the last bit; it is compar
 """
 
 import ctypes
-import shutil
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.benchmark.figures import Measured, compare, judge, judge_speed
-from forcebound.benchmark.workers import conditions
+from forcebound.benchmark.figures import Measured, compare, judge, report
+from forcebound.benchmark.workers import compile_c, compiler, conditions
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
@@ -62,38 +60,32 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
             _race(by_kernel, by_c, threads, duration / 2, rate, progress)
             for threads in dict.fromkeys((1, cores))
         ]
-    contestants: dict[str, Any] = {}
+    contestants: dict[str, Measured] = {}
     comparisons: dict[str, Any] = {}
     for threads, ours, limit in pairs:
         name = f"threads_{threads}"
-        contestants |= {f"kernel_{name}": ours.summary(), f"c_{name}": limit.summary()}
+        contestants |= {f"kernel_{name}": ours, f"c_{name}": limit}
         comparisons |= _judged(name, threads, ours, limit)
     comparisons["difference"] = judge("kernel - C, largest difference", difference, "", 0.0)
-    return {
-        "benchmark": "sweep",
-        "duration_s": duration,
-        "rate_hz": rate,
-        "contestants": contestants,
-        "comparisons": comparisons,
-        "conditions": {
-            **surroundings,
-            "width": WIDTH,
-            "substeps": SUBSTEPS,
-            "compiler": _compiler_version(),
-            "flags": list(FLAGS),
-            "a block": f"{WIDTH} simulations of {SECONDS:g} s at {rate:g} Hz",
-        },
+    surroundings |= {
+        "width": WIDTH,
+        "substeps": SUBSTEPS,
+        "compiler": _compiler_version(),
+        "flags": list(FLAGS),
+        "a block": f"{WIDTH} simulations of {SECONDS:g} s at {rate:g} Hz",
     }
+    return report("sweep", duration, rate, contestants, comparisons, surroundings)
 
 
 def _judged(name: str, threads: int, ours: Measured, limit: Measured) -> dict[str, Any]:
     ratio = compare(limit, ours, "p50", None)  # time of C over ours: our speed in that of C
-    ratio |= judge_speed(f"speed / C, {_threads(threads)}", ratio["value"], "ratio", RATIO_TARGET)
+    what = f"speed / C, {_threads(threads)}"
+    ratio |= judge(what, ratio["value"], "ratio", RATIO_TARGET, at_least=True)
     speed = WIDTH * SECONDS / (ours.at("p50") * 1e-9)
     what = f"times real time on each core, {_threads(threads)}"
     return {
         f"{name}_ratio": ratio,
-        f"{name}_real_time": judge_speed(what, speed, "times", REAL_TIME_TARGET),
+        f"{name}_real_time": judge(what, speed, "times", REAL_TIME_TARGET, at_least=True),
     }
 
 
@@ -127,7 +119,7 @@ def _race(
     rate: float,
     progress: Callable[[str], None],
 ) -> tuple[int, Measured, Measured]:
-    """Let both run in turns; each thread has a block of its own."""
+    """Run both alternately; each thread has a block of its own."""
     blocks = [_block(rate) for _ in range(threads)]
     pair = (
         (ours, Measured(f"block, kernel, {_threads(threads)}")),
@@ -168,30 +160,15 @@ def _round(
     measured.add(times, 0, time.process_time_ns() - processor, elapsed)
 
 
-def _compiler() -> str:
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        raise RunError("no C compiler (gcc, cc) on PATH; for example: apt install gcc")
-    return compiler
-
-
 def _compiler_version() -> str:
-    out = subprocess.run([_compiler(), "--version"], capture_output=True, text=True)
+    out = subprocess.run([compiler(), "--version"], capture_output=True, text=True)
     return out.stdout.partition("\n")[0]
 
 
 def _library(folder: Path, name: str, flags: Sequence[str]) -> Run:
-    """Return ``sweep.c``, built with ``flags`` on top."""
-    path = folder / f"{name}.so"
-    width = f"-DWIDTH={WIDTH}"
-    with resources.as_file(resources.files("forcebound.benchmark").joinpath("sweep.c")) as source:
-        command = [_compiler(), *FLAGS, *flags, width, "-shared", "-fPIC"]
-        built = subprocess.run(
-            [*command, "-o", str(path), str(source), "-lm"], capture_output=True, text=True
-        )
-    if built.returncode:
-        raise RunError(f"{command[0]} could not build sweep.c:\n{built.stderr.strip()}")
-    function = ctypes.CDLL(str(path)).run
+    """Return the function of ``sweep.c``, built with additional ``flags``."""
+    flags = (*FLAGS, *flags, f"-DWIDTH={WIDTH}", "-shared", "-fPIC")
+    function = ctypes.CDLL(str(compile_c("sweep.c", folder, f"{name}.so", flags))).run
     function.restype = None
 
     def pointer(array: NDArray[Any]) -> ctypes.c_void_p:

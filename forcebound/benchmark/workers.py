@@ -1,16 +1,18 @@
 """Contestants of a benchmark as processes, and the conditions of the machine.
 
-Each contestant is a process that is started and ended by its handle. It writes its times to
-standard output as int64 (:func:`write_times`); the last three are the number of misses, the
-processor time and the elapsed time, both in ns.
+Each contestant is a process. It writes its times to standard output as int64
+(:meth:`Stopwatch.write_times`); the last three numbers are the misses, the processor time and the
+elapsed time, both in ns.
 """
 
 import contextlib
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from array import array
 from collections.abc import Iterator, Sequence
 from importlib import metadata, resources
@@ -20,6 +22,7 @@ from typing import Any
 from forcebound.benchmark.figures import Measured
 from forcebound.errors import RunError
 from forcebound.processes import PROCESSES
+from forcebound.realtime import Settings, die_with_parent
 
 WARMUP = 100  # ticks of each round before the first that counts
 READY = 10.0  # s for the processes of a contestant to start and find each other
@@ -27,15 +30,29 @@ TIMEOUT_NS = 100_000_000  # an answer that takes longer counts as lost
 _GRACE = 10.0  # s beyond its planned duration before a contestant counts as hung
 
 
-def write_times(times_ns: Sequence[int], missed: int, processor_ns: int, elapsed_ns: int) -> None:
-    """Hand the results of one round to the benchmark that started this process."""
-    values = array("q", [*times_ns, missed, processor_ns, elapsed_ns])
-    sys.stdout.buffer.write(values.tobytes())
-    sys.stdout.buffer.flush()
+def enter_contestant() -> None:
+    """Let this process end with the benchmark that started it, also on Ctrl-C there."""
+    die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class Stopwatch:
+    """Processor time and elapsed time of one round, from the creation of the object."""
+
+    def __init__(self) -> None:
+        self._processor_ns, self._began_ns = time.process_time_ns(), time.monotonic_ns()
+
+    def write_times(self, times_ns: Sequence[int], missed: int) -> None:
+        """Write the results of the round for the benchmark that started this process."""
+        processor_ns = time.process_time_ns() - self._processor_ns
+        elapsed_ns = time.monotonic_ns() - self._began_ns
+        values = array("q", [*times_ns, missed, processor_ns, elapsed_ns])
+        sys.stdout.buffer.write(values.tobytes())
+        sys.stdout.buffer.flush()
 
 
 def read_times(data: bytes, measured: Measured) -> None:
-    """Add what :func:`write_times` wrote to ``measured``.
+    """Add the output of :meth:`Stopwatch.write_times` to ``measured``.
 
     Raises:
         RunError: If ``data`` is not such a row of numbers.
@@ -97,26 +114,37 @@ def _name(command: list[str]) -> str:
     return " ".join(command[1:3] if command[0] == sys.executable else command[:1])
 
 
-def compile_c(source: str, folder: Path) -> Path:
-    """Compile a C file of this package with ``cc -O2`` and return the program.
+def compile_c(source: str, folder: Path, name: str = "", flags: Sequence[str] = ("-O2",)) -> Path:
+    """Compile a C file of this package and return the program or library.
+
+    Args:
+        source: Name of the file.
+        folder: Folder for the result.
+        name: Name of the result; empty: that of the file, without its ending.
+        flags: Options of the compiler.
 
     Raises:
-        RunError: If there is no C compiler or it refused.
+        RunError: If there is no C compiler, or if it fails.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        raise RunError(
-            f"no C compiler (cc, gcc, clang) on PATH to build the limit {source}; "
-            "install one, for example with: apt install gcc"
-        )
-    program = folder / Path(source).stem
+    target = folder / (name or Path(source).stem)
+    command = [compiler(), *flags, "-o", str(target)]
     with resources.as_file(resources.files("forcebound.benchmark").joinpath(source)) as path:
-        built = subprocess.run(
-            [compiler, "-O2", "-o", str(program), str(path)], capture_output=True, text=True
-        )
+        built = subprocess.run([*command, str(path), "-lm"], capture_output=True, text=True)
     if built.returncode:
-        raise RunError(f"{compiler} could not build {source}:\n{built.stderr.strip()}")
-    return program
+        raise RunError(f"{command[0]} could not build {source}:\n{built.stderr.strip()}")
+    return target
+
+
+def compiler() -> str:
+    """Return the path of a C compiler.
+
+    Raises:
+        RunError: If there is none.
+    """
+    path = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
+    if path is None:
+        raise RunError("no C compiler (gcc, cc, clang) on PATH; for example: apt install gcc")
+    return path
 
 
 def permitted_policies() -> list[str]:
@@ -127,9 +155,16 @@ def permitted_policies() -> list[str]:
     return ["other"] if tried.returncode else ["other", "fifo"]
 
 
-def conditions() -> dict[str, Any]:
-    """Return on what the figures depend: machine, kernel, versions, permissions, load."""
-    return {
+def conditions(settings: Settings | None = None) -> dict[str, Any]:
+    """Return the conditions of the figures: machine, kernel, versions, permissions, load.
+
+    With ``settings``, also the real-time settings of the contestants.
+    """
+    chosen: dict[str, Any] = {}
+    if settings is not None:
+        chosen = {"core": settings.core, "policy_asked": settings.policy}
+        chosen["deep_sleep"] = settings.deep_sleep
+    return chosen | {
         "cores": sorted(os.sched_getaffinity(0)),
         "kernel": f"{platform.system()} {platform.release()} {platform.machine()}",
         "policies": permitted_policies(),

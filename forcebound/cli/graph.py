@@ -56,12 +56,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
 
 @click.command()
 @click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
-@file_option(
-    "-o",
-    "--output",
-    metavar="TRACE.csv",
-    help="Write the delays as a trace for a link.",
-)
+@file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")
 @json_option
 @reports_errors

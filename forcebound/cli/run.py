@@ -118,9 +118,7 @@ def node(
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
 @file_option(
-    "-o",
-    "--output",
-    help="Picture file, .png or .svg. Default: name of the first recording, .png.",
+    "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
 )
 @json_option
 @reports_errors

@@ -65,11 +65,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-@file_option(
-    "--out",
-    metavar="REPORT.md",
-    help="Write the report to this file.",
-)
+@file_option("--out", metavar="REPORT.md", help="Write the report to this file.")
 @json_option
 @click.pass_context
 @reports_errors
@@ -104,11 +100,7 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@file_option(
-    "--out",
-    metavar="RUN.png",
-    help="Draw the run to this file, .png or .svg.",
-)
+@file_option("--out", metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
@@ -152,11 +144,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.command()
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
-@file_option(
-    "-o",
-    "--output",
-    help="Parquet file to write. Default: name of the sweep file.",
-)
+@file_option("-o", "--output", help="Parquet file to write. Default: name of the sweep file.")
 @click.option(
     "--workers", type=click.IntRange(min=1), help="Number of processes. Default: one per core."
 )
@@ -206,9 +194,7 @@ def sweep(
 @click.command("map")
 @click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
 @file_option(
-    "-o",
-    "--output",
-    help="Picture file, .png or .svg. Default: name of the result, .png.",
+    "-o", "--output", help="Picture file, .png or .svg. Default: name of the result, .png."
 )
 @reports_errors
 def draw_map(result: Path, output: Path | None) -> None:

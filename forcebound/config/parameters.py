@@ -32,9 +32,7 @@ def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
         for name, value in link.items()
     }
     environment = document["environment"]
-    return found | {
-        f"environment.{name}": value for name, value in environment.items() if name != "kind"
-    }
+    return found | {f"environment.{n}": v for n, v in environment.items() if n != "kind"}
 
 
 def differences(
@@ -42,11 +40,7 @@ def differences(
 ) -> dict[str, Any]:
     """Return the parameters of ``new`` that ``old`` does not have with this value."""
     before = parameters(old)
-    return {
-        name: value
-        for name, value in parameters(new).items()
-        if name not in before or value != before[name]
-    }
+    return {n: v for n, v in parameters(new).items() if n not in before or v != before[n]}
 
 
 def unknown_parameter(name: str, config: GraphConfig) -> str:

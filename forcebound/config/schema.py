@@ -148,35 +148,29 @@ def reference_page() -> str:
 
 def _lines() -> Iterator[str]:
     yield from _rows(GraphConfig, RUN_KEYS)
-    beside = {
-        "device": (ServoSettings, None, "Beside the keys of its kind, those of the servo:"),
-        "environment": (EnvironmentConfig, COMPUTATION, "Beside the keys of its kind:"),
-    }
     for section, table in KINDS.items():
         yield from ("", f"## `{section}`")
-        if section in beside:
-            kind, names, words = beside[section]
-            yield from ("", words)
-            yield from _table(kind, names)
+        if section == "device":
+            yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
+        elif section == "environment":
+            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", COMPUTATION)
         for name in sorted(table):
-            yield from ("", f"### `kind: {name}`", "", _summary(table[name]))
-            yield from _table(table[name])
+            yield from ("", f"### `kind: {name}`", *_table(table[name]))
     topics = ", ".join(f"`{topic}`" for topic in LINKS)
-    yield from ("", "## `links`", "", f"By topic: {topics}. A topic that is not named is perfect.")
-    yield from _table(Impairment)
+    words = f"By topic: {topics}. A topic that is not named is perfect."
+    yield from ("", "## `links`", *_table(Impairment, words))
     for key, part in (("gemodel", GilbertElliott), ("slot", Slot), ("outages", Outage)):
-        yield from ("", f"### `{key}`", "", _summary(part))
-        yield from _table(part)
+        yield from ("", f"### `{key}`", *_table(part))
     for section, settings in (("realtime", RealtimeConfig), ("remote", RemoteConfig)):
-        yield from ("", f"## `{section}`", "", _summary(settings))
-        yield from _table(settings)
-    yield from ("", "## `phases`", "", "A list; the run is as long as its phases.")
-    yield from _table(PhaseHead)
+        yield from ("", f"## `{section}`", *_table(settings))
+    yield from ("", "## `phases`", *_table(PhaseHead, "A list; the run is as long as its phases."))
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
 
 
-def _table(kind: type, names: tuple[str, ...] | None = None) -> Iterator[str]:
+def _table(kind: type, words: str = "", names: tuple[str, ...] | None = None) -> Iterator[str]:
+    """The keys of a dataclass, beneath some words or its own summary."""
     rows = list(_rows(kind, names))
+    yield from ("", words or _summary(kind))
     if rows:
         yield from ("", *_COLUMNS, *rows)
 

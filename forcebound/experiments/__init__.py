@@ -3,8 +3,8 @@
 The paper is "An enhanced force bounding approach for stable haptic interaction by
 including friction", International Journal of Precision Engineering and Manufacturing 18(6), 2017.
 
-To add an experiment: write ``my_experiment.py`` with a function ``run(runs) -> Outcome`` and add
-one line to ``EXPERIMENTS``; ``tests/test_reproduce.py`` then covers it.
+To add an experiment, write ``my_experiment.py`` with a function ``run(runs) -> Outcome`` and add
+one line to ``EXPERIMENTS``.
 """
 
 from collections.abc import Callable

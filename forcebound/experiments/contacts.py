@@ -22,7 +22,7 @@ from forcebound.experiments.setup import (
     command,
     wall_command,
 )
-from forcebound.experiments.table1 import COLUMNS, PAPER, WORDS
+from forcebound.experiments.table1 import WORDS, paper_value
 
 PANELS = ("position", "force", "contact", "energy", "force_over_penetration")
 
@@ -35,7 +35,11 @@ class TimeVaryingWall:
 
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
-        contacts = {law: self._contact(runs, law) for law in (self.law, *CERTIFIED)}
+        arguments = {
+            law: ("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
+            for law in (self.law, *CERTIFIED)
+        }
+        contacts = {law: runs.contact(*words) for law, words in arguments.items()}
         numbers = [
             Number("applied over commanded force, mean in contact", "1", shown(contact), paper, law)
             for (law, contact), paper in zip(contacts.items(), (1.0, None, None), strict=True)
@@ -43,23 +47,17 @@ class TimeVaryingWall:
         numbers += minimum_energies(contacts)
         unreduced = [law for law, contact in contacts.items() if shown(contact) > 0.9999]
         return Outcome(
-            title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {_words(self.law)}",
+            title=f"time-varying wall, 0.3 N/mm + 0.06 N/mm per second, {PAPER_LAWS[self.law]}",
             paper="The full stiffness of the wall: the bounder is never active.",
             finding=f"Never reduced by the bounder: {', '.join(unreduced) or 'none'}.",
             numbers=numbers,
             drawing=_draw(contacts),
-            commands=[self._command(law) for law in contacts],
+            commands=[command(*words) for words in arguments.values()],
         )
 
-    def _contact(self, runs: Runs, law: str) -> Contact:
-        return runs.contact("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
 
-    def _command(self, law: str) -> str:
-        return command("paper_time_varying_wall", f"law:={law}", *HIGH.arguments)
-
-
-# The paper states neither the speed nor the depth of its Fig. 7. At low speed with a press of this
-# depth the oscillation stays below the motor's largest force, which would bound its energy.
+# The paper states neither speed nor depth of its Fig. 7. At low speed with this target the
+# oscillation stays below the motor's largest force, which would bound its energy.
 UNBOUNDED = Approach("low", LOW.speed, LOW.way, target=0.003)
 
 
@@ -102,22 +100,18 @@ class StiffWall:
 
     def run(self, runs: Runs) -> Outcome:
         """Reproduce the figure."""
-        approach: Approach = SPEEDS[self.speed]
+        speed, approach = self.speed, SPEEDS[self.speed]
         contacts = {law: runs.wall(law, approach) for law in (self.law, *CERTIFIED)}
-        numbers: list[Number] = []
-        for quantity in WORDS:
-            for law, contact in contacts.items():
-                paper = None
-                if law in PAPER:
-                    paper = PAPER[law][COLUMNS.index((quantity, self.speed))]
-                numbers.append(
-                    Number(WORDS[quantity], "N/mm", getattr(contact, quantity), paper, law)
-                )
+        numbers = [
+            Number(words, "N/mm", getattr(contact, key), paper_value(law, key, speed), law)
+            for key, words in WORDS.items()
+            for law, contact in contacts.items()
+        ]
         bounces = {law: contact.bounces for law, contact in contacts.items()}
         numbers += by_law("contact bounces", "1", bounces)
         numbers += minimum_energies(contacts)
         return Outcome(
-            title=f"wall of 10 N/mm at {self.speed} speed, {_words(self.law)}",
+            title=f"wall of 10 N/mm at {speed} speed, {PAPER_LAWS[self.law]}",
             paper=PAPER_SHOWS[self.law],
             finding=(
                 f"Contact bounces: {bounces[self.law]}; with the certified law "
@@ -130,7 +124,7 @@ class StiffWall:
 
 
 PAPER_SHOWS = {
-    "less_conservative_viscous": "Stable; oscillates after contact, on losses of free motion.",
+    "less_conservative_viscous": "Stable; oscillates after contact, with losses of free motion.",
     "less_conservative": "Much stiffer than with viscous damping only; severe oscillations.",
     "aol": "Very similar to the less conservative law, also with oscillations.",
     "more_conservative": "No severe oscillation: no memory; softer.",
@@ -152,10 +146,6 @@ def minimum_energies(contacts: Mapping[str, Contact]) -> list[Number]:
     """Return the minimum energy of each law's run."""
     energies = {law: contact.lowest_energy for law, contact in contacts.items()}
     return by_law("minimum energy (ground truth)", "mJ", energies)
-
-
-def _words(law: str) -> str:
-    return PAPER_LAWS.get(law, law)
 
 
 def _draw(contacts: dict[str, Contact]) -> Figure:

@@ -72,8 +72,13 @@ def draw_row(axes: Axes, row: Row) -> None:
         axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
     axes.set_ylabel(row.label, fontsize=9)
-    axes.set_xlabel(row.x_label, fontsize=9)
+    style_axes(axes, row.x_label)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)
+
+
+def style_axes(axes: Axes, x_label: str) -> None:
+    """Label the x axis, and set grid, spines and size of the tick labels."""
+    axes.set_xlabel(x_label, fontsize=9)
     axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=8)
-    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)

@@ -6,7 +6,7 @@ import numpy as np
 
 from forcebound.experiments.contacts import minimum_energies
 from forcebound.experiments.drawing import Line, Row, draw_rows
-from forcebound.experiments.outcome import Number, Outcome
+from forcebound.experiments.outcome import Number, Outcome, by_law
 from forcebound.experiments.setup import CERTIFIED, Contact, Runs, command
 
 LAWS = ("less_conservative", "aol", "more_conservative", *CERTIFIED)
@@ -16,16 +16,15 @@ def run(runs: Runs) -> Outcome:
     """Reproduce the figure."""
     contacts = {law: runs.contact("palpation", f"law:={law}") for law in LAWS}
     peaks = {law: peak_forces(contact) for law, contact in contacts.items()}
-    numbers = [
-        Number("displayed stiffness, mean in contact", "N/mm", mean_stiffness(contact), None, law)
-        for law, contact in contacts.items()
-    ]
+    stiffnesses = {law: mean_stiffness(contact) for law, contact in contacts.items()}
+    numbers = by_law("displayed stiffness, mean in contact", "N/mm", stiffnesses)
     for law in LAWS:
         first, last = float(peaks[law][0]), float(peaks[law][-1])
         numbers.append(Number("peak force, first second", "N", first, None, law))
         numbers.append(Number("peak force, last second", "N", last, None, law))
     numbers += minimum_energies(contacts)
     some = contacts["more_conservative"]
+    forces = [Line(law, contact.time, contact.applied) for law, contact in contacts.items()]
     growing = [law for law in LAWS if peaks[law][-1] > peaks[law][0] + 0.01]
     return Outcome(
         title="2 Hz palpation with every law",
@@ -42,12 +41,8 @@ def run(runs: Runs) -> Outcome:
         drawing=draw_rows(
             [
                 Row("position (mm)", [Line("reading", some.time, some.position * 1e3)]),
-                Row("force (N)", [Line(law, c.time, c.applied) for law, c in contacts.items()]),
-                Row(
-                    "force (N)\nlast second",
-                    [Line(law, c.time, c.applied) for law, c in contacts.items()],
-                    window=(4.0, 5.0),
-                ),
+                Row("force (N)", forces),
+                Row("force (N)\nlast second", forces, window=(4.0, 5.0)),
                 Row(
                     "true energy (mJ)",
                     [

@@ -88,20 +88,20 @@ def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>forcebound: the paper reproduced</title>
+<title>forcebound: reproduction of the paper</title>
 <style>{STYLE}</style>
 </head>
 <body>
-<h1>The paper reproduced</h1>
+<h1>Reproduction of the paper</h1>
 <p class="quiet"><cite>An enhanced force bounding approach for stable haptic interaction
 by including friction</cite>, International Journal of Precision Engineering and Manufacturing
 18(6), 2017.</p>
 <p>Every experiment below is a simulated run, in virtual time, of the same nodes and launch files
 that drive a live system. The paper's numbers are given for comparison. The laws
 <code>certified</code> and <code>certified_memoryless</code> are this project's own, not the
-paper's: they are shown in every comparison. The energy is the ground truth of the simulation;
+paper's: every comparison includes them. The energy is the ground truth of the simulation;
 below zero, the hand received more than it put in. With a quantised encoder no law of the paper
-rules that out; the certified laws do.</p>
+excludes this; the certified laws do.</p>
 <pre>{_text(command)}</pre>
 <p class="quiet">forcebound {_text(version("forcebound"))}, Python
 {_text(platform.python_version())}, numpy {_text(version("numpy"))}, numba
@@ -129,7 +129,7 @@ def _section(name: str, outcome: Outcome, picture: bytes) -> str:
 <dl><dt>Paper</dt><dd>{_text(outcome.paper)}</dd><dt>Here</dt><dd>{_text(outcome.finding)}</dd></dl>
 <img src="data:image/png;base64,{image}" alt="{heading}">
 <div class="wide">{numbers}</div>
-<details><summary>Run it yourself</summary>
+<details><summary>Commands</summary>
 <pre>forcebound reproduce {name}
 {_text(commands)}</pre></details>
 </section>"""

@@ -1,4 +1,4 @@
-"""displayed stiffness of the saturated more conservative law over depth."""
+"""Displayed stiffness of the saturated more conservative law over depth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from forcebound.experiments.traces import dissipation
 
 LAW = "more_conservative"
 
-SHALLOWEST = 0.1e-3  # m; three encoder steps: nearer to the surface the ratio is of two roundings
+SHALLOWEST = 0.1e-3  # m; three encoder steps: at smaller depths rounding dominates the ratio
 
 # Mean depth (m) and displayed stiffness (N/mm) of the paper's user study, section 5.3.
 USER_STUDY = {"high": (3.94e-3, 0.68), "low": (1.52e-3, 0.80)}
@@ -51,10 +51,10 @@ def stiffness_at(depth: float, move: float, relied_on: Dissipation) -> float:
 
 
 def recursion(contact: Contact, relied_on: Dissipation) -> tuple[slice, Floats]:
-    """Return the longest stretch from contact in which the bound is active, and Eq. 41 on it.
+    """Return the samples from contact on while the bound is active, and the forces of Eq. 41.
 
-    The recursion begins with the force of the first sample in contact: that one may be the wall's
-    own force, still below the bound.
+    The recursion begins with the force of the first sample in contact, which may be the wall's own
+    force, below the bound.
     """
     first = int(np.argmax(contact.in_contact))
     free = np.flatnonzero(contact.commanded[first + 1 :] <= contact.applied[first + 1 :])
@@ -83,7 +83,7 @@ def run(runs: Runs) -> Outcome:
             f"Eq. 41 gives the forces of the runs to {largest:.1e} N as long as the bound is "
             "active, also where the hand reverses. Eq. 42 falls with depth to 2B. In the "
             "runs the stiffness at one depth is not one number: every move, inwards or outwards, "
-            "adds friction, so a hand that bounced feels more."
+            "adds friction, so the force is larger after a bounce."
         ),
         numbers=numbers,
         drawing=draw_rows([_row(runs, speed) for speed in SPEEDS], height=2.8),

@@ -1,8 +1,8 @@
 """Setup of the paper's experiments: the hand, the two speeds, the runs of launch files.
 
-One hand holds the device in all experiments. Between the speeds only its approach speed, its way to
-the wall and its target behind the surface differ, as they do between two motions of a person.
-``experiments/fit_table1.py`` finds the values; ``docs/reproduce.md`` explains how and why.
+One hand holds the device in all experiments. The two speeds differ only in approach speed, distance
+to the wall and target behind the surface. ``experiments/fit_table1.py`` finds the values;
+``docs/reproduce.md`` explains the fit.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ DURATION = 5.1  # s; the displayed stiffness is a mean over 2 to 5 s, paper 4.2
 class Hand:
     """The hand that holds the device: mass, spring, damper."""
 
-    mass: float  # kg, beside the device's own 0.075 kg
+    mass: float  # kg, in addition to the device's own 0.075 kg
     stiffness: float  # N/m
     damping: float  # N s/m
 
@@ -54,10 +54,10 @@ class Approach:
         )
 
 
-# Fitted by experiments/fit_table1.py on one half of Table 1, and rounded; docs/reproduce.md has the
-# reasons. The hand's values are also the defaults of paper_wall.yaml. Hand and forearm weigh about
-# this much. There is hardly any damping, as the paper wanted of its soft grip (section 4.1); more
-# than k T / 2 = 5 N s/m would steady the wall of Fig. 7 without any law.
+# Fitted by experiments/fit_table1.py on one half of Table 1, and rounded (docs/reproduce.md). The
+# values of the hand are also the defaults of paper_wall.yaml. The mass is about that of hand and
+# forearm. Damping is small, like that of the paper's soft grip (section 4.1); more than
+# k T / 2 = 5 N s/m would stabilise the wall of Fig. 7 without any law.
 HAND = Hand(mass=0.925, stiffness=1120.0, damping=0.05)
 HIGH = Approach("high", speed=0.153, way=0.0243, target=0.0059)  # paper: 150 to 250 mm/s
 LOW = Approach("low", speed=0.0302, way=0.0104, target=0.00225)  # paper: 20 to 50 mm/s
@@ -136,7 +136,7 @@ class Contact:
 
     @property
     def bounces(self) -> int:
-        """How often the hand turned round after contact."""
+        """Number of contact bounces."""
         count: int = self.run.summary["contact_bounces"]
         return count
 

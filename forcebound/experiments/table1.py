@@ -1,8 +1,8 @@
 """Table 1: rate-hardness and displayed stiffness of every law at both speeds.
 
 Every other cell of the paper's table, as on a chessboard, was used to fit the hand; the remaining
-half is predicted. So of each law and speed either the crispness of contact was fitted and the
-steady stiffness follows, or the other way round.
+half is predicted. So for each law and speed either rate-hardness or displayed stiffness was fitted,
+and the other one is predicted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Row:
     law: str
     quantity: str
     speed: str
-    paper: float | None  # None: the paper does not know the law
+    paper: float | None  # None: the law is not in the paper
     ours: float
     fitted: bool  # whether the cell was used to find the hand
 
@@ -61,6 +61,11 @@ class Row:
         """Natural logarithm of ours over the paper's."""
         assert self.paper is not None
         return math.log(self.ours / self.paper)
+
+
+def paper_value(law: str, quantity: str, speed: str) -> float | None:
+    """Return a cell of the paper's table, in N/mm; None for a law that is not in it."""
+    return PAPER[law][COLUMNS.index((quantity, speed))] if law in PAPER else None
 
 
 def is_fitted(law: int, column: int) -> bool:
@@ -81,7 +86,7 @@ def rows(runs: Runs) -> list[Row]:
             law,
             quantity,
             speed,
-            PAPER[law][column],
+            paper_value(law, quantity, speed),
             cell(runs.wall(law, SPEEDS[speed]), quantity),
             is_fitted(index, column),
         )
@@ -91,7 +96,7 @@ def rows(runs: Runs) -> list[Row]:
 
 
 def rows_of_certified(runs: Runs) -> list[Row]:
-    """Return the cells of the certified laws, which the paper does not know."""
+    """Return the cells of the certified laws, which are not in the paper."""
     return [
         Row(law, quantity, speed, None, cell(runs.wall(law, SPEEDS[speed]), quantity), False)
         for law in CERTIFIED
@@ -128,11 +133,6 @@ def run(runs: Runs) -> Outcome:
         )
         for row in [*table, *certified]
     ]
-    setup: dict[str, Any] = {
-        "hand": asdict(HAND),
-        "approaches": {name: asdict(approach) for name, approach in SPEEDS.items()},
-        "contact_speed_m_per_s": contact_speeds,
-    }
     return Outcome(
         title="rate-hardness and displayed stiffness of every law",
         paper="Five laws at a high and a low approach speed, wall of 10 N/mm.",
@@ -145,7 +145,11 @@ def run(runs: Runs) -> Outcome:
             "table1_certified": [asdict(row) for row in certified],
             **errors,
             "exchanged_pairs": [list(pair) for pair in exchanged],
-            "setup": setup,
+            "setup": {
+                "hand": asdict(HAND),
+                "approaches": {name: asdict(approach) for name, approach in SPEEDS.items()},
+                "contact_speed_m_per_s": contact_speeds,
+            },
         },
     )
 
@@ -183,8 +187,8 @@ def _finding(
         f"{errors['rms_log_error_predicted']:.3f} over the 10 predicted ones; {order}. One hand "
         f"({HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m) for all of it; the "
         f"handle meets the wall at {speeds['high'] * 1e3:.0f} and {speeds['low'] * 1e3:.0f} mm/s. "
-        "The search began at a hand fitted to all cells, so the prediction is not an untouched "
-        "one (docs/reproduce.md)."
+        "The search began at a hand fitted to all cells, so the prediction is not fully "
+        "independent (docs/reproduce.md)."
     )
 
 
@@ -193,6 +197,7 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
     from matplotlib.figure import Figure
 
     from forcebound.analysis.panels import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
+    from forcebound.experiments.drawing import style_axes
 
     laws = [*PAPER_LAWS, *CERTIFIED]
     drawing = Figure(figsize=(13.5, 4.0), dpi=150, layout="constrained")
@@ -228,10 +233,7 @@ def draw(table: list[Row], certified: list[Row]) -> Figure:
         axes.minorticks_off()
         axes.set_yticks(range(1, len(laws) + 1), [name.replace("_", " ") for name in laws[::-1]])
         axes.set_title(f"{WORDS[quantity]}, {speed} speed", fontsize=10)
-        axes.set_xlabel("N/mm", fontsize=9)
-        axes.grid(True, color=NEUTRAL, alpha=0.2, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelsize=8)
+        style_axes(axes, "N/mm")
     handles: dict[str, Any] = {}
     for axes in grid:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

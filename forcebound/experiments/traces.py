@@ -1,7 +1,7 @@
 """Figures 18, 20, 21: laws computed on the recorded trace of another law's run.
 
-The trace has readings and commanded forces; a law computed on it has its own ledger and its own
-forces, but no force moves the hand: only the laws are compared.
+The trace has readings and commanded forces. A law computed on it has its own ledger and forces, but
+its forces do not move the hand: only the laws are compared.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def on_trace(law: str, contact: Contact) -> Floats:
 
 
 def relative_extra(more: Floats, less: Floats, contact: Contact) -> float:
-    """Return how much more force ``more`` shows than ``less``, in %: of the means in contact."""
+    """Return the excess of ``more`` over ``less``, in %, of the mean forces in contact."""
     where = contact.in_contact
     return float(100.0 * (more[where].mean() / less[where].mean() - 1.0))
 

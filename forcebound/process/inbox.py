@@ -3,12 +3,12 @@
 Strategy:
 
 1. All streams of this machine share one socket, so the process can sleep in the receiving call
-   itself. Waiting for descriptors first, and receiving then, costs about 20 us a packet more,
-   because Python code that has not run for a millisecond is slow.
-2. Of a perfect link only the newest packet is taken, and there is no object for the link. After a
-   call that has slept, one packet is there; only after a call that has not, more are looked for.
-3. Where a link is impaired, the node waits for an instant, or packets come from another machine
-   too, the process waits for descriptors: that wait ends within microseconds of the instant.
+   itself. Waiting for descriptors first costs about 20 us more per packet, because Python code
+   that has not run for a millisecond is slow.
+2. Of a perfect link only the newest packet is taken, and the link has no object. A call that has
+   slept returns the only packet; after a call that has not slept, the inbox looks for more.
+3. If a link is impaired, if the node waits for an instant, or if packets also come from another
+   machine, the process waits for descriptors; this wait ends within microseconds of the instant.
 """
 
 import time

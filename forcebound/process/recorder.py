@@ -49,8 +49,8 @@ def record(
 ) -> dict[str, Any]:
     """Record every packet of some streams until a stop request; return the last status.
 
-    After a stop request it takes the packets still on their way, so stop the publishers first. When
-    writing fails (a full disk) it reports this once and goes on taking packets, so that the run
+    After a stop request it records the packets still on their way, so stop the publishers first.
+    When writing fails (a full disk) it reports this once and drops further packets; the run
     continues without a recording.
 
     Args:

@@ -3,22 +3,22 @@
 One loop for every node: wait, receive, step, publish. Only the waiting differs:
 
 * A node that wakes on arrival (controller, environment) sleeps until a packet arrives, until one
-  is through on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.process.inbox`).
+  is due on an impaired link, or until its own ``wake_ns`` (:mod:`forcebound.process.inbox`).
 * A servo (the device) never waits for packets. It sleeps until its ``wake_ns``, spins the last few
-  microseconds, and takes what is there by then.
+  microseconds, and takes the packets that have arrived.
 
 Strategy:
 
-1. The path from packet to packet does nothing that could be done before or after it: no exception,
-   no logging, no allocation of anything that the collector must visit.
-2. The control socket and the remote link's connections are looked at every 10 ms, between steps.
+1. Between receiving and sending, only necessary work is done: no exception, no logging, no
+   allocation of objects that the garbage collector tracks.
+2. The control socket and the remote link's connections are polled every 10 ms, between steps.
 3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
-4. Whatever ends the loop, the servo writes zero force before anything else is done: a stop request,
-   a signal, the death of the launcher, a programming mistake.
+4. When the loop ends, the servo first writes zero force, whether the cause is a stop request, a
+   signal, the end of the launcher or a programming error.
 
 Each process answers on a control socket between two steps: ``{"request": "status"}``,
-``{"request": "engage"}``, ``{"request": "configure", ...}``, ``{"request": "stop"}``; and publishes
-what happens to it as events.
+``{"request": "engage"}``, ``{"request": "configure", ...}``, ``{"request": "stop"}``. It
+publishes faults and changes as events.
 """
 
 import logging

@@ -27,7 +27,7 @@ Engine: TypeAlias = Literal["kernel", "graph"]
 
 @dataclass(frozen=True)
 class Ran:
-    """What became of one case: its result and who ran it, or the error that ended it."""
+    """Outcome of one case: its engine, and its result or error."""
 
     engine: Engine
     result: RunResult | None
@@ -35,21 +35,21 @@ class Ran:
 
 
 def ticks_of(config: GraphConfig) -> int:
-    """Return how many ticks a run has that end before it does."""
+    """Return the number of complete ticks of a run."""
     servo = config.device.servo
     wait_ns = round(servo.reply_wait * servo.period_ns)
     return max(0, -((wait_ns - round(config.duration * 1e9)) // servo.period_ns))
 
 
 def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> list[Ran]:
-    """Run all cases; those alike enough go through the kernel side by side.
+    """Run all cases; similar ones run in the kernel in parallel.
 
     Args:
-        configs: What to run.
-        engine: ``"graph"``: leave the kernel out; None: choose.
+        configs: The cases.
+        engine: ``"graph"``: do not use the kernel; None: choose.
 
     Returns:
-        One outcome for each, in their order; a case that fails does not keep the others.
+        One outcome for each, in their order; a failed case does not stop the others.
     """
     outcomes: list[Ran | None] = [None] * len(configs)
     groups: dict[tuple[Any, ...], list[tuple[int, Timing]]] = {}
@@ -74,12 +74,12 @@ def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> lis
 def _run_graph(config: GraphConfig) -> Ran:
     try:
         return Ran("graph", run_virtual(config))
-    except Exception as error:  # whatever a user's part does wrong is this case's error
+    except Exception as error:  # any failure of a user's part is this case's error
         return Ran("graph", None, error)
 
 
 def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
-    """Return what cases must share to run side by side; None if the kernel does not know it."""
+    """Return the values that cases in one block share; None if the kernel cannot run the case."""
     model, servo, operator = config.device.model, config.device.servo, config.operator
     environment = kind_of("environment", config.environment.model)
     if (
@@ -88,7 +88,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
         or type(config.controller) is not DirectController
-        or servo.period_ns / 1e9 > servo.longest_hold  # by rounding: every hold would count as cut
+        or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
     ):
         return None
     path: object = operator
@@ -109,7 +109,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
 def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> list[Ran]:
     first = configs[0]
     if ticks_of(first) == 0:
-        error = RunError("the run ended before its first sample; ask for a longer duration")
+        error = RunError("the run ended before its first sample; use a longer duration")
         return [Ran("kernel", None, error) for _ in configs]
     kind = kind_of("environment", first.environment.model)
     arguments = block_arguments(configs, timings)
@@ -125,7 +125,7 @@ def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> lis
 def block_arguments(
     configs: Sequence[GraphConfig], timings: Sequence[Timing]
 ) -> lanes.KernelArguments:
-    """Return what a kernel is called with to run up to ``WIDTH`` cases of one group.
+    """Return the arguments of a kernel for up to ``WIDTH`` cases of one group.
 
     Empty lanes repeat the last case. The last argument takes the traces.
     """
@@ -161,7 +161,7 @@ def block_arguments(
 def _constants(config: GraphConfig, environment: str) -> list[float]:
     model: Any = config.device.model
     hand, servo = config.operator, config.device.servo
-    assert hand is not None  # a graph without a hand is no case for the kernel
+    assert hand is not None  # _group_of excludes graphs without a hand
     law = LAWS[servo.law].device(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]

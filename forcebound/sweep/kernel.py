@@ -1,10 +1,10 @@
-"""The compiled kernel: ``WIDTH`` simulations side by side, with the definitions of the nodes.
+"""Compiled kernel: ``WIDTH`` simulations in parallel, with the functions of the nodes.
 
 No physics is defined here. The plant's step, the encoder, the targets of hands, the environments,
-the low-pass of the velocity, the sample and the laws are the very function objects that the nodes
-call, compiled. Here is only their order in a tick, which :mod:`forcebound.nodes.device` fixes: move
-to the sample, read, query; move to the write, read, saturate, ramp, bound, write, settle. When
-which answer arrives is known before (:mod:`forcebound.sweep.timing`).
+the low-pass of the velocity, the sample and the laws are the function objects that the nodes call,
+compiled. Here is only their order in a tick, which :mod:`forcebound.nodes.device` fixes: move
+to the sample, read, query; move to the write, read, saturate, ramp, bound, write, settle. The
+timing of answers is computed before (:mod:`forcebound.sweep.timing`).
 
 Layout. One array holds a row of ``WIDTH`` numbers for each quantity, and every loop over the lanes
 is an inner one, so that the compiler fills its vector registers with lanes. ``WIDTH`` is a constant
@@ -70,7 +70,7 @@ LAW = 8  # rows: forcebound.bounding.DeviceConstants
 ENVIRONMENT = LAW + DEVICE_ROWS  # four rows: parameters of the environment
 OPERATOR = ENVIRONMENT + 4  # three rows: parameters of the hand's path
 CONSTANTS = OPERATOR + 3
-# ... and those that the kernel keeps in the same array.
+# ... and variables of the kernel in the same array.
 INERTIA, IMPEDANCE = CONSTANTS, CONSTANTS + 1  # of the steps on the way
 X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY, STATE, ENERGY = range(
     CONSTANTS + 2, CONSTANTS + 11
@@ -126,7 +126,7 @@ def _damper(x: float, v: float, time: float, a: float, b: float, c: float, d: fl
     return damper_force(v, a)
 
 
-#: Environments that the kernel knows: its function, and the fields that are its arguments a to d.
+#: Environments of the kernel: function, and the fields that are its arguments a to d.
 ENVIRONMENTS: dict[str, tuple[Callable[..., float], tuple[str, ...]]] = {
     "wall": (_wall, ("stiffness", "position")),
     "damped_wall": (_damped_wall, ("stiffness", "damping", "position")),
@@ -233,7 +233,7 @@ def begin(s: Floats, path: int, targets: Floats) -> None:
 def command(
     s: Floats, k: int, answered: Integers, engagement: Floats, answers: Floats, commanded: Floats
 ) -> None:
-    """Take the answer that has come in tick ``k``, saturate it and scale it by the engage ramp."""
+    """Saturate the answer of tick ``k`` and scale it by the engage ramp."""
     last = answers.size // WIDTH - 1
     for i in range(WIDTH):
         answer = answers[(answered[k * WIDTH + i] & last) * WIDTH + i]
@@ -246,7 +246,7 @@ def command(
 
 
 def record(s: Floats, trace: Floats) -> None:
-    """Put a tick into its rows of the traces, but for the commanded force."""
+    """Write a tick to its rows of the traces, except the commanded force."""
     for i in range(WIDTH):
         v = s[V * WIDTH + i]
         trace[i] = s[READING * WIDTH + i]
@@ -256,11 +256,11 @@ def record(s: Floats, trace: Floats) -> None:
         trace[5 * WIDTH + i] = s[X * WIDTH + i]
 
 
-def _asker(environment: str) -> Callable[..., None]:
-    """Return what reads, estimates the velocity and asks ``environment``, for every lane."""
+def _querier(environment: str) -> Callable[..., None]:
+    """Return the function that reads, estimates velocity and queries, for every lane."""
     answer = ENVIRONMENTS[environment][0]
 
-    def ask(s: Floats, time: float, since_sample: float, gain: float, answers: Floats) -> None:
+    def query(s: Floats, time: float, since_sample: float, gain: float, answers: Floats) -> None:
         for i in range(WIDTH):
             before = s[SAMPLE * WIDTH + i]
             sample = quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i])
@@ -277,11 +277,11 @@ def _asker(environment: str) -> Callable[..., None]:
                 s[(ENVIRONMENT + 3) * WIDTH + i],
             )
 
-    return ask
+    return query
 
 
 def _starter(law: str) -> Callable[..., None]:
-    """Return what starts ``law`` at the first reading, with no force, for every lane."""
+    """Return the function that starts ``law`` without force, for every lane."""
     start, settle, energy = LAWS[law].start, LAWS[law].settle, LAWS[law].energy
 
     def start_law(s: Floats) -> None:
@@ -299,7 +299,7 @@ def _starter(law: str) -> Callable[..., None]:
 
 
 def _bounder(law: str) -> Callable[..., None]:
-    """Return what reads, bounds the commanded force and writes it, for every lane."""
+    """Return the function that reads, bounds and writes, for every lane."""
     bound, energy = one_axis(LAWS[law]), LAWS[law].energy
 
     def bound_lanes(s: Floats, dt: float, commanded: Floats) -> None:
@@ -326,7 +326,7 @@ def _bounder(law: str) -> Callable[..., None]:
 @cache
 def kernel(law: str, environment: str) -> Kernel:
     """Return the compiled kernel of a law and an environment, keys of the two tables."""
-    ask, start_law, bound = _asker(environment), _starter(law), _bounder(law)
+    query, start_law, bound = _querier(environment), _starter(law), _bounder(law)
 
     def run(
         ticks: int,
@@ -356,7 +356,7 @@ def kernel(law: str, environment: str) -> Kernel:
                 time = k * period_ns * 1e-9
                 move(s, 2 * k, to_sample, steps_to_sample, time, path, targets)
             slot = (k & last) * WIDTH
-            ask(s, k * period_ns * 1e-9, since_sample, gain, answers[slot : slot + WIDTH])
+            query(s, k * period_ns * 1e-9, since_sample, gain, answers[slot : slot + WIDTH])
             if wait_ns > 0:
                 time = (k * period_ns + wait_ns) * 1e-9
                 move(s, 2 * k + 1, to_write, steps_to_write, time, path, targets)
@@ -369,5 +369,5 @@ def kernel(law: str, environment: str) -> Kernel:
                 bound(s, period_ns / 1e9, commanded)
             record(s, trace)
 
-    allow_in_kernels([ask, start_law, bound])
+    allow_in_kernels([query, start_law, bound])
     return jit(run)

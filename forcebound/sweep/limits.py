@@ -1,4 +1,4 @@
-r"""Limits of theory on the stiffest wall, for maps of simulated runs.
+r"""Theoretical limits of the stiffest passive wall, for maps of simulated runs.
 
 All of these are for an elastic wall of stiffness K, a device of mass, viscous damping b and Coulomb
 friction f_c, a force held for a period T, and no bounding law. None includes saturation, a

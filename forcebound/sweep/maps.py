@@ -1,4 +1,4 @@
-"""Maps of a sweep: one panel per law, with the limits of theory.
+"""Maps of a sweep: one panel per law, with theoretical limits.
 
 Energies: a leak, below zero by more than rounding, is red on a logarithmic scale; elsewhere light
 blue means that the hand comes to rest, dark blue that it does not. Other figures have one scale for
@@ -8,7 +8,7 @@ all panels.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +20,8 @@ from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
 from forcebound.sweep.limits import LABELS, limit_of
 from forcebound.sweep.table import Table, read_table
+
+_Array: TypeAlias = np.ndarray[Any, Any]
 
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffe0b3", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
@@ -73,7 +75,7 @@ def _column(table: Table, name: str) -> list[Any]:
     raise ConfigError(f"the result has no column {name!r}; it has {', '.join(table.columns)}")
 
 
-def _numbers(table: Table, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _numbers(table: Table, name: str) -> _Array:
     try:
         values = [math.nan if value is None else float(value) for value in _column(table, name)]
     except ValueError:
@@ -140,14 +142,8 @@ def _surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _worst(
-    xs: np.ndarray[Any, Any],
-    ys: np.ndarray[Any, Any],
-    x: np.ndarray[Any, Any],
-    y: np.ndarray[Any, Any],
-    value: np.ndarray[Any, Any],
-) -> np.ndarray[Any, Any]:
-    """The lowest value of all cases in a cell: of repeated seeds the worst counts."""
+def _worst(xs: _Array, ys: _Array, x: _Array, y: _Array, value: _Array) -> _Array:
+    """Return the lowest value of all cases in each cell; of repeated seeds, the worst counts."""
     grid = np.full((ys.size, xs.size), np.nan)
     for row, column, number in zip(
         np.searchsorted(ys, y), np.searchsorted(xs, x), value, strict=True
@@ -156,7 +152,7 @@ def _worst(
     return grid
 
 
-def _scale(value: np.ndarray[Any, Any], is_energy: bool) -> Normalize:
+def _scale(value: _Array, is_energy: bool) -> Normalize:
     known = value[np.isfinite(value)]
     if is_energy:
         leaks = -known[known < -ENERGY_TOLERANCE * 1e3]
@@ -164,17 +160,15 @@ def _scale(value: np.ndarray[Any, Any], is_energy: bool) -> Normalize:
     return Normalize(known.min(initial=0.0), known.max(initial=1.0))
 
 
-def _is_log(values: np.ndarray[Any, Any]) -> bool:
+def _is_log(values: _Array) -> bool:
     if values.size < 3 or values[0] <= 0:
         return False
     ratios = values[1:] / values[:-1]
     return bool(ratios.max() < 1.05 * ratios.min())
 
 
-def _edges(
-    xs: np.ndarray[Any, Any], ys: np.ndarray[Any, Any]
-) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    def between(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def _edges(xs: _Array, ys: _Array) -> tuple[_Array, _Array]:
+    def between(values: _Array) -> _Array:
         if values.size == 1:
             return np.array([values[0] - 0.5, values[0] + 0.5])
         is_log = _is_log(values)
@@ -187,37 +181,26 @@ def _edges(
 
 
 def _draw_limits(
-    axis: Axes,
-    table: Table,
-    drawing: Mapping[str, Any],
-    chosen: np.ndarray[Any, Any],
-    xs: np.ndarray[Any, Any],
+    axis: Axes, table: Table, drawing: Mapping[str, Any], chosen: _Array, xs: _Array
 ) -> None:
     if drawing["y"] != "stiffness":
         return
     x = _numbers(table, drawing["x"])
+    ran = np.array([error is None for error in table.columns["error"]])
     for name in drawing.get("limits", ()):
         if name not in LABELS:
             raise ConfigError(f"unknown limit {name!r}; known are {', '.join(sorted(LABELS))}")
         line = []
         for position in xs:
-            rows = np.flatnonzero(chosen & (x == position) & _ran(table))
-            row = (
-                {key: column[rows[0]] for key, column in table.columns.items()}
-                if rows.size
-                else None
-            )
-            line.append(math.nan if row is None else limit_of(row, name) * 1e-3)
+            rows = np.flatnonzero(chosen & (x == position) & ran)
+            row = {key: column[rows[0]] for key, column in table.columns.items() if rows.size}
+            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
         steps = "steps-mid" if name == "diolaiti" else "default"
         axis.plot(xs, line, "k", ls=_STYLES[name], lw=1.2, drawstyle=steps, label=LABELS[name])
 
 
-def _ran(table: Table) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    return np.array([error is None for error in table.columns["error"]])
-
-
 def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
-    """One panel for each combination of the other arguments, one line for each ``per``.
+    """Draw a panel for each combination of the other arguments, a line for each ``per``.
 
     Faint where the hand did not come to rest: there a mean over the steady state means little.
     """

@@ -1,4 +1,4 @@
-"""Parts of a sweep on disk: cases in order, one file per part until all are done.
+"""Parts of a sweep on disk: cases in order, one file per finished part.
 
 The division into parts does not depend on the executor. The rows of a part are written in one step
 to a file of its own, in the folder ``RESULT.parts`` next to the result. The digest in

@@ -1,21 +1,7 @@
-"""Sweep files: a launch file, and the values that its arguments take.
+"""Sweep files: a launch file and the values of its arguments; ``docs/sweeps.md`` has the format.
 
-::
-
-    forcebound: 1
-    description: ...
-    launch: stiff_wall             # beside this file, or one that comes with forcebound
-    duration: 4 s                  # instead of the launch file's
-    set: { approach_speed: 100 mm/s }
-    over:                          # every combination; the last one varies fastest
-      law: [none, certified]                                          # a list, or { all: laws }
-      stiffness: { from: 0.1 N/mm, to: 20 N/mm, count: 20, scale: log }   # a range
-      seed: { repeat: 5 }                                             # 1 to 5, or from: on
-    random: { count: 50, seed: 7, over: { delay: { from: 0 ms, to: 5 ms } } }   # drawn jointly
-    map: { x: delay, y: stiffness, value: true_energy_min_j, per: law }
-
-With ``random``, each combination of ``over`` meets each of the ``count`` draws: the same draws, so
-that combinations differ in nothing else.
+With ``random``, each combination of ``over`` has the same ``count`` draws, so combinations differ
+in nothing else.
 """
 
 import math
@@ -93,9 +79,9 @@ class Sweep:
 
     Attributes:
         name: Of its file, without the ending.
-        description: What it is for.
+        description: Its subject.
         template: The launch file; :func:`forcebound.config.loader.build` makes a case of it.
-        duration: Of each run, in s; None: as the launch file says.
+        duration: Of each run, in s; None: that of the launch file.
         constants: Arguments that are the same in all cases, as text.
         columns: Names of the arguments that vary, in order.
         cases: Their values, as text, one row for each case.
@@ -144,11 +130,11 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
     Args:
         path: The file, or the name of one that comes with forcebound: ``z_width``.
-        overrides: ``name:=value``: arguments to hold constant, whatever the file says of them.
+        overrides: ``name:=value``: arguments held constant, even if the file varies them.
 
     Raises:
-        ConfigError: If there is no such file or anything in it is wrong; every problem with its
-            place. Values that only the launch file can judge are judged case by case.
+        ConfigError: If there is no such file, or with every problem in it and its location.
+            Values of launch file arguments are checked case by case.
     """
     file = find_sweep(Path(path))
     problems = Problems()
@@ -163,7 +149,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
-    """What the tree of a sweep file says."""
+    """Return the sweep in the tree of a sweep file."""
     top = Section(root, "the sweep file", root, problems)
     top.check_keys(KEYS)
     version = root.entries.get("forcebound")
@@ -187,7 +173,7 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
     for name in (*grid, *drawn):
         if name in constants:
             place = sections["set"].value.entries[name].place
-            problems.add(f"{name!r} stands in set: and varies too", place)
+            problems.add(f"{name!r} is constant in set: and also varies", place)
     problems.raise_if_any()
     grid = {name: values for name, values in grid.items() if name not in given}
     drawn = {name: values for name, values in drawn.items() if name not in given}
@@ -242,7 +228,7 @@ def _over(section: Section, known: Collection[str], draw: _Draw | None) -> dict[
 
 
 def _random(section: Section, known: Collection[str]) -> tuple[dict[str, list[str]], int]:
-    """The values of each argument that is drawn, and how many there are of each."""
+    """Return the values of each drawn argument, and the number of draws."""
     if not section.value.entries:
         return {}, 1
     section.check_keys((*fields_of(_Draws), "over"))
@@ -256,7 +242,7 @@ def _random(section: Section, known: Collection[str]) -> tuple[dict[str, list[st
 
 
 def _values(section: Section, draw: _Draw | None) -> list[str]:
-    """The values of one argument: one, a list, a repetition or a range."""
+    """Return the values of one argument: one, a list, a repetition or a range."""
     value = section.value
     if isinstance(value.content, tuple):
         for entry in value.content:
@@ -297,7 +283,7 @@ def _range(section: Section, read: Mapping[str, Any], draw: _Draw | None) -> lis
         section.add(f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"])
         return []
     if is_log and not (low > 0 and high > 0):
-        section.add("a log range has no place for zero or less", entries["from"])
+        section.add("a log range needs values > 0", entries["from"])
         return []
     if draw is not None:
         shares = [draw[0].random() for _ in range(draw[1])]
@@ -318,7 +304,7 @@ def _check_map(section: Section, varied: set[str]) -> None:
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:
-    """A round number where the range allows: ends exactly, the rest to 12 digits."""
+    """Interpolate: the ends exactly, other values rounded to 12 digits."""
     if share == 0.0:
         return low
     if share == 1.0:

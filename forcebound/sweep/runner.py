@@ -1,10 +1,8 @@
-"""Runner of sweeps: in parts, through any executor, so that it can be stopped at any time.
-
-Strategy:
+"""Runner of sweeps: in parts, through any executor; it can be interrupted at any time.
 
 1. Cases are cut into parts, in order (:mod:`forcebound.sweep.parts`).
 2. Each part is one task of a :class:`concurrent.futures.Executor`: this machine's cores, a dask
-   cluster, anything. Its rows are kept on disk at once.
+   cluster, anything. Its rows are written to disk at once.
 3. When all parts are done they become one Parquet file, in one step, and are deleted.
 
 A sweep that is started again continues with the parts that it finds.
@@ -31,7 +29,7 @@ Progress: TypeAlias = Callable[[int, int], None]  # cases done, cases in all
 
 
 def run_cases(sweep: Sweep, first: int) -> list[Row]:
-    """Return the rows of all cases, the first one numbered ``first``; a failed one is a row too."""
+    """Return one row per case, numbered from ``first``; a failed case has a row, too."""
     rows: list[Row] = []
     configs: list[GraphConfig] = []
     places: list[int] = []
@@ -60,7 +58,7 @@ def run_cases(sweep: Sweep, first: int) -> list[Row]:
 
 
 def _plain(text: str) -> float | str:
-    """A swept value as a column has it: in SI units, or as text."""
+    """Return a swept value for a column: in SI units, or as text."""
     number = to_si(text)
     return text if number is None else number
 
@@ -115,7 +113,9 @@ def run_sweep(
         ConfigError: If ``result`` or the folder of parts is another sweep's, or not writable.
         RunError: If the executor's processes end before the work is done.
     """
-    from forcebound.sweep.table import write_table  # needs pyarrow: say so before the work begins
+    from forcebound.sweep.table import (
+        write_table,  # fails before the work begins if pyarrow is missing
+    )
 
     digest = digest_of(sweep)
     if not overwrite:

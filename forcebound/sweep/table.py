@@ -1,9 +1,7 @@
 """Result of a sweep as one Parquet file: one row per case, one column per parameter or figure.
 
-``over.NAME`` are the arguments that varied, in SI units or as text; ``case``, ``engine`` and
-``error`` come first; then all resolved parameters under the names that they have in a launch file
-(``device.damping``), and the summary under the names of ``forcebound simulate --json``. The
-sweep's description and its map are in the file's metadata under ``forcebound``.
+``docs/sweeps.md`` lists the columns. The sweep's description and its map are in the file's metadata
+under ``forcebound``.
 """
 
 import json
@@ -22,7 +20,7 @@ except ImportError as missing:  # pragma: no cover - an installation without the
     raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
 
 _KEY = b"forcebound"
-_TEXTS = ("error", "engine")  # text even where no row has any
+_TEXTS = ("error", "engine")  # text columns, even if empty
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def read_about(path: Path) -> dict[str, Any]:
         ConfigError: If there is no such file, or it is not a result of a sweep.
     """
     if not path.exists():
-        raise ConfigError(f"there is no file {path}; `forcebound sweep` makes one")
+        raise ConfigError(f"there is no file {path}; `forcebound sweep` creates one")
     try:
         about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The timing of a whole run, before it is simulated: which answer arrives when.
+"""Timing of a whole run before its simulation: when each answer arrives.
 
 What the network does to a packet never depends on the forces in it. So the tick that each force
 answers, the engage ramp and the age limit follow from delays, jitter, losses and the time that the
@@ -38,8 +38,8 @@ class Timing:
     Attributes:
         answered: Tick that the force of each tick answers, -1 for none, shape ``(n,)``.
         engagement: Factor of the engage ramp, 0 to 1, shape ``(n,)``.
-        rejected: Packets refused by the end of the run, by reason.
-        is_exact: Whether this is certainly what the graph does.
+        rejected: Packets rejected by the end of the run, by reason.
+        is_exact: Whether the graph certainly has this timing.
     """
 
     answered: NDArray[np.int64]
@@ -66,8 +66,8 @@ def timing_of(config: GraphConfig, ticks: int) -> Timing:
     )
 
 
-class _Inexact(Exception):  # noqa: N818 - no error, a way out
-    """A tie whose order only the graph knows, or an impairment that only it has."""
+class _Inexact(Exception):  # noqa: N818 - not an error
+    """The order of a tie, or an impairment, is known to the graph alone."""
 
 
 @lru_cache(maxsize=256)
@@ -85,7 +85,7 @@ def _timing(
     writes = np.arange(ticks, dtype=np.int64) * period_ns + wait_ns
     try:
         if computation != Impairment(computation.delay):
-            raise _Inexact  # it varies, and with it which query is served next
+            raise _Inexact  # it varies, and so does the query that is served next
         _check_limits(period_ns, age_limit_ns, compute_ns, links)
         sent = np.arange(ticks, dtype=np.int64) * period_ns
         origin = np.arange(ticks, dtype=np.int64)
@@ -122,7 +122,7 @@ def _check_limits(
 
 
 def _travel(sent: Times, origin: Times, link: Impairment, seed: int) -> tuple[Times, Times]:
-    """Return when packets are through and what they answer, sorted by that time."""
+    """Return when packets are delivered and which ticks they answer, sorted by time."""
     lost, travel = plain_fates(link, seed, sent.size)
     through, origin = (sent + travel)[~lost], origin[~lost]
     order = np.argsort(through, kind="stable")
@@ -141,7 +141,7 @@ def _newest(through: Times, origin: Times, link: Impairment) -> tuple[Times, Tim
 def _serve(
     arrived: Times, origin: Times, compute_ns: int, period_ns: int, wait_ns: int
 ) -> tuple[Times, Times]:
-    """Return when the environment starts on which query; while it computes only one waits."""
+    """Return when the environment starts on which query; only the newest query waits."""
     if compute_ns == 0:
         return arrived, origin
     starts: list[int] = []
