@@ -104,9 +104,6 @@ class Problems:
         for problem in others._found:
             self.add(problem.message, problem.place, problem.related)
 
-    def __bool__(self) -> bool:
-        return bool(self._found)
-
     def error(self) -> ConfigError:
         """Return the error that holds them all: by file in the order met, then by line."""
         names = list(dict.fromkeys(problem.place.name for problem in self._found))

@@ -24,9 +24,6 @@ _LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")  # as the parser counts l
 class _Broken:
     """The content of a value whose problem has been noted already."""
 
-    def __repr__(self) -> str:
-        return "BROKEN"
-
 
 BROKEN: Final = _Broken()
 
