@@ -1,126 +1,30 @@
-"""Findings of the doctor, case by case, without processes."""
+"""Findings of the doctor about processes and links, case by case, without processes."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from builders import telemetry_packet
+from observed_graph import (
+    PROCESSES,
+    SERVING,
+    TICKS,
+    codes,
+    graph,
+    healthy,
+    kinds,
+    only,
+    process,
+    silent,
+    telemetry,
+    with_processes,
+)
 
-from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import load
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor import wording
 from forcebound.monitor.doctor import examine
-from forcebound.monitor.findings import Fact, Finding
-from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
+from forcebound.monitor.findings import Fact
+from forcebound.monitor.observation import Observations, ProcessSeen
 from forcebound.monitor.wording import REASONS
-from forcebound.telemetry import TelemetryColumns
-
-PERIOD_NS = 1_000_000
-TICKS = 2000
-SERVING = "here/1/a"
-PUNCTUAL = [
-    {"code": "core", "data": {"core": 1}},
-    {"code": "fifo", "data": {"priority": 50}},
-    {"code": "memory_locked", "data": {}},
-]
-
-
-def telemetry(
-    ticks: int = TICKS,
-    unanswered: range = range(0),
-    loop_delay: float = 1.4e-3,
-    lost_every: int = 0,
-    asked: float = 8.0,
-    applied: float = 8.0,
-) -> TelemetryColumns:
-    """Return telemetry in which ``unanswered`` ticks have no force."""
-    packets = []
-    for tick in range(ticks):
-        is_answered = tick not in unanswered
-        packets.append(
-            telemetry_packet(
-                tick,
-                elapsed=1.0 + tick * 1e-3,
-                commanded_force=(asked if is_answered else 0.0,),
-                applied_force=(applied if is_answered else 0.0,),
-                force_limit=applied,
-                device_seq=max(0, tick - 1) if is_answered else None,
-                loop_delay=loop_delay if is_answered else None,
-                deadline_misses=tick // lost_every if lost_every else 0,
-            )
-        )
-    return TelemetryColumns.from_packets(packets)
-
-
-HEALTHY = telemetry()
-
-
-def process(*topics: str, grown: int = TICKS, pid: int = 7, **status: Any) -> ProcessSeen:
-    """Return a process that has received ``grown`` packets of each topic between two answers."""
-    first = {
-        "received": dict.fromkeys(topics, 5),
-        "rejected": {},
-        "links": {},
-        "realtime": PUNCTUAL,
-    }
-    last = {**first, "received": dict.fromkeys(topics, 5 + grown), **status}
-    return ProcessSeen("running", pid, 0, "S", first, last, 2.0)
-
-
-def silent(state: str, kernel_state: str = "", pid: int | None = 7) -> ProcessSeen:
-    return ProcessSeen(state, pid, 0, kernel_state, None, None)
-
-
-PROCESSES: Mapping[str, ProcessSeen] = {
-    "device": process("force_command"),
-    "controller": process("device_state", "environment_reply", environment=SERVING),
-    "environment": process("environment_query", name=SERVING, failures=0),
-    "recorder": process("telemetry", recording="complete"),
-}
-LAUNCHER = ProcessSeen("running", 6, 0, "S", {"phase": "running"}, {"phase": "running"}, 2.0)
-
-
-def graph(*words: str) -> GraphConfig:
-    return load("stiff_wall.yaml", words)
-
-
-def healthy(config: GraphConfig | None = None, **processes: ProcessSeen) -> Observations:
-    """Return a graph in which all is well but for some processes."""
-    return Observations(
-        config=graph() if config is None else config,
-        processes={**PROCESSES, **processes},
-        telemetry=HEALTHY,
-        phase="running",
-        launcher=LAUNCHER,
-        recording=RecordingSeen("/data/run.mcap", 300_000.0, 50_000_000_000),
-        core=1,
-        cores=2,
-    )
-
-
-def with_processes(processes: Mapping[str, ProcessSeen]) -> Observations:
-    return replace(healthy(), processes={**PROCESSES, **processes})
-
-
-def kinds(findings: list[Finding]) -> list[str]:
-    return [finding.kind for finding in findings]
-
-
-def only(seen: Observations) -> Finding:
-    """Return the only finding, which can be put in words."""
-    findings = examine(seen)
-    assert len(findings) == 1, findings
-    json.dumps(asdict(findings[0]))
-    assert wording.seen(findings[0])
-    wording.advice(findings[0])
-    return findings[0]
-
-
-def codes(finding: Finding) -> list[str]:
-    return [cause.code for cause in finding.causes]
 
 
 def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:
@@ -392,105 +296,3 @@ def test_refused_peers_are_told_while_they_knock() -> None:
     assert (finding.severity, finding.kind) == ("problem", "remote_refused_here")
     assert finding.data == {"count": 3, "recent": 3}
     assert "environment_keys" in wording.advice(finding)
-
-
-def test_no_force_now_is_told_with_the_age_limit() -> None:
-    finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, TICKS))))
-    assert (finding.severity, finding.kind) == ("problem", "no_force")
-    assert finding.data == {"age_limit": 0.1, "silence": pytest.approx(1.499)}
-    assert "for 1.5 s and more no answer younger than the age limit of 100 ms" in wording.seen(
-        finding
-    )
-
-
-def test_gaps_of_force_are_told_with_their_share() -> None:
-    finding = only(replace(healthy(), telemetry=telemetry(unanswered=range(500, 700))))
-    assert finding.kind == "force_gaps"
-    assert (finding.data["share"], finding.data["ticks"]) == (pytest.approx(0.1), 2000)
-
-
-def test_a_device_that_answers_without_telemetry_is_a_problem() -> None:
-    seen = replace(healthy(recorder=process("telemetry", grown=0)), telemetry=telemetry(0))
-    assert only(seen).kind == "no_telemetry"
-
-
-def test_a_delay_near_the_age_limit_is_a_problem() -> None:
-    finding = only(replace(healthy(), telemetry=telemetry(loop_delay=0.08)))
-    assert finding.kind == "delay_near_age_limit"
-    assert finding.data["p50"] == pytest.approx(0.08)
-    assert finding.data["age_limit"] == 0.1
-
-
-def test_a_loop_that_is_late_with_no_delay_injected_is_a_problem() -> None:
-    late = replace(healthy(), telemetry=telemetry(loop_delay=0.01))
-    finding = only(late)
-    assert (finding.severity, finding.kind) == ("problem", "late_loop")
-    assert (finding.data["injected"], finding.data["period"]) == (0.0, 1e-3)
-    assert codes(finding) == ["unknown"]
-    assert wording.commands(finding) == ["forcebound bench servo"]
-    asked_for = healthy(graph("delay:=5 ms"))
-    assert examine(replace(asked_for, telemetry=telemetry(loop_delay=0.01))) == []
-
-
-def test_late_ticks_are_told_with_their_likely_causes() -> None:
-    facts = [{"code": "core", "data": {"core": 1}}, {"code": "fifo_not_permitted", "data": {}}]
-    seen = healthy(device=process("force_command", realtime=facts))
-    seen = replace(
-        seen, telemetry=telemetry(lost_every=20), load=5.0, neighbours=("/tmp/forcebound-b",)
-    )
-    finding = only(seen)
-    assert (finding.severity, finding.kind) == ("problem", "ticks_lost")
-    assert finding.data["share"] == pytest.approx(99 / 2099)
-    assert finding.causes == (
-        Fact("fifo_not_permitted"),
-        Fact("core_shared", {"core": 1, "graphs": "/tmp/forcebound-b"}),
-        Fact("load", {"load": 5.0, "cores": 2}),
-    )
-    assert "the load is 5.0 on 2 cores" in wording.advice(finding)
-
-
-def test_a_tick_lost_now_and_then_is_a_note() -> None:
-    finding = only(replace(healthy(), telemetry=telemetry(lost_every=1999)))
-    assert (finding.severity, finding.kind) == ("note", "ticks_lost")
-
-
-def test_a_recorder_that_cannot_write_is_a_problem() -> None:
-    stopped = "stopped: No space left on device"
-    finding = only(healthy(recorder=process("telemetry", recording=stopped)))
-    assert (finding.severity, finding.kind) == ("problem", "not_recording")
-    assert finding.data == {"state": stopped, "path": "/data/run.mcap"}
-
-
-@pytest.mark.parametrize(
-    ("rate", "free", "left"), [(0.0, 100_000_000, None), (5e6, 1_200_000_000, 240.0)]
-)
-def test_a_disk_that_is_soon_full_is_a_problem(rate: float, free: int, left: float | None) -> None:
-    seen = replace(healthy(), recording=RecordingSeen("/data/run.mcap", rate, free))
-    finding = only(seen)
-    assert finding.kind == "disk_nearly_full"
-    assert finding.data["left"] == left
-    assert ("full in 4 min" in wording.seen(finding)) == (left is not None)
-
-
-def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
-    assert only(healthy(recorder=process("telemetry", grown=0))).kind == "recorder_deaf"
-
-
-def test_a_law_that_limits_most_of_the_time_is_information() -> None:
-    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0))
-    finding = only(seen)
-    assert (finding.severity, finding.kind) == ("note", "law_limits")
-    assert finding.data == {"law": "certified", "share": 1.0, "commanded": 8.0, "applied": 2.0}
-    assert codes(finding) == []
-    assert codes(only(replace(seen, config=graph("law:=tdpa")))) == ["law_not_certified"]
-
-
-def test_without_a_law_nothing_protects_the_hand() -> None:
-    finding = only(healthy(graph("law:=none")))
-    assert (finding.severity, finding.kind) == ("note", "no_law")
-
-
-def test_problems_come_first() -> None:
-    config = graph("law:=none")
-    findings = examine(healthy(config, recorder=process("telemetry", recording="stopped: x")))
-    assert kinds(findings) == ["not_recording", "no_law"]

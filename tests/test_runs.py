@@ -60,7 +60,7 @@ def test_a_run_is_a_directory_that_has_an_owner(tmp_path: Path, make_run: MakeRu
     make_run(tmp_path, "broken").joinpath(RUN_FILE).write_text("{")
     make_run(tmp_path, "nobody").joinpath(RUN_FILE).write_text(json.dumps({"launcher": None}))
     make_run(tmp_path, "list").joinpath(RUN_FILE).write_text("[]")
-    assert running([tmp_path]) == [second, first]
+    assert list(running([tmp_path])) == [second, first]
 
 
 def test_a_run_of_somebody_else_is_not_looked_into(
@@ -68,7 +68,7 @@ def test_a_run_of_somebody_else_is_not_looked_into(
 ) -> None:
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
-    assert running([tmp_path]) == []
+    assert not running([tmp_path])
     with pytest.raises(ConfigError, match="not the run directory of a running graph; none runs"):
         find(run_dir, [tmp_path])
 

@@ -2,37 +2,28 @@
 
 import json
 import math
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from builders import MS, TimedPacket, telemetry_packet
-from click.testing import CliRunner
+from builders import MS, TimedPacket
 from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.cli import main
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
-from forcebound.config.traces import loop_delays, read_trace, shortest_of
-from forcebound.errors import ConfigError, RunError
+from forcebound.config.traces import read_trace, shortest_of
+from forcebound.errors import ConfigError
 from forcebound.launch.build import build_links
-from forcebound.launch.live import RunDocument, run_live
+from forcebound.launch.live import run_live
 from forcebound.launch.virtual import run_virtual
-from forcebound.messages.codec import encode
-from forcebound.messages.packets import Telemetry
-from forcebound.monitor.delay import Measured, measure, watch
 from forcebound.network.impairment import Impairment, Outage
 from forcebound.network.link import Link
-from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace, read_csv
-from forcebound.process import topic_endpoint
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
-from forcebound.telemetry import TelemetryColumns
 
 WIFI = "time_s,delay_s\n10,0.004\n10.010,\n10.020,0.002\n"  # 30 ms long
 NAMED = Impairment(trace=Path("wifi.csv"))
@@ -288,166 +279,6 @@ def test_a_sweep_sends_traces_to_the_graph(tmp_path: Path) -> None:
     assert not timing_of(config, 100).is_exact
     (ran,) = run_all([config])
     assert (ran.engine, ran.error) == ("graph", None)
-
-
-# The recording of delays
-
-
-def test_the_delay_of_a_tick_is_that_of_its_answer(tmp_path: Path) -> None:
-    run_virtual(load(traced(tmp_path)), 1.0, tmp_path / "run.mcap")
-    trace = read_trace(tmp_path / "run.mcap")
-    steps = {round(b - a, 9) for a, b in zip(trace.times, trace.times[1:], strict=False)}
-    assert steps == {0.001}
-    # Of 30 ticks, 10 took 4 ms, 10 were lost, 10 took 2 ms: the trace that the link had. No
-    # 4 ms are overtaken by 2 ms, because there is the gap between.
-    found = trace.delays[:900]
-    for delay, count in ((0.004, 300), (None, 300), (0.002, 300)):
-        near = [d for d in found if d is delay or (d and delay and abs(d - delay) < 1e-9)]
-        assert abs(len(near) - count) <= 10
-    assert len(found) == 900
-
-
-def test_a_tick_that_a_newer_answer_overtook_counts_as_lost() -> None:
-    columns = TelemetryColumns.from_packets(
-        [
-            telemetry(seq, answered, delay)
-            for seq, answered, delay in (
-                (0, None, None),
-                (1, 0, 0.0014),
-                (2, 0, 0.0024),
-                (3, 2, 0.0014),
-                (4, 3, 0.0014),
-                (5, 4, 0.0014),
-                (6, 5, 0.0014),
-            )
-        ]
-    )
-    trace = loop_delays(columns)
-    # From tick 1, the first with an engaged force; ticks 4 to 6 are within 2.4 ms of the end.
-    assert trace.delays == (None, 0.0014, 0.0014)
-    assert trace.times == pytest.approx((0.5, 0.501, 0.502))
-
-
-def telemetry(seq: int, answered: int | None, delay: float | None) -> Telemetry:
-    return telemetry_packet(
-        seq,
-        elapsed=0.499 + seq * 1e-3 if answered is not None else 0.0,
-        engagement=0.0 if answered is None else 1.0,
-        device_seq=answered,
-        loop_delay=delay,
-    )
-
-
-def test_a_run_without_any_answer_is_all_lost() -> None:
-    columns = TelemetryColumns.from_packets([telemetry(seq, None, None) for seq in range(5)])
-    trace = loop_delays(columns)
-    assert trace.delays == (None,) * 5
-    assert Measured(trace, {}).summary == {
-        "ticks": 5,
-        "lost_share": 1.0,
-        "loop_delay_ms": {"p50": None, "p99": None, "max": None},
-    }
-
-
-def test_a_run_shorter_than_its_delays_has_no_trace() -> None:
-    packets = [telemetry(0, None, None), telemetry(1, 0, 0.0014)]
-    with pytest.raises(ConfigError, match="record for longer"):
-        loop_delays(TelemetryColumns.from_packets(packets))
-
-
-def test_a_recording_and_the_csv_made_from_it_replay_the_same(tmp_path: Path) -> None:
-    config = load("delayed_wall", ("law:=certified",))
-    run_virtual(config, 0.3, tmp_path / "run.mcap")
-    result = CliRunner().invoke(
-        main, ["delay", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "t.csv"), "--json"]
-    )
-    assert result.exit_code == 0, result.output
-    document = json.loads(result.stdout)
-    assert document["trace"] == str(tmp_path / "t.csv")
-    assert document["loop_delay_ms"]["p50"] == pytest.approx(4.4)
-    recorded, written_down = read_trace(tmp_path / "run.mcap"), read_trace(tmp_path / "t.csv")
-    assert recorded.delays == pytest.approx(written_down.delays)
-    for at_ns in range(0, 10**9, 7 * MS // 10):
-        assert recorded.delay_ns(at_ns) == written_down.delay_ns(at_ns)
-
-
-def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path) -> None:
-    run_virtual(load("delayed_wall"), 0.3, tmp_path / "run.mcap")
-    path = written(
-        tmp_path,
-        "forcebound: 1\ninclude: stiff_wall.yaml\n"
-        "links: { environment_reply: { trace: run.mcap } }\n",
-        "replay.yaml",
-    )
-    replay = run_virtual(load(path), 0.3)
-    recorded = measure(tmp_path / "run.mcap").summary["loop_delay_ms"]
-    assert recorded["p50"] == pytest.approx(4.4)
-    assert replay.summary["loop_delay_ms"]["p50"] == pytest.approx(recorded["p50"])
-    assert replay.summary["loop_delay_ms"]["p99"] == pytest.approx(recorded["p99"])
-
-
-def test_a_duration_has_no_meaning_for_a_recording(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="leave out --duration"):
-        measure(tmp_path / "run.mcap", 1.0)
-
-
-def test_the_command_tells_people_the_figures(tmp_path: Path) -> None:
-    run_virtual(load("delayed_wall"), 0.1, tmp_path / "run.mcap")
-    result = CliRunner().invoke(main, ["delay", str(tmp_path / "run.mcap")])
-    assert "loop delay p50    4.40 ms" in result.stdout
-    assert "lost" in result.stdout
-
-
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
-    path = written(tmp_path, "x", "a.mcap")
-    with pytest.raises(ConfigError, match=r"a\.mcap is not a recording"):
-        read_trace(path)
-    result = CliRunner().invoke(main, ["delay", str(path)])
-    assert result.exit_code == 2
-    assert "is not a recording" in result.stderr
-
-
-def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> None:
-    run_virtual(load("delayed_wall"), 0.006, tmp_path / "run.mcap")
-    with pytest.raises(ConfigError, match=r"no trace in .*run\.mcap: .*record for longer"):
-        read_trace(tmp_path / "run.mcap")
-
-
-@pytest.mark.live
-def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
-    RunDocument(1, None, "", []).write(tmp_path)
-    with Network() as network:
-        publisher = network.publisher(topic_endpoint(tmp_path, "telemetry"))
-        is_over = threading.Event()
-
-        def publish() -> None:
-            seq = 0
-            while not is_over.wait(0.001):
-                publisher.send(b"not a packet")
-                publisher.send(encode(telemetry(seq, seq, 0.0004)))
-                seq += 1
-
-        thread = threading.Thread(target=publish)
-        thread.start()
-        try:
-            columns = watch(tmp_path, 0.5)
-        finally:
-            is_over.set()
-            thread.join()
-    assert columns.seq.size > 0
-    assert set(columns.loop_delay.tolist()) == {0.0004}
-
-
-@pytest.mark.live
-def test_a_silent_graph_is_an_error(tmp_path: Path) -> None:
-    RunDocument(1, None, "", []).write(tmp_path)
-    with pytest.raises(RunError, match=r"no telemetry in 0\.05 s from the graph in "):
-        watch(tmp_path, 0.05)
-
-
-def test_a_directory_of_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is not the run directory"):
-        measure(tmp_path)
 
 
 @pytest.mark.live

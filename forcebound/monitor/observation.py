@@ -8,6 +8,7 @@ import os
 import shutil
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -180,13 +181,10 @@ def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:
     if core is None:
         return ()
     found = []
-    for other in running():
-        try:
-            shares = other != run_dir and RunDocument.read(other).core == core
-            if shares and configuration(other, serves=False).realtime.policy == "fifo":
+    for other in (path for path, run in running().items() if path != run_dir and run.core == core):
+        with suppress(ConfigError):  # it ended just now
+            if configuration(other, serves=False).realtime.policy == "fifo":
                 found.append(str(other))
-        except ConfigError:
-            continue  # it ended just now
     return tuple(found)
 
 

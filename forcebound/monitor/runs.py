@@ -17,12 +17,16 @@ from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
 
 
-def running(folders: Iterable[Path] | None = None) -> list[Path]:
-    """Return the run directories of this user's graphs that run, by name, in ``folders``.
+def running(folders: Iterable[Path] | None = None) -> dict[Path, RunDocument]:
+    """Return the run directories of this user's graphs that run, by name, with their documents.
 
-    By default these are where the launcher makes run directories.
+    Args:
+        folders: Where to look; by default where the launcher makes run directories.
     """
-    return list(_running(folders))
+    folders = run_folders() if folders is None else folders
+    found = {run_dir.resolve() for folder in folders for run_dir in folder.glob(f"{PREFIX}*")}
+    documents = {run_dir: _document(run_dir) for run_dir in sorted(found)}
+    return {run_dir: document for run_dir, document in documents.items() if document is not None}
 
 
 def find(
@@ -45,7 +49,7 @@ def find(
         ConfigError: If no graph runs, several run and ``run`` does not say which, or ``run`` is no
             directory of one that runs.
     """
-    known = _running(folders)
+    known = running(folders)
     if run is None:
         return _only(known, of_graph, option)
     run_dir = run.resolve()
@@ -88,14 +92,6 @@ def while_running(run_dir: Path) -> Iterator[None]:
         if _document(run_dir) is not None:
             raise
         raise RunError(f"the graph in {run_dir} has ended meanwhile") from error
-
-
-def _running(folders: Iterable[Path] | None) -> dict[Path, RunDocument]:
-    """Return the run directories of running graphs, by name, with their documents."""
-    folders = run_folders() if folders is None else folders
-    found = {run_dir.resolve() for folder in folders for run_dir in folder.glob(f"{PREFIX}*")}
-    documents = {run_dir: _document(run_dir) for run_dir in sorted(found)}
-    return {run_dir: document for run_dir, document in documents.items() if document is not None}
 
 
 def _document(run_dir: Path) -> RunDocument | None:

@@ -19,7 +19,7 @@ two numbers only (:meth:`Chances.next_plain`), or all packets of a run draw thei
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from forcebound.network.impairment import Impairment, Slot
 
@@ -72,19 +72,6 @@ def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Gen
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
-def _travel_ns(delay_ns: int, deviation_ns: Any, whole: Callable[[Any], Any]) -> Any:
-    """Return the time on the way, in ns, of one packet, or of many as an array."""
-    travel_ns = delay_ns + whole(deviation_ns)
-    return travel_ns * (travel_ns > 0)
-
-
-def _whole(numbers: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Round an array, ties to even, as ``round`` does for one number."""
-    import numpy as np
-
-    return np.rint(numbers).astype(np.int64)
-
-
 def plain_fates(
     impairment: Impairment, seed: int, count: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -102,7 +89,9 @@ def plain_fates(
     if impairment.jitter > 0.0:
         numbers = _generator(seed, "jitter").random(count)
         deviation = impairment.jitter * 1e9 * (2.0 * numbers - 1.0)
-    return lost, _travel_ns(round(impairment.delay * 1e9), deviation, _whole)
+    # rint takes ties to even, as round does for one number.
+    travel = round(impairment.delay * 1e9) + np.rint(deviation).astype(np.int64)
+    return lost, np.maximum(travel, 0)
 
 
 class Chances:
@@ -146,8 +135,7 @@ class Chances:
     def travel_ns(self) -> int:
         """Return the next time on the way, in ns."""
         deviation_ns = self._jitter_ns * self._quantile(self._jitter())
-        travel_ns: int = _travel_ns(self._delay_ns, deviation_ns, round)
-        return travel_ns
+        return max(0, self._delay_ns + round(deviation_ns))
 
     def slot_delay_ns(self, slot: Slot) -> int:
         """Return the time until the next slot, in ns."""

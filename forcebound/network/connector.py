@@ -11,6 +11,7 @@ from contextlib import suppress
 
 import zmq
 
+from forcebound.network.channel import Channel
 from forcebound.network.limits import NO_ANSWER_NS
 from forcebound.network.monitor import Monitor, SocketEvent
 from forcebound.network.notices import Notice
@@ -110,6 +111,12 @@ class Connector:
             self._alone_ns = None
             notices.append(self._notice("no_answer"))
         return notices
+
+    def greet(self, channel: Channel) -> list[Notice]:
+        """Greet the listener."""
+        if self._is_up:
+            channel.send(b"")
+        return []
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
         if event.kind == zmq.EVENT_CONNECTED:

@@ -8,13 +8,11 @@ same arrivals give the same deliveries, however often one asks.
 The words and their meaning are those of Linux netem (:mod:`forcebound.network.impairment`). In
 this order, each decided by a generator of its own:
 
-1. A packet may be duplicated, and may be lost: by chance, because the link is down, or by its
-   trace. Of one that is duplicated and lost by chance, one goes on; the others are gone. A copy
-   goes the same way, with chances of its own, and is not copied again.
+1. A packet may be duplicated, and may be lost: by chance, in an outage, or by its trace. Of one
+   that is duplicated and lost by chance, one goes on. A copy has chances of its own, and no copy.
 2. When ``limit`` packets are on the way, it is lost.
-3. If it is reordered, it is through at once. If not, at ``arrival + delay + deviation``, but never
-   before its arrival: so jitter reorders packets too. With a trace, at ``arrival`` and the delay
-   that the trace has for now. With a ``rate`` then at the later of this and the time at which the
+3. If it is reordered, it is through at once. If not, after its delay, or that of the trace, but
+   never before its arrival. With a ``rate``, then at the later of this and the time at which the
    packet before is through, plus its own size over the rate.
 4. With slots, it waits for the slot.
 5. Packets come out by that time; equal times, in the order in which they arrived. A corrupt one

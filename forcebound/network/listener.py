@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import zmq
 
 from forcebound.network import limits
-from forcebound.network.channel import Greeting
+from forcebound.network.channel import Channel, Greeting
 from forcebound.network.monitor import WRONG_KEY, Monitor, SocketEvent
 from forcebound.network.notices import Notice
 
@@ -55,14 +55,9 @@ class Listener:
         self.due_ns: int | None = None
 
     @property
-    def routes(self) -> list[bytes]:
-        """The routing ids of the established peers."""
-        return [c.greeting.route for c in self._open.values() if c.greeting is not None]
-
-    @property
     def established(self) -> int:
         """Number of peers that may send and receive packets now."""
-        return len(self.routes)
+        return sum(c.greeting is not None for c in self._open.values())
 
     @property
     def connections(self) -> int:
@@ -80,18 +75,21 @@ class Listener:
             if c.greeting is not None
         ]
 
-    def has_room(self) -> bool:
-        """Whether one more peer may come."""
-        return self.established < limits.MAX_PEERS
-
-    def greet(self, greeting: Greeting) -> list[Notice]:
-        """Establish the peer of a first message; all events before it must have been taken."""
-        connection = self._open.get(greeting.descriptor)
-        if connection is None:
-            return []  # it has gone meanwhile
-        is_new = connection.greeting is None
-        connection.greeting = greeting
-        return [self._notice("came", connection)] if is_new else []
+    def greet(self, channel: Channel) -> list[Notice]:
+        """Establish those who have greeted; all events before that must have been taken."""
+        notices = []
+        for greeting in channel.greetings:
+            connection = self._open.get(greeting.descriptor)
+            if connection is None:
+                continue  # it has gone meanwhile
+            is_new = connection.greeting is None
+            connection.greeting = greeting
+            if is_new:
+                notices.append(self._notice("came", connection))
+        channel.greetings.clear()
+        peers = self._open.values()
+        channel.set_routes([c.greeting.route for c in peers if c.greeting is not None])
+        return notices
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events; :attr:`due_ns` is set if there may be more."""

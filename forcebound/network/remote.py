@@ -21,6 +21,7 @@ from typing import Any
 import zmq
 
 from forcebound.errors import ConfigError
+from forcebound.network import limits
 from forcebound.network.addresses import resolve
 from forcebound.network.channel import Channel
 from forcebound.network.connector import Connector
@@ -127,7 +128,7 @@ class RemoteLink:
             if self._handler is not None and self._serve(self._handler, notices):
                 due.append(time_ns)
             notices += self._peer.take(time_ns, EVENT_LIMIT)
-            notices += self._greet()
+            notices += self._peer.greet(self._channel)
             if self._peer.due_ns is not None:
                 due.append(self._peer.due_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
@@ -160,21 +161,8 @@ class RemoteLink:
         self.descriptors.append(monitor.descriptor)
         return socket, monitor
 
-    def _greet(self) -> list[Notice]:
-        """Greet the listener, or establish those who have greeted."""
-        if isinstance(self._peer, Connector):
-            if self._peer.established:
-                self._channel.send(b"")
-            return []
-        notices: list[Notice] = []
-        for greeting in self._channel.greetings:
-            notices += self._peer.greet(greeting)
-        self._channel.greetings.clear()
-        self._channel.set_routes(self._peer.routes)
-        return notices
-
     def _has_room(self) -> bool:
-        return isinstance(self._peer, Listener) and self._peer.has_room()
+        return self._peer.established < limits.MAX_PEERS
 
     def _serve(self, handler: ZapHandler, notices: list[Notice]) -> bool:
         """Decide about those who wait; return whether more may wait."""

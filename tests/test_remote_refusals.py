@@ -1,0 +1,290 @@
+"""The link to another machine: peers that are refused, and invalid bytes."""
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+from dataclasses import replace
+
+import pytest
+import zmq
+from remote_peers import GRAPH, SERVER, STRANGER, Peer, ends, meet, open_peers, run_for, run_until
+from waiting import PATIENCE, free_port
+
+from forcebound.errors import ConfigError
+from forcebound.network import limits
+from forcebound.network.ends import RemoteEnd
+from forcebound.network.notices import (
+    BURST,
+)
+from forcebound.network.remote import RemoteLink
+from forcebound.network.sockets import Network
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Peer]]:
+    with open_peers() as start:
+        yield start
+
+
+@pytest.mark.parametrize("listens", ["graph", "environment"])
+def test_an_unknown_key_gets_no_byte_and_both_ends_say_why(
+    start: Callable[..., Peer], listens: str
+) -> None:
+    graph_end, environment_end = ends(free_port(), listens)
+    if listens == "graph":
+        host, guest = start(graph_end), start(replace(environment_end, key=STRANGER))
+    else:
+        host, guest = start(environment_end), start(replace(graph_end, key=STRANGER))
+
+    def both_have_said_so() -> bool:
+        host.link.send(b"secret")
+        guest.link.send(b"forged")
+        return "refused_here" in host.kinds() and "refused_there" in guest.kinds()
+
+    run_until(both_have_said_so, "both logs", host, guest)
+    assert STRANGER.public in host.text("refused_here")
+    assert "127.0.0.1" in host.text("refused_here")
+    assert "not in its list of who may connect" in guest.text("refused_there")
+    for _ in range(20):
+        both_have_said_so()
+        run_for(0.02, host, guest)
+    assert host.got == guest.got == []
+    assert host.link.status()["peers"] == []
+
+
+def test_a_refused_peer_comes_in_once_it_is_allowed(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(replace(graph_end, peers={STRANGER.public: "another"}))
+    environment = start(environment_end)
+    run_until(lambda: "refused_there" in environment.kinds(), "the refusal", graph, environment)
+    graph.close()
+    meet(start(graph_end), environment)
+
+
+def test_a_peer_without_keys_gets_no_byte(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(graph_end)
+    guest = start(replace(environment_end, key=None, peers={}))
+
+    def noticed() -> bool:
+        graph.link.send(b"secret")
+        return "other_security" in guest.kinds() and bool(graph.notices)
+
+    run_until(noticed, "both logs", graph, guest)
+    run_for(0.2, graph, guest)
+    assert "keys (CURVE), and we do not" in guest.text("other_security")
+    assert graph.kinds() <= {"other_security", "handshake_failed"}
+    assert guest.got == []
+
+
+def test_keys_where_the_listener_has_none_are_said(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(replace(graph_end, key=None, peers={}))
+    guest = start(environment_end)
+    wanted = {"other_security", "wrong_key_there"}
+    run_until(lambda: bool(guest.kinds() & wanted), "the log", graph, guest)
+    assert "no keys" in guest.text("other_security") + guest.text("wrong_key_there")
+    assert not guest.link.connected
+
+
+def test_a_wrong_key_of_the_listener_is_said_and_not_hammered(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(graph_end)
+    guest = start(replace(environment_end, peers={STRANGER.public: "device-lab"}))
+    run_until(
+        lambda: "wrong_key_of_ours" in graph.kinds() and "wrong_key_there" in guest.kinds(),
+        "both logs",
+        graph,
+        guest,
+    )
+    assert STRANGER.public in guest.text("wrong_key_there")
+    run_for(0.4, graph, guest)  # libzmq alone would have tried 20 times
+    assert guest.link.status()["counts"]["wrong_key_there"] <= 6
+    assert guest.got == []
+
+
+def test_silence_ends_with_the_handshake_time(start: Callable[..., Peer]) -> None:
+    port = free_port()
+    graph = start(ends(port)[0])
+    with closing(socket.create_connection(("127.0.0.1", port))) as silent:
+        silent.settimeout(PATIENCE)
+        run_until(lambda: "handshake_timeout" in graph.kinds(), "the time limit", graph)
+        assert silent.recv(64)[:1] == b"\xff"  # the greeting, which is the same for everybody
+        assert silent.recv(64) == b""
+
+
+@pytest.mark.parametrize("rubbish", [b"GET / HTTP/1.0\r\n\r\n", b"\0" * 300, os.urandom(5000)])
+def test_rubbish_is_said_and_harms_nobody(start: Callable[..., Peer], rubbish: bytes) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(graph_end)
+    with closing(socket.create_connection(("127.0.0.1", graph_end.port))) as stranger:
+        stranger.sendall(rubbish)
+    run_until(lambda: bool(graph.notices), "the log", graph)
+    assert graph.kinds() <= {"handshake_failed", "other_security"}
+    meet(graph, start(environment_end))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "[::1]"])
+def test_hundreds_of_connections_are_cut_down_and_a_friend_still_comes(
+    start: Callable[..., Peer], address: str
+) -> None:
+    host = address.strip("[]")
+    graph_end, environment_end = ends(free_port(host), address=address)
+    graph = start(graph_end)
+    friend = start(environment_end)
+    meet(graph, friend)
+    crowd: list[socket.socket] = []
+    try:
+        for _ in range(300):
+            crowd.append(socket.create_connection((host, graph_end.port), timeout=PATIENCE))
+            graph.turn()
+            friend.turn()
+        run_for(0.1, graph, friend)
+        assert graph.link.status()["counts"]["too_many_connections"] > BURST
+        assert graph.link.status()["connections"] <= limits.MAX_CONNECTIONS
+        assert len([n for n in graph.notices if n.kind == "too_many_connections"]) == BURST
+        assert graph.link.connected
+        assert friend.link.connected
+        meet(graph, friend)
+        assert "disconnected" not in graph.kinds() | friend.kinds()
+        friend.close()
+        meet(graph, start(environment_end))
+    finally:
+        for stranger in crowd:
+            stranger.close()
+
+
+def test_more_friends_than_a_port_takes_are_refused_with_a_word(
+    start: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "MAX_PEERS", 1)
+    graph_end, environment_end = ends(free_port())
+    graph, first = start(graph_end), start(environment_end)
+    meet(graph, first)
+    second = start(environment_end)
+    run_until(lambda: "refused_there" in second.kinds(), "the word", graph, first, second)
+    assert "as many connections as it takes" in second.text("refused_there")
+    assert "as many peers as it takes" in graph.text("too_many_connections")
+    meet(graph, first)
+
+
+def test_a_monitor_that_nobody_reads_stops_nothing(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph, friend = start(graph_end), start(environment_end)
+    meet(graph, friend)
+    for _ in range(1500):  # three events each; ZeroMQ's queue holds 2000 by default
+        socket.create_connection(("127.0.0.1", graph_end.port), timeout=PATIENCE).close()
+    graph.got.clear()
+
+    def heard() -> bool:
+        friend.link.send(b"still here")
+        graph.got += graph.link.subscriber.receive()
+        return b"still here" in graph.got
+
+    run_until(heard, "a packet while the monitor is full", friend)
+    run_until(lambda: graph.link.due_ns > time.monotonic_ns(), "the events", graph)
+    assert sum(n.kind == "handshake_failed" for n in graph.notices) <= 2 * BURST + 2
+    meet(graph, friend)
+
+
+class BadPeer:
+    """A socket that holds the environment's key, sends replies and behaves badly."""
+
+    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", end: RemoteEnd) -> None:
+        self._end = end
+        self._route: list[bytes] = []
+        kind = zmq.ROUTER if end.listens else zmq.DEALER
+        self._socket = context.socket(kind, socket_class=zmq.Socket)
+        self._socket.set(zmq.LINGER, 0)
+        self._socket.set(zmq.CURVE_PUBLICKEY, SERVER.public.encode())
+        self._socket.set(zmq.CURVE_SECRETKEY, SERVER.secret.encode())
+        address = f"tcp://{end.address}:{end.port}"
+        if end.listens:
+            self._socket.set(zmq.CURVE_SERVER, 1)
+            self._socket.bind(address)
+        else:
+            self._socket.set(zmq.CURVE_SERVERKEY, GRAPH.public.encode())
+            self._socket.connect(address)
+
+    def send(self, *frames: bytes) -> None:
+        while self._end.listens and self._socket.poll(0):
+            self._route = self._socket.recv_multipart()[:1]
+        with suppress(zmq.Again):
+            if self._route or not self._end.listens:
+                self._socket.send_multipart([*self._route, *frames], zmq.DONTWAIT)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def bad_peer() -> Iterator[Callable[[RemoteEnd], BadPeer]]:
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    made: list[BadPeer] = []
+
+    def make(end: RemoteEnd) -> BadPeer:
+        made.append(BadPeer(context, end))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+    context.term()
+
+
+@pytest.mark.parametrize("newest_only", [True, False])
+def test_a_message_of_several_frames_is_one_malformed_packet(
+    start: Callable[..., Peer], bad_peer: Callable[[RemoteEnd], BadPeer], newest_only: bool
+) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(graph_end, newest_only)
+    bad = bad_peer(environment_end)
+
+    def heard() -> bool:
+        bad.send(b"good")
+        return b"good" in graph.got
+
+    run_until(heard, "the peer", graph)
+    run_for(0.05, graph)
+    graph.got.clear()
+    for _ in range(20_000):  # with CONFLATE this ends the process: Assertion failed: !_more
+        bad.send(b"good", b"good", b"good")
+        graph.got += graph.link.subscriber.receive()
+    run_until(lambda: b"" in graph.got, "the bad messages", graph)
+    assert set(graph.got) == {b""}
+
+
+@pytest.mark.parametrize("listens", ["graph", "environment"])
+def test_a_message_that_is_too_large_ends_the_connection_which_comes_back(
+    start: Callable[..., Peer], bad_peer: Callable[[RemoteEnd], BadPeer], listens: str
+) -> None:
+    graph_end, environment_end = ends(free_port(), listens)
+    graph = start(graph_end)
+    bad = bad_peer(environment_end)
+
+    def heard() -> bool:
+        bad.send(b"good")
+        return b"good" in graph.got and graph.link.connected
+
+    run_until(heard, "the peer", graph)
+    bad.send(bytes(limits.MAX_FRAME + 1))
+    word = "disconnected" if listens == "graph" else "protocol_error"
+    run_until(lambda: word in graph.kinds(), "a word", graph)
+    assert str(limits.MAX_FRAME) in graph.text(word)
+    graph.got.clear()
+    run_until(heard, "the peer again", graph)
+    assert set(graph.got) == {b"good"}
+
+
+@pytest.mark.parametrize("listens", [True, False])
+@pytest.mark.parametrize("address", ["192.0.2.1", "0.0.0.0", "[2001:db8::1]"])
+def test_without_keys_no_other_machine_is_reached(address: str, listens: bool) -> None:
+    with Network() as network, pytest.raises(ConfigError) as caught:
+        RemoteLink(network, RemoteEnd("graph", listens, address, 7410))
+    if listens or address != "0.0.0.0":
+        assert "forcebound keys new" in str(caught.value)
+        assert "insecure: true" in str(caught.value)
+    else:
+        assert "address of the other machine" in str(caught.value)
