@@ -10,7 +10,7 @@ import math
 import numbers
 import pickle
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -87,8 +87,9 @@ class Findings:
     def add(self, promise: str, expected: str, got: str, where: str) -> None:
         """Note a broken promise, up to ``SHOWN`` times."""
         found = self._found.setdefault(promise, [])
-        if len(found) < SHOWN:
-            found.append(Violation(promise, expected, got, where))
+        violation = Violation(promise, expected, got, where)
+        if len(found) < SHOWN and violation not in found:
+            found.append(violation)
 
     @contextmanager
     def noting(self, promise: str, expected: str, where: str) -> Iterator[None]:
@@ -140,10 +141,25 @@ class Findings:
                 self.add("pure", f"{before}, as before", str(after), f"{where}, answer {place}")
                 return
 
-    def report(self, promises: Mapping[str, str], questions: int, left_out: int = 0) -> Report:
-        """Return what was found."""
+    def is_broken(self, promise: str) -> bool:
+        """Whether a promise was broken until now."""
+        return promise in self._found
+
+    def report(
+        self,
+        promises: Mapping[str, str],
+        questions: int,
+        left_out: int = 0,
+        unseen: Collection[str] = (),
+    ) -> Report:
+        """Return what was found; no promise in ``unseen`` is called kept."""
         violations = tuple(one for found in self._found.values() for one in found)
-        return Report(promises, violations, questions, left_out)
+        named = {
+            name: words
+            for name, words in promises.items()
+            if name not in unseen or self.is_broken(name)
+        }
+        return Report(named, violations, questions, left_out)
 
 
 def copy_of(model: Any) -> Any:

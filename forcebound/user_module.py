@@ -129,7 +129,9 @@ def _read(path: Path) -> bytes:
         found = "is not a file" if path.exists() else "does not exist"
     except (OSError, ValueError) as error:  # ValueError: a path that no file can have
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
-    raise ConfigError(f"{path} {found}; a relative path starts from the folder of the launch file")
+    raise ConfigError(
+        f"{path} {found}; a relative path in a launch file starts from the folder of that file"
+    )
 
 
 def _describe(error: BaseException, files: set[str]) -> str:

@@ -2,7 +2,7 @@
 
 The run directory is private (0700) and holds the sockets and two documents for the processes:
 ``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
-(:class:`RunDocument`). What a crash has left of one is removed by the next that is made.
+(:class:`RunDocument`). The next run removes what remains after a crash.
 """
 
 import fcntl

@@ -75,7 +75,7 @@ class RunResult:
     def summary(self) -> dict[str, Any]:
         """The key figures; see :func:`forcebound.analysis.summary.summarize`.
 
-        A recording that is cut off is a fault, ``recording_incomplete``, beside those of the run.
+        An incomplete recording is a further fault, ``recording_incomplete``.
         """
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 

@@ -73,7 +73,7 @@ class Supervisor:
         remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
         changes: Returns the parameters of a node that were changed since the run began.
         start_cores: Cores on which the processes start, which takes most of a second of each; none:
-            those of the launcher, as for a process that starts again beside a running chain.
+            those of the launcher, as for a process that restarts during a run.
     """
 
     def __init__(

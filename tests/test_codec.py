@@ -466,7 +466,7 @@ def test_a_key_given_twice_is_refused(packet: Packet) -> None:
             data = head[:-1] + bytes([head[-1] | count]) + body + msgpack.packb("seq") + b"\x09"
             error = refusal(data)
             assert error.reason == "keys"
-            assert "twice" in str(error)
+            assert "duplicate key" in str(error)
 
 
 @pytest.mark.parametrize("name", ["devicestate", "", None, 1, ["device_state"]])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.contract import Violation, vector_fault
+from forcebound.contract import Findings, Violation, vector_fault
 from forcebound.environments import EnvironmentModel
 from forcebound.environments.contract import PROMISES, check
 from forcebound.environments.damper import Damper
@@ -138,3 +138,20 @@ def test_the_form_of_an_answer_is_named(force: object, got: str | None) -> None:
     fault = vector_fault(force, 2, "N")
     assert (fault is None) == (got is None)
     assert fault is None or (got or "") in fault.got
+
+
+def test_no_promise_about_answers_is_called_kept_if_there_are_none() -> None:
+    def fails(*_: Any) -> Any:
+        raise ValueError
+
+    held = check(Answers(fails)).held
+    assert not held["answers"]
+    assert held["opens"]
+    assert not {"shape", "finite", "pure"} & set(held)
+
+
+def test_the_same_violation_is_reported_once() -> None:
+    found = Findings()
+    for _ in range(2):
+        found.add("answers", "an answer", "none", "here")
+    assert len(found.report({"answers": "answers"}, 2).violations) == 1

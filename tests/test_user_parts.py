@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import os
 import re
 import subprocess
@@ -86,6 +87,15 @@ def test_the_device_of_the_page_slides_to_rest(tmp_path: Path) -> None:
     path.write_text(path.read_text() + "environment: {position: 1 m}\n")
     columns = run_virtual(load(path), duration=3.0).columns
     assert columns.position[-1, 0] == pytest.approx(0.2 * 0.2 / 0.5, rel=0.01)  # m v / b
+
+
+@pytest.mark.parametrize("force", [1e30, -math.inf, math.nan])
+def test_the_device_of_the_page_holds_no_force_above_its_saturation(
+    force: float, tmp_path: Path
+) -> None:
+    model = load(write_page("device", tmp_path)).device.model
+    held = model.open(None, 1.25e-3).write(0, (force,))
+    assert math.hypot(*held) <= model.saturation
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -2,7 +2,7 @@
 
 1. Wake-up: :func:`forcebound.realtime.wait_until` on an absolute schedule against ``pacing.c``,
    built on the spot, for each scheduling class that is permitted; same core, same class, same
-   priority, in turns.
+   priority, alternately.
 2. Tick: the real device node on real sockets (:mod:`forcebound.benchmark.servo_tick`), at the given
    rate and at 4 kHz, in the best class that is permitted.
 """

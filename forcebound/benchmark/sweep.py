@@ -1,7 +1,7 @@
 """Benchmark of the compiled kernel against C: ``sweep.c`` has the same algorithm and layout.
 
 Contestants run blocks of ``WIDTH`` simulations side by side, each one second of the stiff wall
-under the certified law with 20 integration steps a sample, in turns: the kernel and C on one
+under the certified law with 20 integration steps a sample, alternately: the kernel and C on one
 thread, then both on all cores. ``gcc`` may contract products and sums (its default); a second build
 without contraction must give the kernel's numbers to the last bit; it is compared first.
 """

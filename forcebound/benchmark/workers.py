@@ -73,7 +73,12 @@ def module(name: str, *arguments: object) -> list[str]:
 @contextlib.contextmanager
 def started(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
     """Run a process during the body and end it with the body in any case."""
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        process_group=0,  # Ctrl-C reaches the benchmark alone, which ends it
+    )
     try:
         yield process
     finally:

@@ -204,6 +204,9 @@ def _as_written(value: object) -> str:
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
         click.echo("forcebound: interrupted; result up to here", err=True)
+    if not result.summary["samples"]:
+        never = "no command younger than the age limit reached the device"
+        click.echo(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return

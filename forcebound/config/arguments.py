@@ -108,7 +108,9 @@ class Arguments:
         name, separator, word = text.partition(":=")
         if not separator:
             first, equals, rest = text.partition("=")
-            hint = f"; did you mean '{first.rstrip(':')}:={rest}'?" if equals else ""
+            hint = '; a value with a space needs quotes, as in delay:="2 ms"'
+            if equals:
+                hint = f"; did you mean '{first.rstrip(':')}:={rest}'?"
             self._problems.add(f"expected name:=value{hint}", place)
         elif name not in self.declared:
             self._problems.add(unknown("argument", name, self.declared), place)

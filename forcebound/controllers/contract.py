@@ -39,12 +39,12 @@ def check(
         runs = []
         for one in (model, copy_of(model)):
             asked += states
-            with found.noting("opens", "an instance, and an end", f"{count} axes"):
+            with found.noting("opens", "an instance that closes", f"axes: {count}"):
                 controller = one.open(count)
                 runs.append(list(_drive(controller, count, Random(seed), states, found)))
                 controller.close()
         if len(runs) == 2:
-            found.check_repeats(runs[0], runs[1], f"{count} axes")
+            found.check_repeats(runs[0], runs[1], f"axes: {count}")
     return found.report(PROMISES, asked)
 
 
@@ -54,7 +54,7 @@ def _drive(
     """What it returns to states, and to replies of which some are missing."""
 
     def call(method: Any, *arguments: Any, units: tuple[str, ...]) -> str:
-        where = f"{method.__name__} for {axes} axes"
+        where = f"{method.__name__}, axes: {axes}"
         with found.noting("answers", "an answer", where):
             answer = method(*arguments)
             vectors = (answer,) if len(units) == 1 else tuple(answer)

@@ -71,7 +71,7 @@ class Runner:
         spin_ns: See :class:`forcebound.realtime.Settings`.
         configure: Brings node and links to the parameters of a request; returns those that it has
             changed.
-        remote: The link to another machine. A controller uses it beside its own sockets, an
+        remote: The link to another machine. A controller uses it in addition to its own sockets, an
             environment instead of them.
 
     Raises:
