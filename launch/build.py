@@ -14,8 +14,8 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode, dissipation_of
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
+from forcebound.parts.user_module import describe_user_error
 from forcebound.processes import NODES
-from forcebound.user_module import describe_user_error
 
 
 def build_node(kind: str, config: GraphConfig, environment_name: str = "environment") -> Node:

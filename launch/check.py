@@ -12,7 +12,6 @@ from forcebound.bounding import contract as laws
 from forcebound.config.loader import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
-from forcebound.contract import Report
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
 from forcebound.environments import Environment, EnvironmentModel, open_environment
@@ -20,8 +19,9 @@ from forcebound.environments import contract as environments
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
+from forcebound.parts.contract import Report
+from forcebound.parts.user_module import file_of, names_file
 from forcebound.quantities import parse_quantity
-from forcebound.user_module import file_of, names_file
 
 CONTRACTS: Mapping[str, Any] = {
     "law": laws,

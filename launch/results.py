@@ -13,8 +13,8 @@ from typing import Any, cast
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import TOPIC_OF, Event
+from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
-from forcebound.user_module import source_of
 
 _logger = logging.getLogger(__name__)
 

@@ -1,7 +1,9 @@
 """Run of a launch file in virtual time: the nodes of a live run, in this process."""
 
+import signal
 import time
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 
 from forcebound.config.graph import GraphConfig
@@ -68,15 +70,25 @@ def run_virtual(
 
 
 class _Observer:
-    """Collects the packets that a result needs; records all packets if there is a recorder."""
+    """Collects the packets that a result needs; records all packets if there is a recorder.
+
+    Attributes:
+        is_interrupted: Whether the run is to end after the next packet.
+    """
 
     def __init__(self, recorder: Recorder | None) -> None:
         self._recorder = recorder
         self.samples: list[Telemetry] = []
         self.events: list[Event] = []
         self.packets = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
+        self.is_interrupted = False
 
     def take(self, packet: Packet) -> None:
+        self._keep(packet)
+        if self.is_interrupted:
+            raise KeyboardInterrupt
+
+    def _keep(self, packet: Packet) -> None:
         if isinstance(packet, Telemetry):
             self.samples.append(packet)
         elif isinstance(packet, Event):
@@ -89,7 +101,7 @@ class _Observer:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
                 if link is not None:
-                    self.take(node.events.link_counts(simulation.time_ns, topic, link.counts))
+                    self._keep(node.events.link_counts(simulation.time_ns, topic, link.counts))
 
     def close(self) -> None:
         if self._recorder is not None:
@@ -118,16 +130,34 @@ def _run(
     """Run the phases; return whether the run was interrupted."""
     launcher = EventLog(LAUNCHER)
     launcher.is_logged = False
-    ends_it = (KeyboardInterrupt,) if may_end_early else ()
-    with without_garbage_collection(), suppress(*ends_it):
-        now = config
-        for part in timetable(config):
-            if part.start_ns < end_ns:
-                simulation.run(part.start_ns)
-                apply(now, part.config, simulation)
-                now = part.config
-                event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
-                observer.take(event)
-        simulation.run(end_ns)
-        return False
-    return True
+    interrupts = _interrupt_after_a_packet(observer) if may_end_early else nullcontext()
+    try:
+        with interrupts, without_garbage_collection():
+            now = config
+            for part in timetable(config):
+                if part.start_ns < end_ns:
+                    simulation.run(part.start_ns)
+                    apply(now, part.config, simulation)
+                    now = part.config
+                    event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
+                    observer.take(event)
+            simulation.run(end_ns)
+    except KeyboardInterrupt:
+        if not may_end_early:
+            raise
+        return True
+    return False
+
+
+@contextmanager
+def _interrupt_after_a_packet(observer: _Observer) -> Iterator[None]:
+    """Let Ctrl-C wait for the end of a packet, so that recording and result hold the same."""
+
+    def interrupt(number: int, frame: object) -> None:
+        observer.is_interrupted = True
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

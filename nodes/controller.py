@@ -22,7 +22,7 @@ from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.lease import LEASE_NS, Lease
-from forcebound.user_module import describe_user_error
+from forcebound.parts.user_module import describe_user_error
 
 _logger = logging.getLogger(__name__)
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.contract import Findings, Violation, vector_fault
 from forcebound.environments import EnvironmentModel
 from forcebound.environments.contract import PROMISES, check
 from forcebound.environments.damper import Damper
 from forcebound.environments.wall import Wall
+from forcebound.parts.contract import Findings, Violation, vector_fault
 
 Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 

@@ -14,7 +14,6 @@ from forcebound.bounding import LAWS
 from forcebound.bounding import contract as laws
 from forcebound.bounding.none import NONE
 from forcebound.cli import main
-from forcebound.contract import Report
 from forcebound.controllers import CONTROLLERS
 from forcebound.controllers import contract as controllers
 from forcebound.controllers.direct import DirectController
@@ -25,6 +24,7 @@ from forcebound.devices.plant import SimulatedDevice
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
 from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.parts.contract import Report
 
 ticks = count()
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from random import Random
 
 from forcebound.bounding import LAWS, Dissipation, ForceBounder
-from forcebound.contract import Findings, Report
 from forcebound.messages.packets import Vector
+from forcebound.parts.contract import Findings, Report
 
 PROMISES: dict[str, str] = {
     "answers": "takes every sample: finite readings, forces and times",

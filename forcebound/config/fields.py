@@ -17,7 +17,7 @@ from typing import Any, NotRequired, get_type_hints
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
-from forcebound.user_module import describe_user_error, kind_of
+from forcebound.parts.user_module import describe_user_error, kind_of
 
 
 @dataclass(frozen=True, eq=False)

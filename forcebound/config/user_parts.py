@@ -1,7 +1,7 @@
 """Parts of the user's own in a launch file: their files, and what is checked of them.
 
-:mod:`forcebound.user_module` loads a file, the tables of :data:`forcebound.config.graph.KINDS` find
-the part in it.
+:mod:`forcebound.parts.user_module` loads a file, the tables of
+:data:`forcebound.config.graph.KINDS` find the part in it.
 """
 
 import json
@@ -16,7 +16,6 @@ from forcebound.config.fields import Section, check_fields
 from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
 from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
-from forcebound.contract import vector_fault
 from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
@@ -24,7 +23,8 @@ from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply,
 from forcebound.nodes.device import dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts import Table
-from forcebound.user_module import describe_user_error, file_of, kind_of, names_file
+from forcebound.parts.contract import vector_fault
+from forcebound.parts.user_module import describe_user_error, file_of, kind_of, names_file
 
 _logger = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 from random import Random
 from typing import Any
 
-from forcebound.contract import VALUE, Findings, Report, copy_of
 from forcebound.controllers import Controller, ControllerModel
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+from forcebound.parts.contract import VALUE, Findings, Report, copy_of
 
 PROMISES: dict[str, str] = {
     "opens": f"opens for 1 to {MAX_AXES} axes, and closes",

@@ -7,9 +7,9 @@ force but zero.
 import math
 from typing import Any
 
-from forcebound.contract import VALUE, Findings, Report
 from forcebound.devices import Device, DeviceModel
 from forcebound.messages.packets import MAX_AXES
+from forcebound.parts.contract import VALUE, Findings, Report
 
 PROMISES: dict[str, str] = {
     "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution and saturation",

@@ -7,7 +7,7 @@ from forcebound.devices import Device
 from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
-from forcebound.user_module import describe_user_error
+from forcebound.parts.user_module import describe_user_error
 
 
 class GuardedDevice:

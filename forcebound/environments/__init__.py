@@ -18,7 +18,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.parts import Form, Table
-from forcebound.user_module import describe_user_error
+from forcebound.parts.user_module import describe_user_error
 
 
 class StatelessEnvironment(Protocol):

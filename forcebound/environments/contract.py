@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 
-from forcebound.contract import VALUE, Findings, Report, copy_of, vector_fault
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.parts.contract import VALUE, Findings, Report, copy_of, vector_fault
 
 FAR = 1e6  # m, m/s: within it a force must be finite
 LONG = 1e6  # s

@@ -3,9 +3,9 @@
 import math
 from itertools import pairwise
 
-from forcebound.contract import VALUE, Findings, Report, vector_fault
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
+from forcebound.parts.contract import VALUE, Findings, Report, vector_fault
 
 PROMISES: dict[str, str] = {
     "passive": "mass, stiffness and damping are finite and not negative",

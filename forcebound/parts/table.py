@@ -6,7 +6,7 @@ A part has one of three origins:
 * an installed package offers it: an entry point of the group ``forcebound.SECTION``, such as
   ``forcebound.environments``; it cannot replace a part that ships;
 * it stands in a file of the user's own, ``my_spring.py`` or ``my_spring.py:MySpring``
-  (:mod:`forcebound.user_module`).
+  (:mod:`forcebound.parts.user_module`).
 """
 
 import inspect
@@ -18,8 +18,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from forcebound import user_module
 from forcebound.errors import ConfigError
+from forcebound.parts import user_module
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
