@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.user_module import raised_words
+from forcebound.parts.user_module import raised_words
 
 VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
 SHOWN = 3  # violations of one promise in a report; the others are alike
