@@ -76,6 +76,18 @@ def test_the_law_of_the_page_lets_less_through_than_the_exact_bound(tmp_path: Pa
     assert 0.0 < reserved < exact
 
 
+def test_a_law_that_does_not_compile_is_reported_in_one_line(tmp_path: Path) -> None:
+    path = write_page("law", tmp_path)
+    (law,) = tmp_path.glob("*.py")
+    law.write_text(law.read_text().replace("sample.distance", "sample.distanse"))
+    with pytest.raises(ConfigError) as error:
+        load_tried(path)
+    first = str(error.value).splitlines()[0]
+    assert ": law: TypingError: Unknown attribute 'distanse'" in first
+    assert f"{law.name}:" in first
+    assert "nopython" not in str(error.value)
+
+
 def test_the_controller_of_the_page_holds_the_hand_at_the_wall(tmp_path: Path) -> None:
     summary = simulate_page("controller", tmp_path, seconds=2.0)
     assert summary.columns.commanded_force[-1, 0] > 0.5

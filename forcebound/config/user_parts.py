@@ -91,12 +91,17 @@ def check_device(device: DeviceConfig, section: Section, asks: bool) -> bool:
         if not isinstance(model.axes, int) or not 1 <= model.axes <= MAX_AXES:
             raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {model.axes!r}")
         dissipation = dissipation_of(model, device.servo)
-        if asks and not LAWS.is_shipped(law):
-            bounder = ForceBounder(law, dissipation, model.axes)
-            bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
-            bounder.settle((0.0,) * model.axes)
     except (Exception, SystemExit) as error:
         section.add_here(f"device: {_words(error)}")
+        return False
+    if not asks or LAWS.is_shipped(law):
+        return True
+    try:
+        bounder = ForceBounder(law, dissipation, model.axes)
+        bounder.bound(device.servo.period_ns, (0.0,) * model.axes, (1.0,) * model.axes)
+        bounder.settle((0.0,) * model.axes)
+    except (Exception, SystemExit) as error:
+        section.add(f"law: {_words(error)}", section.value.entries["law"])
         return False
     return True
 

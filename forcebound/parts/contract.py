@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from forcebound.parts.user_module import raised_words
+
 VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
 SHOWN = 3  # violations of one promise in a report; the others are alike
 
@@ -174,7 +176,9 @@ def describe_raised(error: BaseException) -> str:
     """Return what was raised, and the innermost line; of an error of ours, its cause."""
     error = error.__cause__ or error
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} (raised in {last.filename}:{last.lineno})"
+    return (
+        f"{type(error).__name__}: {raised_words(error)} (raised in {last.filename}:{last.lineno})"
+    )
 
 
 def shown(value: object) -> str:

@@ -23,6 +23,9 @@ from typing import Any
 from forcebound.errors import ConfigError
 from forcebound.files import reason
 
+_IN_LINE = re.compile(  # of numba's report: what is wrong, an empty line, the place
+    r'^\s*(?P<what>\S[^\n]*)\n\s*\n\s*File "(?P<file>[^"\n]+)", line (?P<line>\d+)', re.MULTILINE
+)
 _KIND = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
 
 
@@ -94,6 +97,15 @@ def describe_user_error(error: BaseException) -> str:
     return _describe(error, {str(path) for path in _files})
 
 
+def raised_words(error: BaseException) -> str:
+    """Return what an error says; of numba's report, what is wrong in which line of the law."""
+    text = str(error)
+    if not type(error).__module__.startswith("numba"):
+        return text
+    found = _IN_LINE.search(text)
+    return text if found is None else f"{found['what']} ({found['file']}:{found['line']})"
+
+
 def _match(kind: str) -> re.Match[str]:
     match = _KIND.fullmatch(kind)
     assert match is not None, kind
@@ -130,14 +142,15 @@ def _read(path: Path) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a path that no file can have
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     raise ConfigError(
-        f"{path} {found}; a relative path in a launch file starts from the folder of that file"
+        f"{path} {found}; a relative path starts from the folder of the launch file, on the command"
+        " line from the current folder"
     )
 
 
 def _describe(error: BaseException, files: set[str]) -> str:
     """What was raised, where in one of these files, and the line itself."""
     place, text = None, ""
-    words = str(error)
+    words = raised_words(error)
     if isinstance(error, SyntaxError) and error.filename in files:
         place, text, words = f"{error.filename}:{error.lineno}", error.text or "", error.msg
     else:
