@@ -65,10 +65,12 @@ class Stamped(Protocol):
     @property
     def seq(self) -> int:
         """Counts from 0 at the sender."""
+        ...
 
     @property
     def time_ns(self) -> int:
         """Sender's monotonic clock, in ns."""
+        ...
 
 
 PacketT = TypeVar("PacketT", bound=Stamped)
