@@ -95,7 +95,7 @@ class Simulation:
         self.time_ns = until_ns
 
     def _step(self, index: int, time_ns: int) -> None:
-        node = self.nodes[index]
+        node, observed, routes = self.nodes[index], self._observed, self._routes
         mail = self._mail[index]
         received = list(mail.values())
         mail.clear()
@@ -104,9 +104,9 @@ class Simulation:
             received += link.due(time_ns)
         for packet in node.step(time_ns, received):
             kind = type(packet)
-            if kind in self._observed:
+            if kind in observed:
                 self._observe(packet)
-            route = self._routes.get(kind)
+            route = routes.get(kind)
             if route is None:
                 continue
             receiver, model, wakes_on_arrival = route

@@ -2,6 +2,8 @@
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of
+from forcebound.controllers.direct import DirectController
+from forcebound.controllers.guard import GuardedController
 from forcebound.devices.guard import GuardedDevice
 from forcebound.devices.plant import SimulatedDevice
 from forcebound.errors import ConfigError, DeviceError
@@ -46,6 +48,8 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         controller = config.controller.open(config.device.model.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
+    if not isinstance(controller, DirectController):  # which returns a packet's own vectors
+        controller = GuardedController(controller)
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 

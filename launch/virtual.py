@@ -84,24 +84,22 @@ class _Observer:
         self.is_interrupted = False
 
     def take(self, packet: Packet) -> None:
-        self._keep(packet)
-        if self.is_interrupted:
-            raise KeyboardInterrupt
-
-    def _keep(self, packet: Packet) -> None:
-        if isinstance(packet, Telemetry):
+        if type(packet) is Telemetry:
             self.samples.append(packet)
-        elif isinstance(packet, Event):
+        elif type(packet) is Event:
             self.events.append(packet)
         if self._recorder is not None:
             self._recorder.write(packet)
+        if self.is_interrupted:
+            self.is_interrupted = False
+            raise KeyboardInterrupt
 
     def take_link_counts(self, simulation: Simulation) -> None:
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
                 if link is not None:
-                    self._keep(node.events.link_counts(simulation.time_ns, topic, link.counts))
+                    self.take(node.events.link_counts(simulation.time_ns, topic, link.counts))
 
     def close(self) -> None:
         if self._recorder is not None:

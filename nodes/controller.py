@@ -102,8 +102,7 @@ class ControllerNode(Node):
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
             force = self._controller.on_state(state, time_ns)
-            force = None if force is None else _vector(force)
-            position, velocity = map(_vector, self._controller.query(state))
+            position, velocity = self._controller.query(state)
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
@@ -135,7 +134,6 @@ class ControllerNode(Node):
                 return
         try:
             force = self._controller.on_reply(reply, time_ns)
-            force = None if force is None else _vector(force)
         except Exception as error:
             self._fail("on_reply", error, time_ns, packets)
             return
@@ -155,8 +153,3 @@ class ControllerNode(Node):
             _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
             message = "the controller's code failed: its log gives the reason"
             packets.append(self.events.emit(time_ns, "controller_failed", message, is_fault=True))
-
-
-def _vector(answer: Vector) -> Vector:
-    """Return a user's answer, which may be a list or an array, as packets have it."""
-    return tuple(map(float, answer))

@@ -176,10 +176,11 @@ class SimulatedDevice:
         self, parameters: PlantModel, operator: Operator | None, hold_limit: float
     ) -> None:
         operator = NoHand() if operator is None else operator
-        self._parameters = parameters
         self._operator = operator
         self._hold_limit_ns = round(hold_limit * 1e9)
-        self._substep = parameters.substep
+        self._axes, self._resolution = parameters.axes, parameters.resolution
+        self._saturation, self._substep = parameters.saturation, parameters.substep
+        self._hand_mass = operator.mass
         self._constants = (
             parameters.mass + operator.mass,
             parameters.damping,
@@ -203,7 +204,7 @@ class SimulatedDevice:
     @property
     def axes(self) -> int:
         """Number of axes; see :class:`forcebound.devices.Device`."""
-        return self._parameters.axes
+        return self._axes
 
     def engage(self, time_ns: int) -> None:
         """Let the hand begin its motion; see :class:`forcebound.devices.Device`."""
@@ -214,15 +215,15 @@ class SimulatedDevice:
     def read(self, time_ns: int) -> Vector:
         """Return the encoder readings; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
-        resolution = self._parameters.resolution
+        resolution = self._resolution
         return tuple([quantise(x, resolution) for x in self._x])
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
         magnitude = math.hypot(*force)
-        if not magnitude <= self._parameters.saturation:
-            scale = self._parameters.saturation / magnitude if math.isfinite(magnitude) else 0.0
+        if not magnitude <= self._saturation:
+            scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
             force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
         self._force = force
         self._dropped_ns = time_ns + self._hold_limit_ns
@@ -233,15 +234,14 @@ class SimulatedDevice:
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
-        hand_mass = self._operator.mass
+        hand_mass = self._hand_mass
         energy = 0.0
         for work, v in zip(self._work, self._v, strict=True):
             energy += work - 0.5 * hand_mass * v * v
         return Truth(tuple(self._x), tuple(self._v), tuple(self._muscle), energy)
 
     def _target_at(self, elapsed: float) -> Vector:
-        target = self._operator.target(elapsed)
-        axes = self._parameters.axes
+        target, axes = self._operator.target(elapsed), self._axes
         return target if len(target) == axes else (target + (0.0,) * axes)[:axes]
 
     def _advance_to(self, time_ns: int) -> None:
@@ -252,7 +252,7 @@ class SimulatedDevice:
         if self._time_ns < self._dropped_ns < time_ns:
             self._hold_until(self._dropped_ns)
         if self._time_ns >= self._dropped_ns:
-            self._force = (0.0,) * self.axes
+            self._force = (0.0,) * self._axes
         self._hold_until(time_ns)
 
     def _hold_until(self, time_ns: int) -> None:
