@@ -6,7 +6,9 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 CORE := forcebound/bounding/*,nodes/*,messages/*
-CORE_COVERAGE := 89# % of lines and branches; raise it with what is reached
+# Least coverage of lines and branches, in %; to be raised with what is reached.
+COVERAGE := 88
+CORE_COVERAGE := 89
 FUZZ_SECONDS ?= 60# for each of codec and launch_file
 
 .PHONY: demo test check test-slow examples endurance audit bench fuzz mutation clean
@@ -15,7 +17,8 @@ demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered \
+	  --cov-fail-under=$(COVERAGE)
 	$(BIN)/coverage report --include='$(CORE)' --fail-under=$(CORE_COVERAGE) --format=total
 
 check: $(STAMP)
