@@ -212,7 +212,7 @@ def _run(
         node, kind, run_dir, links, settings, stop, engages_itself, Tuner(config), remote_end
     )
     if isinstance(node, EnvironmentNode):
-        _logger.info("%s has answered %d queries", node.name, node.answered)
+        _logger.info("queries answered by %s: %d", node.name, node.answered)
     _log_rejected(status)
 
 

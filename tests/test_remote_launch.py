@@ -39,5 +39,5 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> Non
     assert f"environment {name} serves now" in ended.log
     (connected,) = re.findall(r"connected from .*", environment.log)
     assert re.fullmatch(r"connected from \S+", connected)
-    (answered,) = re.findall(rf"{name} has answered (\d+) queries", environment.log)
+    (answered,) = re.findall(rf"queries answered by {name}: (\d+)", environment.log)
     assert int(answered) > 10

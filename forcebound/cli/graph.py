@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
-@click.command()
+@click.command(short_help="Stop a node: zero force.")
 @click.argument("node_name", metavar="NODE")
 @run_option
 @reports_errors
@@ -41,7 +41,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     click.echo(f"{node_name} is stopped; {what}")
 
 
-@click.command()
+@click.command(short_help="Start a node that was stopped.")
 @click.argument("node_name", metavar="NODE")
 @run_option
 @reports_errors
@@ -54,7 +54,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     click.echo(f"{node_name} runs")
 
 
-@click.command()
+@click.command(short_help="Show the loop delay of a recording or graph.")
 @click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
 @file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")

@@ -42,7 +42,7 @@ def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command("launch")
+@click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
 @reports_errors
 def launch_graph(
@@ -64,7 +64,7 @@ def launch_graph(
         _report(run_live(config, duration, record, file=described), record, as_json)
 
 
-@click.command()
+@click.command(short_help="Run a launch file in virtual time.")
 @_graph_options
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
 @reports_errors
@@ -89,7 +89,7 @@ def simulate(
     _report(result, record, as_json)
 
 
-@click.command()
+@click.command(short_help="Run one node of a launch file by hand.")
 @click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
@@ -115,7 +115,7 @@ def node(
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
 
 
-@click.command()
+@click.command(short_help="Draw recordings side by side.")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
 @file_option(
     "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
@@ -142,7 +142,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     click.echo(f"picture: {output}")
 
 
-@click.command()
+@click.command(short_help="Print the JSON schema of launch files.")
 @click.option(
     "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
 )

@@ -17,7 +17,7 @@ from forcebound.cli.common import (
 from forcebound.errors import ConfigError, RunError
 
 
-@click.command()
+@click.command(short_help="Measure against a reference implementation.")
 @click.argument("name")
 @duration_option
 @click.option("--rate", default=1000.0, show_default=True, help="Sampling rate, in Hz.")
@@ -40,7 +40,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         print_rows(table.columns, table.rows, table.title)
 
 
-@click.group(invoke_without_command=True)
+@click.group(invoke_without_command=True, short_help="Attack the laws in simulation.")
 @click.option(
     "--runs",
     type=click.IntRange(min=0),
@@ -115,7 +115,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
         click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
 
 
-@click.command()
+@click.command(short_help="Repeat the paper's experiments.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(
     "--out",
@@ -141,7 +141,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     click.echo(f"report: {out / 'report.html'}")
 
 
-@click.command()
+@click.command(short_help="Run a graph over a grid of its parameters.")
 @click.argument("file")
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
 @file_option("-o", "--output", help="Parquet file to write. Default: name of the sweep file.")
@@ -191,7 +191,7 @@ def sweep(
         raise RunError(f"every case failed; the first: {document['first_error']}")
 
 
-@click.command("map")
+@click.command("map", short_help="Draw the map of a sweep's result.")
 @click.argument("result", type=click.Path(path_type=Path, dir_okay=False))
 @file_option(
     "-o", "--output", help="Picture file, .png or .svg. Default: name of the result, .png."
