@@ -164,6 +164,19 @@ def test_what_a_controller_breaks_is_found(changed: dict[str, Any], promise: str
     assert not controllers.check(OddController(**changed), axes=(1,)).held[promise]
 
 
+@dataclass(frozen=True)
+class FailingController(DirectController):
+    def on_state(self, state: Any, time_ns: int) -> Any:
+        raise RuntimeError("no state")
+
+
+def test_no_promise_about_answers_is_called_kept_by_a_controller_that_gives_none() -> None:
+    held = controllers.check(FailingController(), axes=(1,)).held
+    assert held["opens"]
+    assert not held["answers"]
+    assert not {"shape", "finite", "pure"} & held.keys()
+
+
 # The commands
 
 
