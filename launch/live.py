@@ -150,15 +150,19 @@ def run_live(
             interrupted = supervisor.run()
         finally:
             os.sched_setaffinity(0, cores)
-        try:
-            result = replace(RunResult.from_recording(recording), interrupted=interrupted)
-            if not interrupted or result.summary["samples"]:
-                return result
-        except ConfigError as error:
-            if not interrupted:
-                raise RunError(str(error)) from error
-        recording.unlink(missing_ok=True)  # before the first sample: there is no result
-        raise KeyboardInterrupt
+        return _result(recording, interrupted)
+
+
+def _result(recording: Path, interrupted: bool) -> RunResult:
+    try:
+        result = replace(RunResult.from_recording(recording), interrupted=interrupted)
+        if not interrupted or result.summary["samples"]:
+            return result
+    except ConfigError as error:
+        if not interrupted:
+            raise RunError(str(error)) from error
+    recording.unlink(missing_ok=True)  # before the first sample: there is no result
+    raise KeyboardInterrupt
 
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:

@@ -62,49 +62,68 @@ def record(
         stop: Ends the loop.
     """
     realtime.enter(realtime.Settings(core=core), name)
-    sink = _FailSafeSink(sink)
-    counts = {topic: 0 for topic, _ in streams}
-    rejected: dict[str, int] = {}
     with Network() as network:
-        subscribers = [
-            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
-        ]
+        inbox = _Inbox(network, streams, _FailSafeSink(sink))
         control = network.control_server(control_endpoint(run_dir, name))
 
         def answer(request: Mapping[str, Any]) -> dict[str, Any]:
             if request.get("request") == "stop":
                 stop.request()
-            return _recorder_status(counts, rejected, sink)
-
-        def take() -> bool:
-            any_came = False
-            for topic, subscriber in subscribers:
-                for data in subscriber.receive():
-                    any_came = True
-                    try:
-                        packet = decode(data, TOPICS[topic].packet)
-                    except PacketError as error:
-                        rejected[error.reason] = rejected.get(error.reason, 0) + 1
-                        continue
-                    counts[topic] += 1
-                    sink.write(packet)
-            return any_came
+            return inbox.status()
 
         flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
         while not stop.requested:
             sockets.wait((stop.descriptor,), RECORDER_PERIOD_NS)
             control.serve(answer)
-            take()
+            inbox.take()
             if time.monotonic_ns() >= flush_ns:
-                sink.flush()
+                inbox.sink.flush()
                 flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
         limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
         silent_ns = 0
         while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
-            silent_ns = 0 if take() else silent_ns + RECORDER_PERIOD_NS
+            silent_ns = 0 if inbox.take() else silent_ns + RECORDER_PERIOD_NS
             sockets.wait((), RECORDER_PERIOD_NS)
-        sink.flush()
-    return _recorder_status(counts, rejected, sink)
+        inbox.sink.flush()
+    return inbox.status()
+
+
+class _Inbox:
+    """The streams of a recorder, and what came on them."""
+
+    def __init__(
+        self, network: Network, streams: Sequence[tuple[str, str]], sink: "_FailSafeSink"
+    ) -> None:
+        self.sink = sink
+        self._counts = {topic: 0 for topic, _ in streams}
+        self._rejected: dict[str, int] = {}
+        self._subscribers = [
+            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
+        ]
+
+    def take(self) -> bool:
+        """Record what has come; return whether anything had."""
+        any_came = False
+        for topic, subscriber in self._subscribers:
+            for data in subscriber.receive():
+                any_came = True
+                try:
+                    packet = decode(data, TOPICS[topic].packet)
+                except PacketError as error:
+                    self._rejected[error.reason] = self._rejected.get(error.reason, 0) + 1
+                    continue
+                self._counts[topic] += 1
+                self.sink.write(packet)
+        return any_came
+
+    def status(self) -> dict[str, Any]:
+        """Return the status of the process."""
+        return {
+            **readiness(self._counts),
+            "rejected": dict(self._rejected),
+            "recording": self.sink.state,
+            "realtime": [],
+        }
 
 
 class _FailSafeSink:
@@ -132,14 +151,3 @@ class _FailSafeSink:
         except OSError as error:
             self.state = f"stopped: {error.strerror or error}"
             _logger.error("recording %s; the run continues", self.state)
-
-
-def _recorder_status(
-    counts: Mapping[str, int], rejected: Mapping[str, int], sink: _FailSafeSink
-) -> dict[str, Any]:
-    return {
-        **readiness(counts),
-        "rejected": dict(rejected),
-        "recording": sink.state,
-        "realtime": [],
-    }
