@@ -3,8 +3,8 @@
 Strategy:
 
 1. All streams of this machine share one socket, so the process can sleep in the receiving call
-   itself. Waiting for descriptors first costs about 20 us more per packet, because Python code
-   that has not run for a millisecond is slow.
+   itself. Waiting for descriptors first costs more per packet, because Python code that has not
+   run for a millisecond is slow.
 2. Of a perfect link only the newest packet is taken, and the link has no object. A call that has
    slept returns the only packet; after a call that has not slept, the inbox looks for more.
 3. If a link is impaired, if the node waits for an instant, or if packets also come from another
