@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats
+from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
