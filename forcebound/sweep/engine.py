@@ -84,6 +84,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15
+        or not model.is_plain
         or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
