@@ -14,6 +14,8 @@ from forcebound.analysis.spectrum import (
     transparency_bandwidth,
     vibration,
 )
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
 
 RATE = 1000.0
 PERIOD = 1.0 / RATE
@@ -103,6 +105,14 @@ def test_the_bandwidth_of_a_low_pass_is_its_corner(corner: float) -> None:
     assert corner / 10**0.1 <= bandwidth <= corner * 1.001
 
 
+def test_a_late_wall_loses_its_bandwidth_to_the_phase() -> None:
+    frequency = bands(1.0, 500.0, RATE)
+    omega = 2.0 * math.pi * frequency
+    shown = 2000.0 * np.exp(-1j * omega * 0.010)  # 10 ms: 45 degrees at 12.5 Hz
+    late = Impedance(frequency, shown.real, shown.imag / omega)
+    assert 12.5 / 10**0.1 <= transparency_bandwidth(late, 2000.0) <= 12.5
+
+
 def test_a_wall_that_is_too_soft_from_the_start_has_no_bandwidth() -> None:
     frequency = bands(1.0, 500.0, RATE)
     soft = Impedance(frequency, np.full(frequency.size, 500.0), np.zeros(frequency.size))
@@ -117,3 +127,13 @@ def test_a_difference_of_a_weber_fraction_is_felt(stiffness: float, is_felt: boo
     assert found["figure"] == "displayed_stiffness_n_per_m"
     assert found["is_perceptible"] is is_felt
     assert found["difference"] == pytest.approx(stiffness / 1000.0 - 1.0)
+
+
+def test_a_shaken_wall_shows_the_damping_of_its_hold_and_its_reply_wait() -> None:
+    summary = run_virtual(load("impedance", ["law:=none"])).summary
+    shown = {key: np.array(values) for key, values in summary["displayed_impedance"].items()}
+    slow = shown["frequency_hz"] < 50.0
+    # 1 N/mm, held for 1 ms and written 0.4 ms after the reading.
+    assert np.median(shown["damping_n_s_per_m"][slow]) == pytest.approx(-0.9, rel=0.05)
+    assert np.median(shown["stiffness_n_per_m"][slow]) == pytest.approx(1000.0, rel=0.02)
+    assert summary["transparency_bandwidth_hz"] > 50.0

@@ -22,6 +22,7 @@ IMPEDANCE = (1.0, 500.0)  # Hz
 COHERENCE = 0.9  # least of a band whose impedance counts
 EXCITATION = 1e-6  # m, RMS, least motion of a band whose impedance counts
 TRANSPARENT = 10.0 ** (3.0 / 20.0)  # 3 dB, either way
+IN_PHASE = np.pi / 4.0  # 45 degrees: where a first-order low-pass has lost 3 dB
 
 
 def bands(low: float, high: float, rate: float) -> Floats:
@@ -123,23 +124,25 @@ def displayed_impedance(force: Floats, position: Floats, rate: float) -> Impedan
 
 
 def transparency_bandwidth(impedance: Impedance, stiffness: float) -> float:
-    """Return the frequency up to which an elastic wall is displayed to 3 dB, in Hz.
+    """Return the frequency up to which an elastic wall is displayed to 3 dB and 45 degrees, in Hz.
 
     Args:
         impedance: Displayed impedance.
         stiffness: Of the wall, in N/m, > 0.
 
     Returns:
-        The last band up to which no band differs by more than 3 dB, in Hz; 0 if the lowest does.
-        The highest excited band is the most that a run can show.
+        The last band up to which no band differs by more, in Hz; 0 if the lowest does. The highest
+        excited band is the most that a run can show.
 
     Source: bandwidth of the ratio of displayed and wanted impedance, as Lawrence, Stability and
     transparency in bilateral teleoperation, IEEE Transactions on Robotics and Automation 9(5),
-    1993; 3 dB is the usual limit.
+    1993. A first-order low-pass reaches both limits at its corner; a mere delay only the second.
     """
     omega = 2.0 * np.pi * impedance.frequency
-    ratio = np.hypot(impedance.stiffness, omega * impedance.damping) / stiffness
-    outside = np.flatnonzero((ratio > TRANSPARENT) | (ratio < 1.0 / TRANSPARENT))
+    ratio = (impedance.stiffness + 1j * omega * impedance.damping) / stiffness
+    size = np.abs(ratio)
+    differs = (size > TRANSPARENT) | (size < 1.0 / TRANSPARENT) | (abs(np.angle(ratio)) > IN_PHASE)
+    outside = np.flatnonzero(differs)
     last = (int(outside[0]) if outside.size else ratio.size) - 1
     return float(impedance.frequency[last]) if last >= 0 else 0.0
 

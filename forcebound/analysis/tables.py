@@ -66,6 +66,14 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def difference_text(difference: Mapping[str, Any]) -> str:
+    """Return a difference of two runs in words; see :func:`.perception.differences`."""
+    name = difference["figure"].rpartition("_n")[0].replace("_", " ")
+    least = f"{difference['weber_fraction']:.0%}, {difference['source']}"
+    felt = "a hand feels it" if difference["is_perceptible"] else "a hand does not feel it"
+    return f"{name} {difference['difference']:+.0%}; {felt} (from {least})"
+
+
 def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Return a table of phases, its head first; delays are p50/p99/max."""
     head = ("phase", "delay, ms", "answered", "force on", "peak force", "minimum energy")
