@@ -14,7 +14,7 @@ from forcebound.analysis.contact import (
     settling,
 )
 
-TIME = np.arange(5000) * 1e-3  # s
+TIME = np.arange(5000, dtype=np.float64) * 1e-3  # s
 SPEED = 0.1  # m/s
 DEPTH = SPEED * (TIME - 1.0)  # m, even motion, in contact from 1 s on
 
@@ -31,7 +31,7 @@ def test_the_extended_rate_hardness_shows_a_wall_that_answers_late() -> None:
 
 def test_the_extended_rate_hardness_shows_the_jump_of_a_damper() -> None:
     # The slope of the least-squares line through n samples of which the last n - 1 have jumped.
-    jump = 2.0 * SPEED * (DEPTH > 0.0)
+    jump = np.where(DEPTH > 0.0, 2.0 * SPEED, 0.0)
     assert rate_hardness(TIME, jump, DEPTH) == pytest.approx(0.0, abs=1e-9)
     hardness = extended_rate_hardness(TIME, jump, DEPTH)
     centred = np.arange(11) - 5.0  # 10 ms

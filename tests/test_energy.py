@@ -7,7 +7,7 @@ import pytest
 
 from forcebound.analysis.energy import largest_fall, observe, since_contact
 
-TIME = np.arange(2001) * 1e-3  # s
+TIME = np.arange(2001, dtype=np.float64) * 1e-3  # s
 
 
 def test_the_largest_fall_is_found_behind_a_high_minimum() -> None:
@@ -58,7 +58,7 @@ def test_a_run_that_begins_in_contact_brings_nothing() -> None:
 def test_the_observer_sees_what_a_held_spring_gives(samples: int) -> None:
     stiffness, amplitude, cycles = 1000.0, 0.004, 10
     angle = 2.0 * math.pi / samples
-    steps = np.arange(cycles * samples + 1)
+    steps = np.arange(cycles * samples + 1, dtype=np.float64)
     position = amplitude * np.sin(angle * steps)[:, np.newaxis]
     seen = observe(steps * 1e-3, stiffness * position, position)
     assert seen is not None

@@ -14,20 +14,21 @@ from forcebound.analysis.spectrum import (
     transparency_bandwidth,
     vibration,
 )
+from forcebound.analysis.surface import Floats
 from forcebound.config.loader import load
 from forcebound.launch.virtual import run_virtual
 
 RATE = 1000.0
 PERIOD = 1.0 / RATE
-TIME = np.arange(20_000) * PERIOD
+TIME = np.arange(20_000, dtype=np.float64) * PERIOD
 
 
-def wandering() -> np.ndarray:
+def wandering() -> Floats:
     """Return a position that moves at all frequencies, by about a millimetre."""
     random = Random(5)
     steps = np.array([random.gauss(0.0, 1e-4) for _ in range(TIME.size)])
     position = np.cumsum(steps)
-    return position - position.mean()
+    return np.asarray(position - position.mean(), dtype=np.float64)
 
 
 def test_bands_are_thirds_of_octaves_below_half_the_rate() -> None:
@@ -48,7 +49,9 @@ def test_a_sine_is_in_its_band_with_its_effective_value(frequency: float) -> Non
 
 def test_the_vibration_is_held_against_the_motion_of_the_mass() -> None:
     frequency = 100.0
-    just_felt = 0.1 * (2.0 * math.pi * frequency) ** 2 * float(vibration_threshold(frequency))
+    just_felt = (
+        0.1 * (2.0 * math.pi * frequency) ** 2 * float(vibration_threshold(np.array(frequency)))
+    )
     found = vibration(just_felt * np.sin(2.0 * math.pi * frequency * TIME), RATE, mass=0.1)
     assert found is not None
     assert float(found.above_threshold.max()) == pytest.approx(0.0, abs=0.2)
@@ -99,7 +102,7 @@ def test_a_force_that_does_not_follow_the_hand_has_no_impedance() -> None:
 @pytest.mark.parametrize("corner", [5.0, 40.0])
 def test_the_bandwidth_of_a_low_pass_is_its_corner(corner: float) -> None:
     frequency = bands(1.0, 500.0, RATE)
-    shown = 2000.0 / (1.0 + 1j * frequency / corner)
+    shown = np.asarray(2000.0 / (1.0 + 1j * frequency / corner), dtype=np.complex128)
     omega = 2.0 * math.pi * frequency
     bandwidth = transparency_bandwidth(Impedance(frequency, shown.real, shown.imag / omega), 2000.0)
     assert corner / 10**0.1 <= bandwidth <= corner * 1.001
