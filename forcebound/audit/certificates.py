@@ -56,20 +56,26 @@ class Certificate:
 OWN_NUMBERS_OF_AXES = ("axes", "damping_ratio", "friction_ratio", "resolution_ratio")
 
 CERTIFICATES: dict[str, Certificate] = {
-    "plain": Certificate("one to three axes, late ticks, nothing else", ("axes",)),
+    "plain": Certificate("damping, friction, resolution; late ticks", ("axes",)),
+    "own_axes": Certificate("own damping, friction, resolution of each axis", OWN_NUMBERS_OF_AXES),
+    "readings": Certificate(
+        "readings that are no numbers, or too soon", ("axes", "glitches", "shortest")
+    ),
     "write_delay": Certificate(
-        "time between reading and writing, up to 0.4 T", ("axes", "write_delay"), {"write_delay": 0}
+        "time between reading and writing, to 0.4 T", ("axes", "write_delay"), {"write_delay": 0.0}
     ),
     "presliding": Certificate(
-        "friction that yields before it dissipates", ("axes", "presliding"), {"presliding": 0}
+        "friction that yields before it slides", ("axes", "presliding"), {"presliding": 0.0}
     ),
-    "gain": Certificate(
-        "gain of the motor", ("axes", "gain_error", "gain_side"), {"gain_error": 0}
+    "gain_error": Certificate(
+        "error of the motor's gain, to 20 %",
+        ("axes", "gain_error", "gain_side"),
+        {"gain_error": 0.0},
     ),
-    "lag": Certificate("lag of the amplifier", ("axes", "lag"), {"lag": 0}),
-    "tolerance": Certificate(
-        "watchdog in a range of times",
+    "lag": Certificate("lag of the amplifier, to 2 T", ("axes", "lag"), {"lag": 0.0}),
+    "watchdog_range": Certificate(
+        "silent watchdog, to 30 % early or late",
         ("axes", "watchdog_tolerance", "cut_side"),
-        {"watchdog_tolerance": 0},
+        {"watchdog_tolerance": 0.0},
     ),
 }

@@ -7,13 +7,24 @@ import numpy as np
 
 from forcebound.audit.cases import PERIOD
 from forcebound.audit.paths import PHASE, SAMPLES, PathCase
-from forcebound.audit.truth import NEVER, Floats, Integers, Plan, TrueDevice
+from forcebound.audit.truth import Floats, Integers, Plan, TrueDevice
 from forcebound.bounding import Dissipation
 
 FASTEST = 1.0  # m/s, of the drift
 LONGEST = 50.0  # periods, of a sample interval
 THEFT = 6  # samples at the end of a run, in which the tip takes what it can
 SHORTEST_NS = 1000  # of a sample interval, where a case does not say
+
+#: Numbers that the law is informed of as they are.
+STATED = (
+    "write_delay",
+    "gain_error",
+    "lag",
+    "watchdog_tolerance",
+    "allowance",
+    "energy_cap",
+    "largest_speed",
+)
 
 _COLUMN = {name: column for column, name in enumerate(PHASE)}
 
@@ -50,6 +61,11 @@ def hold_limit_of(case: PathCase) -> float:
     return round(1e9 * PERIOD * (1.0 + case.numbers["hold_limit"])) / 1e9
 
 
+def watchdog_limit_of(case: PathCase) -> float:
+    """Return after which time a force is dropped at last where there is no watchdog, in s."""
+    return round(1e9 * hold_limit_of(case) * case.numbers["watchdog_limit"]) / 1e9
+
+
 def dissipation_of(case: PathCase) -> Dissipation:
     """Return what the law is informed of."""
     device = device_of(case)
@@ -67,11 +83,13 @@ def dissipation_of(case: PathCase) -> Dissipation:
     }
     if "presliding" in case.numbers:
         stated["presliding"] = alike_or_each(device.presliding)
-    for name in ("write_delay", "gain_error", "lag", "watchdog_tolerance"):
+    for name in STATED:
         if name in case.numbers:
             stated[name] = case.numbers[name]
     if case.certificate.watchdog != "silent":
         stated["watchdog"] = case.certificate.watchdog
+    if case.certificate.watchdog == "none":
+        stated["watchdog_limit"] = watchdog_limit_of(case)
     if not case.is_stated:
         stated.update(case.certificate.unstated)
     return Dissipation(**stated)
@@ -109,13 +127,15 @@ def plan_of(case: PathCase) -> Plan:
         read_ns=read_ns,
         write_ns=read_ns + delay_ns,
         cut_ns=_cuts(case),
-        punctual_ns=np.full(SAMPLES, NEVER),
+        punctual_ns=_hold_limits(case),
         rest_ns=np.where(rest > 0.0, read_ns - intervals_before + resting_ns, read_ns - resting_ns),
         rests_first=(rest > 0.0).astype(np.int64),
         drift=drift[:, None] * direction,
         tremor=tremor[:, None] * direction,
         thief=np.maximum(2.0 * u["thief"] - 0.6, 0.0),
         commanded=strength[:, None] * _directions(u["force_direction"], axes),
+        glitch=_glitches(case, axes),
+        applied=np.where(chance[:, 2] < numbers["less_applied"], chance[:, 3], 1.0),
         error=2.0 * rng.random((SAMPLES, axes)) - 1.0,
     )
 
@@ -132,16 +152,38 @@ def _readings(case: PathCase, u: Floats, chance: Floats, noise: Floats, end: Any
     late = chance[:, 0] < case.numbers["overruns"]
     periods[late] *= 1.0 + 5.0 * chance[late, 1]
     periods[end] = _cuts(case)[end] * 1e-9 / PERIOD
-    intervals = np.maximum(np.rint(1e9 * PERIOD * periods), SHORTEST_NS).astype(np.int64)
+    shortest = case.numbers.get("shortest", SHORTEST_NS)
+    intervals = np.maximum(np.rint(1e9 * PERIOD * periods), shortest).astype(np.int64)
     return np.cumsum(intervals) - intervals[0]
 
 
+def _hold_limits(case: PathCase) -> Integers:
+    """Return the hold limit of each force, in ns."""
+    changes = 1.0 + case.numbers.get("hold_change", 0.0) * np.random.default_rng(
+        case.seed + 1
+    ).choice((0.0, 0.0, 0.1, 1.0), SAMPLES)
+    return np.rint(1e9 * hold_limit_of(case) * changes).astype(np.int64)
+
+
 def _cuts(case: PathCase) -> Integers:
+    """Return after which time the watchdog really drops each force, in ns."""
     numbers = case.numbers
     if case.certificate.watchdog == "none":
-        return np.full(SAMPLES, NEVER)
+        return np.full(SAMPLES, round(1e9 * watchdog_limit_of(case)))
     off = numbers.get("watchdog_tolerance", 0.0) * numbers.get("cut_side", 0.0)
-    return np.full(SAMPLES, round(1e9 * hold_limit_of(case) * (1.0 + off)))
+    return np.rint(_hold_limits(case) * (1.0 + off)).astype(np.int64)
+
+
+def _glitches(case: PathCase, axes: int) -> Floats:
+    """Return what is added to each reading, in m: no number, or more than any speed explains."""
+    glitch = np.zeros((SAMPLES, axes))
+    share = case.numbers.get("glitches", 0.0)
+    if share:
+        rng = np.random.default_rng(case.seed + 2)
+        bad = np.flatnonzero(rng.random(SAMPLES) < share)
+        sizes = (math.nan, math.inf, -math.inf, 1e200)
+        glitch[bad, rng.integers(axes, size=bad.size)] = rng.choice(sizes, bad.size)
+    return glitch
 
 
 def _directions(u: Floats, axes: int) -> Floats:

@@ -55,6 +55,8 @@ class Plan(NamedTuple):
     tremor: Floats  # m, shape (samples, axes): way in the interval before the sample, besides
     thief: Floats  # speed as a share of that which takes the most energy
     commanded: Floats  # N, shape (samples, axes)
+    glitch: Floats  # m, what a reading is wrong by besides, shape (samples, axes)
+    applied: Floats  # share of the bounded force that the device applies
     error: Floats  # of readings, in half resolutions, shape (samples, axes)
 
 
@@ -63,6 +65,19 @@ POSITION, BRISTLE, MOTOR, WRITTEN = range(4)
 ENERGY, AT_WRITE, LOWEST, LOWEST_PUNCTUAL = range(4)
 WRITTEN_NS, CUT_AT_NS, WAS_CUT_NS, LATE_SINCE_NS = range(4)
 NEVER = np.iinfo(np.int64).max // 2
+
+
+class Motion(NamedTuple):
+    """The state of the device."""
+
+    axes: Floats  # of each axis, shape (4, axes)
+    energies: Floats  # now, at the last write, and the lowest of this interval, see `walk`
+    times: Integers  # ns: of the last write, its cut, the last cut that happened, and lateness
+
+
+def start(axes: int) -> Motion:
+    """Return the state at rest."""
+    return Motion(np.zeros((4, axes)), np.zeros(4), np.full(4, NEVER))
 
 
 def walk(
@@ -75,7 +90,7 @@ def walk(
     energies: Floats,
     times: Integers,
     readings: Floats,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, int]:
     """Go from reading ``n - 1`` to reading ``n``; ``force`` is the one written between them.
 
     Args:
@@ -84,16 +99,14 @@ def walk(
         plan: The path.
         device: The device.
         force: In N, shape (axes,).
-        axes: State of each axis, shape (4, axes); it changes.
-        energies: Energy, that at the last write, the lowest since the last reading, and the most
-            by which a punctual hold has brought it below what it had and below zero, in J; they
-            change.
-        times: Of the last write, of its cut, and of the last cut that happened in this interval (0:
-            none), in ns.
+        axes: State of each axis, see :class:`Motion`; with ``energies`` and ``times`` it changes.
+        energies: See :class:`Motion`.
+        times: See :class:`Motion`.
         readings: Of this sample, and at the cut, shape (2, axes); they change.
 
     Returns:
-        Of the energies the first and the last two.
+        The energy; the lowest since the last reading; the most by which a punctual hold has brought
+        it below what it had and below zero, in J; and the time of the last cut, in ns, or 0.
     """
     now, end, write = plan.read_ns[n - 1], plan.read_ns[n], plan.write_ns[n - 1]
     times[WAS_CUT_NS] = 0
@@ -120,7 +133,7 @@ def walk(
         move(n, plan, device, (until - now) * 1e-9, share, drifts, is_punctual, axes, energies)
         now = until
     read(n, sensor, plan, device, axes, readings[0])
-    return energies[ENERGY], energies[LOWEST], energies[LOWEST_PUNCTUAL]
+    return energies[ENERGY], energies[LOWEST], energies[LOWEST_PUNCTUAL], times[WAS_CUT_NS]
 
 
 def move(
@@ -231,4 +244,3 @@ def read(
             readings[i] = x + math.copysign(r, plan.drift[n, i] - axes[WRITTEN, i])
         else:
             readings[i] = x - math.copysign(r, plan.commanded[n, i] - axes[WRITTEN, i])
-
