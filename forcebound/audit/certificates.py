@@ -43,7 +43,7 @@ class Certificate:
         summary: A few words for a table.
         numbers: Keys of :data:`NUMBERS` that its cases draw.
         unstated: Fields of :class:`forcebound.bounding.Dissipation` as the law gets them when it is
-            not informed; empty: there is nothing to leave out.
+            not informed; None: those of the first axis, for all. Empty: nothing can be left out.
         watchdog: Of the device: "silent", "reporting" or "none".
     """
 
@@ -57,25 +57,9 @@ OWN_NUMBERS_OF_AXES = ("axes", "damping_ratio", "friction_ratio", "resolution_ra
 
 CERTIFICATES: dict[str, Certificate] = {
     "plain": Certificate("damping, friction, resolution; late ticks", ("axes",)),
-    "own_axes": Certificate("own damping, friction, resolution of each axis", OWN_NUMBERS_OF_AXES),
-    "readings": Certificate(
-        "readings that are no numbers, or too soon", ("axes", "glitches", "shortest")
-    ),
-    "write_delay": Certificate(
-        "time between reading and writing, to 0.4 T", ("axes", "write_delay"), {"write_delay": 0.0}
-    ),
-    "presliding": Certificate(
-        "friction that yields before it slides", ("axes", "presliding"), {"presliding": 0.0}
-    ),
-    "gain_error": Certificate(
-        "error of the motor's gain, to 20 %",
-        ("axes", "gain_error", "gain_side"),
-        {"gain_error": 0.0},
-    ),
-    "lag": Certificate("lag of the amplifier, to 2 T", ("axes", "lag"), {"lag": 0.0}),
-    "watchdog_range": Certificate(
-        "silent watchdog, to 30 % early or late",
-        ("axes", "watchdog_tolerance", "cut_side"),
-        {"watchdog_tolerance": 0.0},
+    "own_axes": Certificate(
+        "own damping, friction, resolution of each axis",
+        OWN_NUMBERS_OF_AXES,
+        {"damping": None, "friction": None, "resolution": None},
     ),
 }

@@ -4,6 +4,7 @@ Each certificate is attacked twice: with the law informed of what it is about, w
 leak; and without, where a short search must find a leak, or the certificate would be worth nothing.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -81,13 +82,13 @@ def plan(
     laws: Sequence[str], certificates: Sequence[str], runs: int, searched: int, seed: int
 ) -> list[PathTask]:
     """Return the tasks of a campaign; arguments as in :func:`run_certificates`."""
-    tasks = []
+    tasks: list[PathTask] = []
+    few, few_searched = (math.ceil(UNINFORMED * number) for number in (runs, searched))
     for certificate in certificates:
         for law in laws:
             tasks += _tasks(law, certificate, True, runs, searched, seed)
         if CERTIFICATES[certificate].unstated:
-            few = [max(1, round(UNINFORMED * number)) for number in (runs, searched)]
-            tasks += _tasks(laws[0], certificate, False, *few, seed)
+            tasks += _tasks(laws[0], certificate, False, few, few_searched, seed)
     return tasks
 
 

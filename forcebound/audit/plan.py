@@ -31,19 +31,18 @@ _COLUMN = {name: column for column, name in enumerate(PHASE)}
 
 def device_of(case: PathCase) -> TrueDevice:
     """Return the device as it really is."""
-    numbers = case.numbers
-    axes = np.arange(axes_of(case))
+    numbers, axes = case.numbers, axes_of(case)
 
-    def each(name: str) -> Floats:
-        return np.asarray(numbers.get(name, 0.0) * numbers.get(f"{name}_ratio", 1.0) ** axes)
+    def each(name: str, like: str | None = None) -> Floats:
+        ratio = numbers.get(f"{like or name}_ratio", 1.0)
+        return np.array([numbers.get(name, 0.0) * ratio**axis for axis in range(axes)])
 
-    ratio = numbers.get("resolution_ratio", 1.0)
     return TrueDevice(
         damping=each("damping"),
         friction=each("friction"),
-        presliding=np.asarray(numbers.get("presliding", 0.0) * ratio**axes),
+        presliding=each("presliding", like="resolution"),
         half_resolution=each("resolution") / 2.0,
-        weight=np.zeros(axes.size),
+        weight=np.zeros(axes),
         acts_on_each_axis="damping_ratio" in numbers,
         gain=1.0 + numbers.get("gain_error", 0.0) * numbers.get("gain_side", 0.0),
         lag=numbers.get("lag", 0.0),
@@ -91,7 +90,8 @@ def dissipation_of(case: PathCase) -> Dissipation:
     if case.certificate.watchdog == "none":
         stated["watchdog_limit"] = watchdog_limit_of(case)
     if not case.is_stated:
-        stated.update(case.certificate.unstated)
+        for name, value in case.certificate.unstated.items():
+            stated[name] = stated[name][0] if value is None else value
     return Dissipation(**stated)
 
 
@@ -154,7 +154,7 @@ def _readings(case: PathCase, u: Floats, chance: Floats, noise: Floats, end: Any
     periods[end] = _cuts(case)[end] * 1e-9 / PERIOD
     shortest = case.numbers.get("shortest", SHORTEST_NS)
     intervals = np.maximum(np.rint(1e9 * PERIOD * periods), shortest).astype(np.int64)
-    return np.cumsum(intervals) - intervals[0]
+    return np.asarray(np.cumsum(intervals) - intervals[0])
 
 
 def _hold_limits(case: PathCase) -> Integers:
@@ -162,7 +162,7 @@ def _hold_limits(case: PathCase) -> Integers:
     changes = 1.0 + case.numbers.get("hold_change", 0.0) * np.random.default_rng(
         case.seed + 1
     ).choice((0.0, 0.0, 0.1, 1.0), SAMPLES)
-    return np.rint(1e9 * hold_limit_of(case) * changes).astype(np.int64)
+    return np.asarray(np.rint(1e9 * hold_limit_of(case) * changes).astype(np.int64))
 
 
 def _cuts(case: PathCase) -> Integers:
@@ -171,7 +171,7 @@ def _cuts(case: PathCase) -> Integers:
     if case.certificate.watchdog == "none":
         return np.full(SAMPLES, round(1e9 * watchdog_limit_of(case)))
     off = numbers.get("watchdog_tolerance", 0.0) * numbers.get("cut_side", 0.0)
-    return np.rint(_hold_limits(case) * (1.0 + off)).astype(np.int64)
+    return np.asarray(np.rint(_hold_limits(case) * (1.0 + off)).astype(np.int64))
 
 
 def _glitches(case: PathCase, axes: int) -> Floats:

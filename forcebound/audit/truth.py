@@ -172,10 +172,10 @@ def best_theft(device: TrueDevice, force: Floats) -> Floats:
     """Return the velocity, in m/s, at which a ``force``, in N, gives the most energy away."""
     if device.acts_on_each_axis:
         excess = np.maximum(np.abs(force) - device.friction, 0.0)
-        return -np.sign(force) * excess / (2.0 * device.damping)
+        return np.asarray(-np.sign(force) * excess / (2.0 * device.damping))
     size = math.sqrt(np.sum(force * force))
     excess_share = max(1.0 - device.friction[0] / size, 0.0) if size > 0.0 else 0.0
-    return -force * (excess_share / (2.0 * device.damping[0]))
+    return np.asarray(-force * (excess_share / (2.0 * device.damping[0])))
 
 
 def work_of_motor(device: TrueDevice, step: Floats, h: float, axes: Floats) -> float:
