@@ -24,6 +24,7 @@ from forcebound.analysis.contact import (
 from forcebound.analysis.surface import Floats, penetration, surface
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import LINK_COUNTED, PHASE_BEGINS
+from forcebound.nodes.hold_limit import FLOOR
 from forcebound.telemetry import TelemetryColumns
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -171,13 +172,16 @@ def hold_limit_overruns(columns: TelemetryColumns, config: Mapping[str, Any]) ->
         config: The launch file as resolved for the run; reads ``device.rate``, ``.hold_limit``.
 
     Returns:
-        Their number; None if the launch file does not state the limit, or the force never engaged.
+        Their number; None if the launch file does not state the limit, or the force never engaged,
+        or the limit was learned and not every hold was shorter than the shortest one.
     """
     device = config.get("device") or {}
     if "rate" not in device or "hold_limit" not in device or not (columns.engagement > 0.0).any():
         return None
-    limit_ns = round(device["hold_limit"] * 1e9 / device["rate"])
-    return int(np.count_nonzero(np.diff(columns.time_ns[columns.time >= 0.0]) > limit_ns))
+    is_learned = device["hold_limit"] == "auto"
+    limit_ns = round((FLOOR if is_learned else device["hold_limit"]) * 1e9 / device["rate"])
+    longer = int(np.count_nonzero(np.diff(columns.time_ns[columns.time >= 0.0]) > limit_ns))
+    return None if is_learned and longer else longer
 
 
 def answered_share(columns: TelemetryColumns) -> float | None:

@@ -9,8 +9,8 @@ UNDEFINED = "–"
 def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return a summary as rows of label and value.
 
-    A value that is None shows as a dash. The labels do not depend on the run, so the rows of
-    several runs go side by side into one table.
+    A value that is None shows as a dash. The labels do not depend on the run, except for those of
+    the bounder, so the rows of several runs go side by side into one table.
     """
 
     def show(key: str, unit: str, factor: float = 1.0, digits: int = 2) -> str:
@@ -44,10 +44,37 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("loop delay p50/p99/max", delay),
         ("deadline misses", show("deadline_misses", "", digits=0)),
         ("hold-limit overruns", show("hold_limit_overruns", "", digits=0)),
+        *_bounder_rows(summary),
         ("rejected packets", ", ".join(rejected) or "0"),
         ("lost or damaged", ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),
     ]
+
+
+def _bounder_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Rows about the bounder, only those that say something about this run."""
+    limits = summary.get("hold_limit_ms", {}).get("mean")
+    refused, used = summary.get("refused_readings"), summary.get("largest_allowance_j")
+    cap = summary.get("energy_cap_j")
+    sources = summary.get("number_sources", {}).items()
+    causes = [cause["cause"].replace("_", " ") for cause in summary.get("little_force", ())]
+    rows = []
+    if limits is not None:
+        longest = summary["hold_limit_ms"]["longest"]
+        rows.append(("hold limit mean/longest", f"{limits:.2f}/{longest:.2f} ms"))
+    if refused:
+        rows.append(("refused readings", str(refused)))
+    if used:
+        repaid = "repaid" if summary["allowance_repaid"] else "not repaid"
+        rows.append(("largest allowance used", f"{_quantity(used, 'mJ', 1e3, 3)}, {repaid}"))
+    if cap is not None:
+        rows.append(("energy cap", _quantity(cap, "mJ", 1e3, 2)))
+    if sources:
+        words = ", ".join(f"{count} {source}" for source, count in sources)
+        rows.append(("numbers of the device", words))
+    if causes:
+        rows.append(("little force because of", ", ".join(causes)))
+    return rows
 
 
 def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """Commands that run a graph and show the result."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -211,6 +211,7 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_json(result.summary)
         return
     print_table([result])
+    _explain(result.summary["little_force"])
     if result.summary["phases"]:
         from forcebound.analysis.tables import phase_rows
 
@@ -219,3 +220,14 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_rows(head, rows)
     if record is not None:
         click.echo(f"recording: {record}")
+
+
+def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
+    """Say what to do about little force."""
+    if not causes:
+        return
+    from forcebound.monitor.findings import Fact
+    from forcebound.monitor.wording import remedy
+
+    for cause in causes:
+        click.echo(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")
