@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 UNDEFINED = "–"
+NOT_FELT = -20  # dB; see forcebound.analysis.perception.vibration_threshold
 
 
 def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -31,13 +32,28 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("samples", show("samples", "", digits=0)),
         ("displayed stiffness", show("displayed_stiffness_n_per_m", "N/mm", 1e-3)),
         ("rate-hardness", show("rate_hardness_n_per_m", "N/mm", 1e-3)),
+        ("extended rate-hardness", show("extended_rate_hardness_n_per_m", "N/mm", 1e-3)),
+        ("transparency bandwidth", show("transparency_bandwidth_hz", "Hz", digits=0)),
         ("peak force", show("peak_force_n", "N")),
         ("peak penetration", show("peak_penetration_m", "mm", 1e3)),
+        ("force error, RMS", show("force_error_rms_n", "N")),
+        ("error to the ideal wall, RMS", show("wall_error_rms_n", "N")),
+        ("vibration above threshold", _vibration(summary)),
+        ("settling time", show("settling_time_s", "ms", 1e3, 0)),
+        ("overshoot", show("overshoot_share", "%", 1e2, 0)),
+        ("limit-cycle amplitude", show("limit_cycle_amplitude_m", "mm", 1e3)),
         ("contact bounces", show("contact_bounces", "", digits=0)),
         ("speed at the end", show("final_speed_m_per_s", "mm/s", 1e3)),
         ("penetration at rest", show("penetration_at_rest_m", "mm", 1e3)),
         ("minimum energy (ground truth)", show("true_energy_min_j", "mJ", 1e3)),
+        ("largest fall of energy", show("largest_energy_fall_j", "mJ", 1e3)),
+        ("time to regain it", show("energy_regain_time_s", "ms", 1e3, 0)),
+        ("minimum energy since contact", show("energy_since_contact_min_j", "mJ", 1e3)),
+        ("minimum energy (observed)", show("observed_energy_min_j", "mJ", 1e3)),
+        ("minimum power (observed)", show("observed_power_min_w", "W")),
+        ("time in deficit (observed)", show("observed_deficit_share", "%", 1e2, 1)),
         ("minimum energy (estimated)", show("estimated_energy_min_j", "mJ", 1e3)),
+        ("time in deficit (ledger)", show("ledger_deficit_share", "%", 1e2, 1)),
         ("bounder active", show("bounder_active_share", "%", 1e2, 1)),
         ("ticks answered", show("answered_share", "%", 1e2, 1)),
         ("answered in the same tick", show("same_tick_share", "%", 1e2, 1)),
@@ -49,6 +65,14 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("lost or damaged", ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),
     ]
+
+
+def difference_text(difference: Mapping[str, Any]) -> str:
+    """Return a difference of two runs in words; see :func:`.perception.differences`."""
+    name = difference["figure"].rpartition("_n")[0].replace("_", " ")
+    least = f"{difference['weber_fraction']:.0%}, {difference['source']}"
+    felt = "a hand feels it" if difference["is_perceptible"] else "a hand does not feel it"
+    return f"{name} {difference['difference']:+.0%}; {felt} (from {least})"
 
 
 def _bounder_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -92,6 +116,14 @@ def _phase_row(phase: Mapping[str, Any]) -> tuple[str, ...]:
         _quantity(phase["peak_force_n"], "N", 1.0, 2),
         _quantity(phase["true_energy_min_j"], "mJ", 1e3, 2),
     )
+
+
+def _vibration(summary: Mapping[str, Any]) -> str:
+    strongest = summary["vibration_above_threshold_db"]
+    if strongest is None or strongest > NOT_FELT:
+        at = summary["vibration_frequency_hz"]
+        return _quantity(strongest, "dB", 1.0, 0) + ("" if at is None else f" at {at:.0f} Hz")
+    return f"under {NOT_FELT} dB"
 
 
 def _percentiles(delays: Mapping[str, float | None], digits: int) -> str:
