@@ -24,10 +24,10 @@ FIXED = 1.25  # periods; for a device that cannot be told how long to hold
 _MIDDLE = (1.03, 1.05, 1.08, 1.12, 1.18, FIXED, 1.4, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.5, 8.0)
 LADDER = (FLOOR, *_MIDDLE, 10.0)  # periods
 FADING_TICKS = 250  # between two fadings
-FADING = 0.975  # of the counts: at 1 kHz to 37 % in 10 s
+FADING = 0.985  # of the counts: at 1 kHz to 37 % in 17 s
 
 # Share of the force that one overrun costs a pressed wall (docs/theory.md, section 3).
-PRICES = {"reporting": 0.005, "silent": 0.17, "none": 0.0}
+PRICES = {"reporting": 0.005, "silent": 0.5, "none": 0.0}
 
 
 class HoldLimit:
