@@ -59,7 +59,7 @@ class BoundedDevice:
     ) -> None:
         self._device = device
         self._clock = clock
-        self._saturation = dissipation.saturation
+        self._dissipation = dissipation
         self._kinematics: Any = getattr(device, "kinematics", None)
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
@@ -135,6 +135,19 @@ class BoundedDevice:
         share = scale * _length(applied) / (_length(commanded) or math.inf)
         return Written(position, tuple([share * f for f in commanded]), scale * bounder.limit)
 
+    def describe(self) -> str:
+        """Return how long a force is held, and what ends it, in words."""
+        dissipation = self._dissipation
+        limit = f"hold limit {self._use_limit * 1e3:.3g} ms"
+        if self.learns:
+            limit += " or longer, as late as ticks are"
+        if dissipation.watchdog != "none":
+            return f"{limit}; {dissipation.watchdog} watchdog"
+        last = f"no watchdog until {dissipation.watchdog_limit * 1e3:.3g} ms"
+        if dissipation.allowance:
+            return f"{limit}; {last}: late holds may leak {dissipation.allowance:.2g} J"
+        return f"{limit}; {last}: strict, so every force is planned for that time"
+
     def report(self) -> dict[str, Any]:
         """Return what the bounder has met since :meth:`begin`, as plain values.
 
@@ -164,7 +177,7 @@ class BoundedDevice:
         The saturation of the safety chain is one of the force at the tip, so this is the place for
         that of the joints; as there, the engage ramp comes after it.
         """
-        magnitude, largest = _length(torque), self._saturation * engagement
+        magnitude, largest = _length(torque), self._dissipation.saturation * engagement
         if magnitude <= largest:
             return torque
         if not math.isfinite(magnitude):

@@ -61,6 +61,7 @@ class _Unknown(NamedTuple):
 _UNKNOWN = _Unknown()
 
 
+REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
 LONGEST_HOLD = 1e6  # periods
 
@@ -179,8 +180,7 @@ class DeviceNode:
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
-        if learns and not self._bounded.learns:
-            _logger.info("hold limit %g periods: the device can be given no other one", FIXED)
+        _logger.info("%s", self._bounded.describe())
         is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,
@@ -202,6 +202,8 @@ class DeviceNode:
         self._read_ns = 0
         self._is_answered = False
         self._next_event_ns = 0
+        self._refused_readings = 0
+        self._next_refusal_ns = 0
         late = servo.late_ticks
         self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
         self._overload = Overload(servo.period_ns)
@@ -267,6 +269,9 @@ class DeviceNode:
             f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
             f" {report['refused_readings']} refused readings"
         )
+        if report["largest_allowance"]:
+            repaid = "repaid" if report["allowance_repaid"] else "not repaid"
+            message += f", late holds can have leaked {report['largest_allowance']:.2g} J, {repaid}"
         data = {name: json.dumps(value) for name, value in report.items()}
         return [self.events.emit(time_ns, BOUNDER_REPORTED, message, data)]
 
@@ -360,10 +365,23 @@ class DeviceNode:
         is_answered = self._chain.answered_tick is not None
         if self._is_answered != is_answered and time_ns >= self._next_event_ns:
             events.append(self._describe_answers(time_ns))
+        refused = self._bounded.bounder.refused_readings
+        if refused > self._refused_readings and time_ns >= self._next_refusal_ns:
+            self._refused_readings = refused
+            self._next_refusal_ns = time_ns + REFUSAL_INTERVAL_NS
+            events.append(self._describe_refusals(time_ns, refused))
         warning = self._overload.observe(time_ns, self.deadline_misses)
         if warning is not None:
             events.append(self.events.emit(time_ns, "ticks_missed", warning, is_fault=True))
         return events
+
+    def _describe_refusals(self, time_ns: int, refused: int) -> Event:
+        message = (
+            f"refused readings so far: {refused}; they are not finite, too soon after another, or"
+            " faster than device.largest_speed: look at the encoder and its cable"
+        )
+        data = {"refused": str(refused)}
+        return self.events.emit(time_ns, "readings_refused", message, data, is_fault=True)
 
     def _describe_answers(self, time_ns: int) -> Event:
         """Return an event when the force goes to zero or returns; limited in rate."""
