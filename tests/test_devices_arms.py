@@ -18,7 +18,7 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators.pressing import PressingHand
 
-ARMS = {
+ARMS: dict[str, FiveBar | SerialArm] = {
     "five_bar": FiveBar(),
     "five_bar with one axis for both motors": FiveBar(base=0.0),
     "planar": SerialArm(),

@@ -101,7 +101,7 @@ class SerialArm(StatedJoints):
     saturation: Annotated[Torque, POSITIVE] = 1.2  # 8.5 N at 0.14 m
     upper: Annotated[Length, POSITIVE] = 0.14
     lower: Annotated[Length, POSITIVE] = 0.14
-    origin: tuple[Length, Length] = (0.16, -0.02)
+    origin: tuple[Length, Length] = (0.14, -0.14)  # upper link level, lower one down
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
             ("damping", "friction", "resolution", "saturation", "inertia"), "assumed"
