@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.messages.packets import Packet, Telemetry
-from forcebound.nodes.device import ServoSettings
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.overload import Overload
+from forcebound.nodes.servo import ServoSettings
 
 WATCHDOGS = sorted(PRICES)
 

@@ -28,9 +28,10 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
+from forcebound.nodes.servo import ServoSettings
 
 
 def sample(node: DeviceNode, time_ns: int) -> DeviceState:
