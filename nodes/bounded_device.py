@@ -23,8 +23,6 @@ from forcebound.devices import Device
 from forcebound.messages.packets import Vector
 from forcebound.nodes.hold_limit import FIXED, HoldLimit
 
-LEARNS = False  # until the bounder takes another hold limit in a run
-
 
 class Written(NamedTuple):
     """What one write did, at the tip."""
@@ -69,8 +67,7 @@ class BoundedDevice:
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._use_limit = dissipation.hold_limit
-        if learns and (not self.learns or (clock is not None and not LEARNS)):
-            self.learns = False
+        if learns and not self.learns:
             self._use_limit = FIXED * dissipation.period
         dissipation = replace(dissipation, hold_limit=self._use_limit)
         self.bounder = ForceBounder(law, dissipation, device.axes)
@@ -117,7 +114,7 @@ class BoundedDevice:
             cut = None if self._cut is None else self._cut()
             if cut is not None:
                 bounder.report_cut(*cut)
-            if LEARNS and self.learns and self._hold_limit.observe(read_ns - self._read_ns):
+            if self.learns and self._hold_limit.observe(read_ns - self._read_ns):
                 self._change_limit(self._hold_limit.limit_ns * 1e-9)
             bounded = bounder.bound(read_ns, reading, force)
         self._read_ns = read_ns

@@ -234,8 +234,8 @@ def test_a_reading_that_cannot_be_is_counted_and_told_once_a_second() -> None:
         state = sample(node, k * MS)
         _, *told = node.step(k * MS + 400_000, [answer(state, (2.0,))])
         events += [event for event in told if isinstance(event, Event)]
-    told = [event for event in events if event.event == "readings_refused"]
-    assert [event.data["refused"] for event in told] == ["1", "501"]
+    counts = [event.data["refused"] for event in events if event.event == "readings_refused"]
+    assert counts == ["1", "501"]
     assert node.status()["bounder"]["refused_readings"] == 600
 
 
