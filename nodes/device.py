@@ -78,7 +78,8 @@ class DeviceNode:
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
-        _logger.info("%s", self._bounded.describe())
+        if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
+            _logger.info("%s", self._bounded.describe())
         is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,

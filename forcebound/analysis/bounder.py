@@ -175,6 +175,8 @@ def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iter
     costly = [name for name in COSTLY if np.any(device.get(name) or 0.0)]
     if costly:
         yield Cause("imperfections", {"names": ", ".join(f"device.{name}" for name in costly)})
+    if "inertia" in device:
+        return  # of joints: telemetry has no torques to judge their encoders by
     price = 0.5 * np.max(device["resolution"]) * _path(columns.applied_force)
     if price > DEAR_SHARE * _needed(columns, device):
         yield Cause("resolution", {"price": float(price)})
