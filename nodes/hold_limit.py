@@ -31,7 +31,7 @@ HORIZON = FADING_TICKS / (1.0 - FADING)  # periods: what the counts remember
 LEAST_SEEN = 500.0  # periods; a few late intervals at the beginning do not stand for a rate
 
 # Share of the force that one overrun costs a pressed wall (docs/theory.md, section 3).
-PRICES = {"reporting": 0.002, "silent": 0.5, "none": 0.0}
+PRICES = {"reporting": 0.0015, "silent": 0.5, "none": 0.0}
 
 
 class HoldLimit:
