@@ -77,6 +77,7 @@ class RunResult:
 
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
+        from forcebound.analysis.bounder import summarize_bounder
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
         events = summarize_events(self.events)
@@ -84,6 +85,7 @@ class RunResult:
             events["faults"]["recording_incomplete"] = 1
         return {
             **summarize(self.columns, self.document),
+            **summarize_bounder(self.columns, self.events, self.document),
             **events,
             "phases": summarize_phases(self.columns, self.events, self.document),
             "interrupted": self.interrupted,

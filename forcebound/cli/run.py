@@ -1,7 +1,7 @@
 """Commands that run a graph and show the result."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -123,7 +123,11 @@ def node(
 @json_option
 @reports_errors
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    """Draw recordings side by side: position, forces, energy, loop delay."""
+    """Draw recordings side by side: position, forces, energy, loop delay.
+
+    Says whether a hand feels the difference between the first run and each other.
+    """
+    from forcebound.analysis.perception import differences
     from forcebound.analysis.plots import figure, save
     from forcebound.launch.results import RunResult
 
@@ -135,10 +139,17 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
     drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
     save(figure(drawn, events=[r.events for r in results]), output)
+    first, *others = [result.summary for result in results]
+    compared = [differences(first, other) for other in others]
     if as_json:
-        print_json({"picture": str(output), "runs": [r.summary for r in results]})
+        print_json({"picture": str(output), "runs": [first, *others], "differences": compared})
         return
     print_table(results, labels)
+    from forcebound.analysis.tables import difference_text
+
+    for label, found in zip(labels[1:], compared, strict=True):
+        for difference in found:
+            click.echo(f"{label} against {labels[0]}: {difference_text(difference)}")
     click.echo(f"picture: {output}")
 
 
@@ -211,6 +222,7 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_json(result.summary)
         return
     print_table([result])
+    _explain(result.summary["little_force"])
     if result.summary["phases"]:
         from forcebound.analysis.tables import phase_rows
 
@@ -219,3 +231,14 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_rows(head, rows)
     if record is not None:
         click.echo(f"recording: {record}")
+
+
+def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
+    """Say what to do about little force."""
+    if not causes:
+        return
+    from forcebound.monitor.findings import Fact
+    from forcebound.monitor.wording import remedy
+
+    for cause in causes:
+        click.echo(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")

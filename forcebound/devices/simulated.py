@@ -1,29 +1,69 @@
-"""A simulated device with independent axes, and the hand on it."""
+"""A simulated device, and the hand on it: its time, its motor and its watchdog."""
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
-from forcebound.compiled import jit
-from forcebound.devices import DeviceModel
-from forcebound.devices.motor import Motor, MotorModel
-from forcebound.devices.plant import advance, quantise
+from forcebound.devices import Kinematics
+from forcebound.devices.motor import Motor
+from forcebound.devices.stated import StatedImperfections
+from forcebound.devices.true_values import TrueMotor
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.operators.no_hand import NoHand
 
 
-class PlantModel(DeviceModel, MotorModel, Protocol):
-    """Parameters of a simulated device: those of any device, and what only the plant knows."""
+class Body(Protocol):
+    """What moves: the mechanics of a device, in its hand.
+
+    Attributes:
+        kinematics: Of an arm; None: readings are positions of the tip.
+        compensation: Force that the motor adds to every force, in N.
+    """
+
+    kinematics: Kinematics | None
+    compensation: Vector
+
+    def reading(self) -> Vector:
+        """Return the readings of the encoders."""
+        ...
+
+    def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
+        """Move on.
+
+        Args:
+            target: Where the hand wants to be at the start, in m.
+            target_end: And at the end; in between it moves evenly.
+            duration: In s, > 0.
+            told: What the motor is told to give, in N (or N m).
+        """
+        ...
+
+    def truth(self) -> Truth:
+        """Return the ground truth."""
+        ...
+
+
+class BodyModel(Protocol):
+    """Parameters of a simulated device: a ``StatedImperfections``, and these."""
 
     @property
-    def mass(self) -> float:
-        """Apparent mass of the device, in kg."""
+    def axes(self) -> int:
+        """Number of axes."""
         ...
 
     @property
-    def substep(self) -> float:
-        """Longest integration step, in s."""
+    def saturation(self) -> float:
+        """Largest force, in N (or N m)."""
+        ...
+
+    @property
+    def truth(self) -> TrueMotor | None:
+        """What it really has, where that is not what it states."""
+        ...
+
+    def body(self, operator: Operator) -> Body:
+        """Return the body, at rest at the hand's first target."""
         ...
 
 
@@ -31,42 +71,30 @@ class SimulatedDevice:
     """A device with a hand on it, whose time is that of the reads and writes.
 
     It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
-    and write first integrates to the given time, under the force that was held meanwhile. A
+    and write first moves the body to the given time, under the force that was held meanwhile. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does.
     """
 
-    kinematics: None = None  # readings are positions, forces are forces
-
-    def __init__(
-        self, parameters: PlantModel, operator: Operator | None, hold_limit: float
-    ) -> None:
+    def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
         operator = NoHand() if operator is None else operator
+        stated: StatedImperfections = model
+        parameters: BodyModel = model
+        truth = parameters.truth or TrueMotor()
         self._operator = operator
-        self._axes, self._resolution = parameters.axes, parameters.resolution
-        self._saturation, self._substep = parameters.saturation, parameters.substep
-        self._hand_mass = operator.mass
-        self._constants = (
-            parameters.mass + operator.mass,
-            parameters.damping,
-            parameters.friction,
-            operator.stiffness,
-            operator.damping,
-        )
-        self._advance = jit(advance)
+        self._axes, self._saturation = parameters.axes, parameters.saturation
+        self._body = parameters.body(operator)
+        self.kinematics = self._body.kinematics
+        self._gain = 1.0 + stated.gain_error if truth.gain is None else truth.gain
+        self._compensation = self._body.compensation
+        self._scales = self._gain != 1.0 or any(self._compensation)
+        self._motor = Motor(stated, truth, hold_limit, self._told((0.0,) * self.axes))
+        self._reports_cuts = stated.watchdog == "reporting"
+        self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
-        self._motor = Motor(parameters, hold_limit)
-        self._reports_cuts = parameters.watchdog == "reporting"
-        self._reading_at_cut: Vector = (0.0,) * self.axes
-        self._target = self._target_at(0.0)
-        self._x = list(self._target)
-        self._v = [0.0] * self.axes
-        self._work = [0.0] * self.axes
-        self._muscle = [0.0] * self.axes
         self._read_ns = 0
-        # Compile, or load from the cache, before time matters.
-        self._advance(0.0, 0.0, 0.0, 0.0, 0.0, 1e-3, self._substep, 0.0, *self._constants)
+        self._target = self._target_at(0.0)
 
     @property
     def axes(self) -> int:
@@ -83,7 +111,7 @@ class SimulatedDevice:
         """Return the encoder readings; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
         self._read_ns = time_ns
-        return self._reading()
+        return self._body.reading()
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
@@ -92,7 +120,7 @@ class SimulatedDevice:
         if not magnitude <= self._saturation:
             scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
             force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
-        self._motor.write(time_ns, force)
+        self._motor.write(time_ns, self._told(force))
         return force
 
     def set_hold_limit(self, seconds: float) -> None:
@@ -113,19 +141,17 @@ class SimulatedDevice:
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
-        hand_mass = self._hand_mass
-        energy = 0.0
-        for work, v in zip(self._work, self._v, strict=True):
-            energy += work - 0.5 * hand_mass * v * v
-        return Truth(tuple(self._x), tuple(self._v), tuple(self._muscle), energy)
+        return self._body.truth()
 
-    def _reading(self) -> Vector:
-        resolution = self._resolution
-        return tuple([quantise(x, resolution) for x in self._x])
+    def _told(self, force: Vector) -> Vector:
+        """What the motor gives for a force of a write, in N, once its lag has passed."""
+        if not self._scales:
+            return force
+        total = zip(force, self._compensation, strict=True)
+        return tuple([self._gain * (f + c) for f, c in total])
 
     def _target_at(self, elapsed: float) -> Vector:
-        target, axes = self._operator.target(elapsed), self._axes
-        return target if len(target) == axes else (target + (0.0,) * axes)[:axes]
+        return pad(self._operator.target(elapsed), self._axes)
 
     def _advance_to(self, time_ns: int) -> None:
         if self._time_ns is None:
@@ -136,7 +162,7 @@ class SimulatedDevice:
         while motor.next_ns < time_ns:
             self._hold_until(motor.next_ns)
             if motor.change():
-                self._reading_at_cut = self._reading()
+                self._reading_at_cut = self._body.reading()
         self._hold_until(time_ns)
 
     def _hold_until(self, time_ns: int) -> None:
@@ -148,16 +174,10 @@ class SimulatedDevice:
         end = self._target
         if self._engaged_ns is not None:
             end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
-        for axis in range(len(end)):
-            self._x[axis], self._v[axis], self._work[axis], self._muscle[axis] = self._advance(
-                self._x[axis],
-                self._v[axis],
-                self._work[axis],
-                self._target[axis],
-                end[axis],
-                duration,
-                self._substep,
-                self._motor.force[axis],
-                *self._constants,
-            )
+        self._body.move(self._target, end, duration, self._motor.force)
         self._target = end
+
+
+def pad(target: Vector, axes: int) -> Vector:
+    """Return a target of a hand with as many entries as there are axes: 0 m where it has none."""
+    return target if len(target) == axes else (target + (0.0,) * axes)[:axes]
