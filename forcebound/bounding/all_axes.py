@@ -294,8 +294,8 @@ def unsure_cost(rows: Floats, capability: float, work: float, dt: float, gain: f
         dt: Length of the interval, in s.
         gain: :math:`\gamma`.
     """
-    earliest = rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE]) / dt
-    latest = 1.0
+    earliest: float = rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE]) / dt
+    latest: float = 1.0
     if rows[WATCHDOG] == SILENT:
         latest = min(rows[HELD_LIMIT] * (1.0 + rows[TOLERANCE]) / dt, 1.0)
     most, slope = gain * gain * capability, gain * work

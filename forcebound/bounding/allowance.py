@@ -44,13 +44,12 @@ HALVINGS = 40  # of the saturation: 8 pN
 
 def gain_at(rows: Floats, end: int) -> float:
     """Return the gain at one end of its range, 0 or 1; 1 if it has no error."""
-    return 1.0 + (2.0 * end - 1.0) * rows[GAIN]
+    return float(1.0 + (2.0 * end - 1.0) * rows[GAIN])
 
 
 def largest_force(rows: Floats, axes: int) -> float:
     """Return the largest force in the direction in ``WANTED`` that may be held, in N."""
-    saturation = rows[SATURATION]
-    low, high = 0.0, saturation
+    low, high = 0.0, float(rows[SATURATION])
     if rows[IS_RIGID] == 1.0:
         for end in range(int(rows[ENDS])):
             high = min(high, _largest_rigid(rows, end, rows[AVAILABLE + end], planned_hold(rows)))
@@ -71,7 +70,7 @@ def largest_force(rows: Floats, axes: int) -> float:
 
 def surplus(rows: Floats, axes: int, end: int) -> float:
     """Return what the force in ``WANTED`` leaves of the energy available, in J."""
-    gain, available = gain_at(rows, end), rows[AVAILABLE + end]
+    gain, available = gain_at(rows, end), float(rows[AVAILABLE + end])
     left = available - cost(rows, axes, gain, planned_hold(rows))
     if rows[WATCHDOG] == NONE:
         late = available + rows[ALLOWANCE] - cost(rows, axes, gain, rows[WATCHDOG_LIMIT])
@@ -82,8 +81,8 @@ def surplus(rows: Floats, axes: int, end: int) -> float:
 def planned_hold(rows: Floats) -> float:
     """Return how long the next force must be expected to last, in s, if it is punctual."""
     if rows[WATCHDOG] == NONE:
-        return rows[PLANNED_LIMIT]
-    return rows[PLANNED_LIMIT] * (1.0 + rows[TOLERANCE])
+        return float(rows[PLANNED_LIMIT])
+    return float(rows[PLANNED_LIMIT] * (1.0 + rows[TOLERANCE]))
 
 
 def _largest_rigid(rows: Floats, end: int, available: float, duration: float) -> float:
@@ -148,4 +147,4 @@ def _strongest(rows: Floats, block: int) -> float:
     force = abs(motor.actual)
     if rows[WRITE_DELAY] > 0.0:
         force = max(force, abs(motor.target))
-    return force * (1.0 + rows[GAIN])
+    return float(force * (1.0 + rows[GAIN]))

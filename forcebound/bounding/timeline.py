@@ -106,7 +106,7 @@ def may_be_dropped(rows: Floats) -> bool:
         return False
     if rows[WATCHDOG] == SILENT and rows[TOLERANCE] == 0.0:
         return False
-    return rows[AGE] > rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE])
+    return bool(rows[AGE] > rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE]))
 
 
 def take_effect(rows: Floats, axes: int) -> None:
