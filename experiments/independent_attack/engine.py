@@ -83,6 +83,11 @@ class Case:
     refused: float = 0.0
     glitch: float = 0.0
 
+    @property
+    def is_unsure(self) -> bool:
+        """Whether it may not be known when the watchdog has dropped a force."""
+        return self.watchdog == "reporting" or self.tolerance > 0.0
+
 
 @dataclass
 class Outcome:
@@ -146,8 +151,8 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
             if applied[index] < 1.0:
                 force = tuple([applied[index] * f for f in force])
             watch.settle(index, time_ns, force)
-            if watch.is_good and bounder.estimated_energy - record[ENERGY] > excess:
-                excess = bounder.estimated_energy - float(record[ENERGY])
+            if watch.is_taken:
+                excess = max(excess, bounder.estimated_energy - float(record[ENERGY]))
             watch.set_holds(index, holds)
         found = tick(
             body, case.device, case.numbers, plan, index, modes, holds, record, seen,
@@ -208,8 +213,10 @@ class _Watch:
     def shown(self, index: int, time_ns: int, reading: Vector) -> Vector:
         """Return what the encoder shows: the reading, or a glitch that must be refused."""
         case = self.case
-        self.is_good = self.chances[index] >= case.refused
-        if self.is_good:
+        is_good = self.chances[index] >= case.refused
+        # With a delay, the law waits with readings of which it does not know what force acted.
+        self.is_taken = is_good and not (case.write_delay > 0.0 and case.is_unsure)
+        if is_good:
             self.believed(time_ns, reading)
             return reading
         kind = int(self.chances[index] / case.refused * 1e4) % 8
@@ -224,7 +231,7 @@ class _Watch:
 
     def settle(self, index: int, time_ns: int, force: Vector) -> None:
         """Settle, with the time of the write if it differs from that of the reading."""
-        if self.case.write_delay > 0.0:
+        if self.case.stated.write_delay > 0.0:
             self.bounder.settle(force, time_ns + self.writes[index])
         else:
             self.bounder.settle(force)

@@ -94,7 +94,7 @@ class Restart:
 
     @property
     def worst(self) -> float:
-        """Lowest energy, J; of late holds above the allowance, and of the truth above the ledger."""
+        """Lowest energy, J; of late holds above the allowance, of the truth above the ledger."""
         return min(self.lowest, self.late_margin, -self.excess)
 
     @property
