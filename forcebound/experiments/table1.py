@@ -293,6 +293,7 @@ def _draw_column(axes: Axes, table: list[Row], half: list[Row], certified: list[
                 label="ours, predicted from the other half",
             )
     for row in table:
+        assert row.paper is not None
         height = HEIGHTS[row.law]
         axes.plot([row.paper, row.ours], [height] * 2, color=NEUTRAL, linewidth=1.0)
         axes.plot(row.paper, height, "D", color=COMMANDED, markersize=7, label="paper")
