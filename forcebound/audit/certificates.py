@@ -4,6 +4,7 @@ To add one: an entry in :data:`CERTIFICATES`, its numbers in :data:`NUMBERS`, an
 the truth in ``plan.py``.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -30,7 +31,8 @@ NUMBERS: dict[str, Range] = {
     "allowance": Range(1e-6, 1e-2, is_logarithmic=True),  # J
     "energy_cap": Range(1e-5, 1e-2, is_logarithmic=True),  # J
     "largest_speed": Range(0.05, 2.0, is_logarithmic=True),  # m/s
-    "glitches": Range(0.01, 0.3, is_logarithmic=True),  # share of readings
+    "glitches": Range(0.01, 0.3, is_logarithmic=True),  # share of readings that are no numbers
+    "wild_readings": Range(0.01, 0.3, is_logarithmic=True),  # share of readings where errors begin
     "shortest": Range(1.0, 1000.0, is_logarithmic=True),  # ns, of a sample interval
 }
 
@@ -43,7 +45,8 @@ class Certificate:
         summary: A few words for a table.
         numbers: Keys of :data:`NUMBERS` that its cases draw.
         unstated: Fields of :class:`forcebound.bounding.Dissipation` as the law gets them when it is
-            not informed; None: those of the first axis, for all. Empty: nothing can be left out.
+            not informed; None: that of the first axis, or of the first hold, for all. Empty:
+            nothing can be left out.
         watchdog: Of the device: "silent", "reporting" or "none".
     """
 
@@ -62,4 +65,61 @@ CERTIFICATES: dict[str, Certificate] = {
         OWN_NUMBERS_OF_AXES,
         {"damping": None, "friction": None, "resolution": None},
     ),
+    "readings": Certificate(
+        "readings that are no numbers, or too soon", ("axes", "glitches", "shortest")
+    ),
+    "speed_gate": Certificate(
+        "readings wrong by 1 km, a largest speed",
+        ("axes", "wild_readings", "largest_speed"),
+        {"largest_speed": math.inf},
+    ),
+    "write_delay": Certificate(
+        "time between reading and writing, to 0.4 T", ("axes", "write_delay"), {"write_delay": 0.0}
+    ),
+    "slow_write_delay": Certificate(
+        "the same with a largest speed",
+        ("axes", "write_delay", "largest_speed"),
+        {"write_delay": 0.0},
+    ),
+    "presliding": Certificate(
+        "friction that yields before it slides",
+        (*OWN_NUMBERS_OF_AXES, "presliding"),
+        {"presliding": 0.0},
+    ),
+    "gain_error": Certificate(
+        "error of the motor's gain, to 20 %",
+        ("axes", "gain_error", "gain_side"),
+        {"gain_error": 0.0},
+    ),
+    "lag": Certificate("lag of the amplifier, to 2 T", ("axes", "lag"), {"lag": 0.0}),
+    "watchdog_range": Certificate(
+        "silent watchdog, to 30 % early or late",
+        ("axes", "watchdog_tolerance", "cut_side"),
+        {"watchdog_tolerance": 0.0},
+    ),
+    "reporting": Certificate("watchdog that reports its cuts", ("axes",), watchdog="reporting"),
+    "hold_change": Certificate(
+        "hold limit that changes from hold to hold",
+        ("axes", "hold_change"),
+        {"hold_limit": None},
+    ),
+    "hold_change_reporting": Certificate(
+        "the same, with a watchdog that reports",
+        ("axes", "hold_change"),
+        {"hold_limit": None},
+        watchdog="reporting",
+    ),
+    "no_watchdog": Certificate(
+        "no watchdog, no allowance",
+        ("axes", "watchdog_limit"),
+        {"watchdog": "silent"},
+        watchdog="none",
+    ),
+    "allowance": Certificate(
+        "no watchdog, an allowance for late holds",
+        ("axes", "watchdog_limit", "allowance"),
+        {"watchdog": "silent"},
+        watchdog="none",
+    ),
+    "energy_cap": Certificate("a cap of the ledger", ("axes", "energy_cap")),
 }

@@ -14,7 +14,7 @@ from forcebound.audit.campaign import PIECE, Progress, in_order
 from forcebound.audit.certificates import CERTIFICATES
 from forcebound.audit.path_run import PathResult, replay_path
 from forcebound.audit.paths import SENSORS, dimensions, encode, prefix
-from forcebound.audit.search import descend, objective
+from forcebound.audit.search import descend
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
 
@@ -56,7 +56,7 @@ def results_of(task: PathTask) -> Iterator[PathResult]:
 
     def attack(noise: int, point: Sequence[float]) -> tuple[PathResult, float]:
         result = replay_path(task.law, title + encode(sensor, noise, point))[0]
-        return result, objective(result.margin, result.share_left)
+        return result, result.objective
 
     certificate = CERTIFICATES[task.certificate]
     rng = np.random.default_rng((task.seed, sensor))
