@@ -29,6 +29,8 @@ NUMBERS: dict[str, Range] = {
     "hold_change": Range(0.1, 3.0),  # largest change of the hold limit, as a share of it
     "watchdog_limit": Range(1.5, 50.0, is_logarithmic=True),  # in periods
     "allowance": Range(1e-6, 1e-2, is_logarithmic=True),  # J
+    "weight_share": Range(0.02, 0.9),  # of the least friction: error of the compensated weight
+    "weight_side": Range(-1.0, 1.0),  # of the weight within its error
     "energy_cap": Range(1e-5, 1e-2, is_logarithmic=True),  # J
     "largest_speed": Range(0.05, 2.0, is_logarithmic=True),  # m/s
     "glitches": Range(0.01, 0.3, is_logarithmic=True),  # share of readings that are no numbers
@@ -57,6 +59,20 @@ class Certificate:
 
 
 OWN_NUMBERS_OF_AXES = ("axes", "damping_ratio", "friction_ratio", "resolution_ratio")
+
+IMPERFECTIONS = (
+    "write_delay",
+    "presliding",
+    "gain_error",
+    "gain_side",
+    "lag",
+    "weight_share",
+    "weight_side",
+    "energy_cap",
+    "glitches",
+    "shortest",
+)
+UNINFORMED = {"write_delay": 0.0, "presliding": 0.0, "gain_error": 0.0, "lag": 0.0}
 
 CERTIFICATES: dict[str, Certificate] = {
     "plain": Certificate("damping, friction, resolution; late ticks", ("axes",)),
@@ -122,4 +138,38 @@ CERTIFICATES: dict[str, Certificate] = {
         watchdog="none",
     ),
     "energy_cap": Certificate("a cap of the ledger", ("axes", "energy_cap")),
+    "weight": Certificate(
+        "weight that is compensated up to an error",
+        ("axes", "weight_share", "weight_side"),
+        {"weight_error": 0.0},
+    ),
+    "all": Certificate(
+        "all of this, silent watchdog",
+        (*OWN_NUMBERS_OF_AXES, *IMPERFECTIONS, "watchdog_tolerance", "cut_side", "hold_change"),
+        UNINFORMED,
+    ),
+    "all_slow": Certificate(
+        "the same with a largest speed and wild readings",
+        (
+            *OWN_NUMBERS_OF_AXES,
+            *IMPERFECTIONS,
+            "watchdog_tolerance",
+            "cut_side",
+            "largest_speed",
+            "wild_readings",
+        ),
+        UNINFORMED,
+    ),
+    "all_reporting": Certificate(
+        "all of this, reporting watchdog",
+        (*OWN_NUMBERS_OF_AXES, *IMPERFECTIONS, "hold_change"),
+        UNINFORMED,
+        watchdog="reporting",
+    ),
+    "all_allowance": Certificate(
+        "all of this, no watchdog, an allowance",
+        (*OWN_NUMBERS_OF_AXES, *IMPERFECTIONS, "watchdog_limit", "allowance", "hold_change"),
+        UNINFORMED,
+        watchdog="none",
+    ),
 }

@@ -25,7 +25,6 @@ STATED = (
     "allowance",
     "energy_cap",
     "largest_speed",
-    "weight_error",
 )
 
 LONGEST_GLITCH = 5  # samples, of a wild reading
@@ -65,7 +64,7 @@ def device_of(case: PathCase) -> Floats:
     ):
         device[row, :axes] = numbers.get(name, 0.0) * numbers.get(ratio, 1.0) ** np.arange(axes)
     device[truth.HALF_RESOLUTION] /= 2.0
-    device[truth.WEIGHT] = numbers.get("weight_error", 0.0) * numbers.get("weight_side", 0.0)
+    device[truth.WEIGHT] = weight_error_of(case) * numbers.get("weight_side", 0.0)
     device[truth.SHARED] = (
         float(has_own_axes(case)),
         1.0 + numbers.get("gain_error", 0.0) * numbers.get("gain_side", 0.0),
@@ -74,6 +73,17 @@ def device_of(case: PathCase) -> Floats:
         float(case.sensor),
     )
     return device
+
+
+def weight_error_of(case: PathCase) -> float:
+    """Return the largest error of the compensated weight of each axis, in N.
+
+    All axes together stay below the friction: else the weight alone would move the device.
+    """
+    axes = axes_of(case)
+    ratio = min(case.numbers.get("friction_ratio", 1.0) ** (axes - 1), 1.0)
+    share = case.numbers.get("weight_share", 0.0) / math.sqrt(axes)
+    return share * case.numbers["friction"] * ratio
 
 
 def has_own_axes(case: PathCase) -> bool:
@@ -115,6 +125,9 @@ def dissipation_of(case: PathCase) -> Dissipation:
     }
     if "presliding" in case.numbers:
         stated["presliding"] = alike_or_each(truth.PRESLIDING)
+    if "weight_share" in case.numbers:
+        error = weight_error_of(case)
+        stated["weight_error"] = (error,) * axes if has_own_axes(case) else error
     for name in STATED:
         if name in case.numbers:
             stated[name] = case.numbers[name]
