@@ -1,15 +1,18 @@
 """PHANToM Premium 1.5, simulated: the device of the paper's experiments."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.bounding.dissipation import PER_AXIS
+from forcebound.devices.axes import AxesBody
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated import (
     DampingOfAxes,
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
+    Source,
     StatedImperfections,
     check_count,
 )
@@ -52,6 +55,15 @@ class PhantomPremium15(StatedImperfections):
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
     truth: TrueAxes | None = None
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: {
+            "damping": "measured",  # of the real device, by the paper's authors
+            "friction": "measured",
+            "resolution": "data sheet",
+            "saturation": "data sheet",
+        },
+        hash=False,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,6 +82,10 @@ class PhantomPremium15(StatedImperfections):
             and not any(isinstance(getattr(self, name), tuple) for name in PER_AXIS)
             and not any((*stated, *own))
         )
+
+    def body(self, operator: Operator) -> AxesBody:
+        """Return the body; see :class:`forcebound.devices.simulated.Body`."""
+        return AxesBody(self, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
