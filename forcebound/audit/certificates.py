@@ -19,7 +19,8 @@ NUMBERS: dict[str, Range] = {
     "write_delay": Range(1e-5, 4e-4, is_logarithmic=True),  # s
     "presliding": Range(1e-6, 2e-4, is_logarithmic=True),  # m
     "gain_error": Range(0.005, 0.2, is_logarithmic=True),
-    "gain_side": Range(-1.0, 1.0),  # the motor's gain within its error
+    "gain_side": Range(-1.0, 1.0),  # the gain of the first and third motor within its error
+    "other_gain_side": Range(-1.0, 1.0),  # of the second
     "lag": Range(2e-5, 2e-3, is_logarithmic=True),  # s
     "damping_ratio": Range(0.1, 10.0, is_logarithmic=True),  # of each axis to the one before
     "friction_ratio": Range(0.1, 10.0, is_logarithmic=True),
@@ -65,6 +66,7 @@ IMPERFECTIONS = (
     "presliding",
     "gain_error",
     "gain_side",
+    "other_gain_side",
     "lag",
     "weight_share",
     "weight_side",
@@ -104,7 +106,7 @@ CERTIFICATES: dict[str, Certificate] = {
     ),
     "gain_error": Certificate(
         "error of the motor's gain, to 20 %",
-        ("axes", "gain_error", "gain_side"),
+        ("axes", "gain_error", "gain_side", "other_gain_side"),
         {"gain_error": 0.0},
     ),
     "lag": Certificate("lag of the amplifier, to 2 T", ("axes", "lag"), {"lag": 0.0}),

@@ -5,7 +5,7 @@ The law is that of the device node, :class:`forcebound.bounding.ForceBounder` it
 
 import math
 from operator import add
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,9 +59,10 @@ def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
     """
     device, plan, axes = device_of(case), plan_of(case), axes_of(case)
     bounder = ForceBounder(law, dissipation_of(case), axes)
-    walk, motion = jit(truth.walk), truth.start(axes)
+    walk, motion = jit(truth.walk), truth.start(axes, device)
     readings, force = np.zeros((2, axes)), np.zeros(axes)
-    state, events, written = motion.state, motion.times, force.data
+    state, events = motion.state, motion.times
+    written: Any = force.data  # numpy takes longer to set a number
     place = state[truth.POSITION].data
     reports_cuts = case.certificate.watchdog == "reporting"
     changes_hold_limit = case.is_stated and "hold_change" in case.numbers

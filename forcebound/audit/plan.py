@@ -55,7 +55,7 @@ class Plan(NamedTuple):
 def device_of(case: PathCase) -> Floats:
     """Return the device as it really is; :mod:`forcebound.audit.truth` names the rows."""
     numbers, axes = case.numbers, axes_of(case)
-    device = np.zeros((truth.SHARED + 1, 5))
+    device = np.zeros((truth.SHARED + 1, 4))
     for row, name, ratio in (
         (truth.DAMPING, "damping", "damping_ratio"),
         (truth.FRICTION, "friction", "friction_ratio"),
@@ -65,9 +65,11 @@ def device_of(case: PathCase) -> Floats:
         device[row, :axes] = numbers.get(name, 0.0) * numbers.get(ratio, 1.0) ** np.arange(axes)
     device[truth.HALF_RESOLUTION] /= 2.0
     device[truth.WEIGHT] = weight_error_of(case) * numbers.get("weight_side", 0.0)
+    sides = [numbers.get("gain_side", 0.0), numbers.get("other_gain_side", 0.0)]
+    gains = 1.0 + numbers.get("gain_error", 0.0) * np.resize(sides, axes)
+    device[truth.GAIN, :axes] = gains
     device[truth.SHARED] = (
         float(has_own_axes(case)),
-        1.0 + numbers.get("gain_error", 0.0) * numbers.get("gain_side", 0.0),
         numbers.get("lag", 0.0),
         numbers.get("largest_speed", numbers.get("fastest_hand", math.inf)),
         float(case.sensor),

@@ -117,8 +117,9 @@ def lowest_energy(search: Search) -> float:
         result = attack_path(LAW, case_of(search, noise, point))[0]
         return result, result.objective
 
-    points = [
-        rng.choice((0.0, 0.5, 1.0, rng.random()), dimensions) for _ in range(search.runs // 2)
+    levels = (0.0, 0.5, 1.0)
+    points: list[list[float]] = [
+        rng.choice((*levels, rng.random()), dimensions).tolist() for _ in range(search.runs // 2)
     ]
     tried = [attack(0, point) for point in points]
     best = min(range(len(tried)), key=lambda one: tried[one][1])

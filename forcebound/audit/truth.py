@@ -30,12 +30,11 @@ Integers: TypeAlias = NDArray[np.int64]
 PIECES = 3  # straight lines between two events
 NEVER = np.iinfo(np.int64).max // 2
 
-# A device, shape (7, at least 5): rows with one number for each axis, and a row of shared numbers.
-DAMPING, FRICTION, PRESLIDING, HALF_RESOLUTION, WEIGHT, CARRIED, SHARED = range(7)
-#: Columns of the shared numbers: whether friction acts on each axis by itself, the force of the
-#: motor for 1 N written, the time constant of the amplifier in s, the largest speed in m/s, and the
-#: kind of reading error.
-ON_EACH_AXIS, GAIN, LAG, LARGEST_SPEED, SENSOR = range(5)
+# A device, shape (8, at least 4): rows with one number for each axis, and a row of shared numbers.
+DAMPING, FRICTION, PRESLIDING, HALF_RESOLUTION, WEIGHT, CARRIED, GAIN, SHARED = range(8)
+#: Columns of the shared numbers: whether friction acts on each axis by itself, the time constant of
+#: the amplifier in s, the largest speed in m/s, and the kind of reading error.
+ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR = range(4)
 
 # A path, as far as it does not depend on the forces: for each sample a row of times, in ns: of the
 # reading, of the write (-1: it is lost), how long after the write the watchdog drops the force and
@@ -53,9 +52,9 @@ CHOICES = 13
 # by which a punctual hold has brought it below zero and below what it was at the write.
 POSITION, BRISTLE, MOTOR, WRITTEN, ENERGIES = range(5)
 NOW, AT_WRITE, LOWEST, PUNCTUAL_FALL = range(4)
-# Times of the device, in ns: of the coming cut, of the last one in this interval (0: none), and
-# when the hold is late.
-CUT, WAS_CUT, LATE = range(3)
+# Times of the device, in ns: of the coming cut, of the last one in this interval (0: none), when
+# the hold is late, and when a hold was first late.
+CUT, WAS_CUT, LATE, FIRST_LATE = range(4)
 
 
 class Motion(NamedTuple):
@@ -65,9 +64,14 @@ class Motion(NamedTuple):
     times: Integers
 
 
-def start(axes: int) -> Motion:
-    """Return the state at rest."""
-    return Motion(np.zeros((5, max(4, axes))), np.full(3, NEVER))
+def start(axes: int, device: Floats) -> Motion:
+    """Return the state at rest: bristles carry the weight that nothing compensates."""
+    state = np.zeros((5, max(4, axes)))
+    for i in range(axes):
+        if device[PRESLIDING, i] > 0.0:
+            stiffness = device[FRICTION, i] / device[PRESLIDING, i]
+            state[BRISTLE, i] = -device[WEIGHT, i] / stiffness
+    return Motion(state, np.full(4, NEVER))
 
 
 def walk(
@@ -122,12 +126,25 @@ def walk(
             if now < event < until:
                 until = event
         drifts = times[n, RESTS_FIRST] == (now >= rest)
-        lowest = min(energies[AT_WRITE], 0.0) if until <= events[LATE] else -math.inf
+        if until > events[LATE]:
+            events[FIRST_LATE] = min(events[FIRST_LATE], now)
+        lowest = lowest_of_hold(until, device, state, events)
         share = (until - now) / (end - begin)
         move(choices[n], axes, device, (until - now) * 1e-9, share, drifts, lowest, state)
         now = until
     read(n, axes, choices, device, state, readings[0])
     return energies[NOW], energies[LOWEST], energies[PUNCTUAL_FALL], events[WAS_CUT]
+
+
+def lowest_of_hold(until: int, device: Floats, state: Floats, events: Integers) -> float:
+    """Return what the energy must not fall below in this hold if it is punctual, in J.
+
+    A motor with a lag goes on giving the force of a late hold after it, so there nothing is asked.
+    """
+    is_tail = device[SHARED, LAG] > 0.0 and until > events[FIRST_LATE]
+    if until > events[LATE] or is_tail:
+        return -math.inf
+    return min(float(state[ENERGIES, AT_WRITE]), 0.0)
 
 
 def move(
@@ -191,14 +208,14 @@ def best_theft(axis: int, device: Floats, state: Floats) -> float:
     excess = abs(force)
     if device[SHARED, ON_EACH_AXIS] == 1.0:
         excess = max(excess - device[FRICTION, axis], 0.0)
-    return -math.copysign(excess, force) / (2.0 * device[DAMPING, axis])
+    return -math.copysign(excess, force) / (2.0 * float(device[DAMPING, axis]))
 
 
 def work_of_motor(axes: int, device: Floats, step: Floats, h: float, state: Floats) -> float:
     """Let the motor's force relax for ``h``, in s; return the work against it, in J."""
     lag, work = device[SHARED, LAG], 0.0
     for i in range(axes):
-        target = device[SHARED, GAIN] * state[WRITTEN, i]
+        target = device[GAIN, i] * state[WRITTEN, i]
         mean = target
         if lag > 0.0:
             passed = -math.expm1(-h / lag)
