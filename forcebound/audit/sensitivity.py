@@ -24,7 +24,7 @@ from forcebound.errors import ConfigError
 LAW = "certified"
 FASTEST_HAND = 0.5  # m/s
 #: What of each of two phases is searched; intervals are steady.
-SEARCHED = ("length", "speed", "rest", "thief", "tremor", "force", "delay")
+SEARCHED: tuple[str, ...] = ("length", "speed", "rest", "thief", "tremor", "force", "delay")
 TRIED_SENSORS = (SENSORS.index("noisy"), SENSORS.index("anticipating"))
 SAMPLES = 1000
 THEFT = 200  # of them; a slow hand needs some time to take what a ledger holds
