@@ -19,7 +19,7 @@ from forcebound.config.loader import from_document
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
-from forcebound.nodes.device import dissipation_of
+from forcebound.nodes.servo import dissipation_of
 
 NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float]]
 
