@@ -151,6 +151,7 @@ class ForceBounder:
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
         self._held_limit_ns = self._limit_ns
+        self._cut_ns = time_ns - 1_000_000_000  # none yet
         _fill(self._position_view, position, "positions")
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
@@ -230,6 +231,7 @@ class ForceBounder:
             time_ns: When it dropped the force, in ns.
             position: Reading of each axis then, in m.
         """
+        self._cut_ns = time_ns
         if time_ns >= self._now_ns:
             self._sample(time_ns, position, 0.0, is_cut=True)
         self._drop(self._rows, self._axes)
@@ -249,7 +251,8 @@ class ForceBounder:
             closing = REFUSED
         elif self._is_gated:
             closing = self._judge(read_ns, position)
-        if closing == REFUSED and not is_cut:
+        # Too soon after the reading at a cut is no fault of this one.
+        if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
             self.refused_readings += 1
         if is_cut:
             self._numbers[IS_UNSURE] = 0.0

@@ -55,7 +55,7 @@ def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
                 f"the friction, {f} N, must hold the error of the weight, {error} N: "
                 "else the device drifts off by itself, and no law can promise anything"
             )
-        constants.append(AxisConstants(b, friction, r, r + z, 2.0 * z, error, -weight))
+        constants.append(AxisConstants(b, friction, r, r + z, 2.0 * z, error, weight))
     return constants
 
 

@@ -58,8 +58,8 @@ class Dissipation:
         allowance: Most that the hand may get out of holds longer than the hold limit, ε, in J.
         energy_cap: Most energy that a ledger keeps, in J; None: the most that the saturation can
             use.
-        weight: Weight on each axis that the device carries by itself, in N: the force of gravity in
-            the positive direction; alike or for each axis. It acts when the force is dropped.
+        weight: Weight on each axis that the device carries by itself, in N, positive against
+            positive motion; alike or for each axis. It acts when the force is dropped.
         weight_error: Largest error of that, constant in a run, in N, less than the friction, which
             must hold it; alike or for each axis.
         sources: Where numbers come from, by name: ``measured``, ``data sheet`` or ``assumed``. For
