@@ -62,7 +62,6 @@ PRICES: tuple[dict[str, float], ...] = (
     {"presliding": 120e-6},
     {"lag": 100e-6},
     {"lag": 400e-6},
-    {"watchdog_tolerance": 0.1},
     {"weight_error": 0.02},
 )
 QUICK = ((10, 0, 200), (10, 0, 35), (30, 1, 200), (3, 1, 35))  # N/mm, ms, mm/s
