@@ -35,6 +35,7 @@ from experiments.independent_attack.truth import (
     BRISTLE,
     COMPENSATION,
     ERROR,
+    FASTEST,
     OUTPUT,
     PRESLIDING,
     TARGET,
@@ -221,7 +222,9 @@ class _Watch:
         case = self.case
         is_good = self.chances[index] >= case.refused
         # With a delay, the law waits with readings of which it does not know what force acted.
+        # A hand faster than stated has true readings refused.
         self.is_taken = is_good and not (case.write_delay > 0.0 and case.is_unsure)
+        self.is_taken &= case.numbers[FASTEST] <= case.stated.largest_speed
         if is_good:
             self.believed(time_ns, reading)
             return reading

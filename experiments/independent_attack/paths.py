@@ -303,7 +303,7 @@ def tick(
         record[SHARE] = min(record[SHARE], low / record[PEAK])
     if record[PEAK] > LARGE_PEAK:
         record[LEFT] = min(record[LEFT], low)
-    if write <= 0.0:  # the old force may be overdue, but not the new one
+    if write <= 0.0 and numbers[LAG] <= 0.0:  # else the rest of an overdue force may act
         record[FALLEN] = min(record[FALLEN], low - min(record[ENERGY], 0.0))
     if holds[2] > 0.0:
         late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
