@@ -341,6 +341,8 @@ def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
     if draft.case.get("watchdog") == "none":
         longest = 2.0 * draft.fields["watchdog_limit"]
     punctual = draft.case.pop("punctual_only", False)
+    if draft.device[COMPENSATION].any() and draft.case.get("tolerance"):
+        draft.case["ledger_only"] = True  # an early cut lets the weight fall
     manner = Manner(
         int(random.integers(len(READINGS))),
         int(random.integers(len(COMMANDS))),

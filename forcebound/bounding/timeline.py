@@ -89,7 +89,6 @@ def advance(rows: Floats, axes: int, duration: float) -> None:
 def _run_motors(rows: Floats, axes: int, piece: float) -> None:
     """Let ``piece`` pass, in s, in which nothing happens."""
     cost = acting_cost(rows, axes, piece, 1.0 + rows[GAIN])
-    rows[SPENT] += cost
     rows[GIVEN] += cost
     for axis in range(axes):
         first = AXES + axis * BLOCK + MOTOR
@@ -101,6 +100,8 @@ def _run_motors(rows: Floats, axes: int, piece: float) -> None:
         rows[LARGEST_LEAK] = max(rows[LARGEST_LEAK], rows[GIVEN] - max(rows[BUDGET], 0.0))
     if may_be_dropped(rows):
         rows[IS_UNSURE] = 1.0
+        cost += dropped_cost(rows, axes, piece)
+    rows[SPENT] += cost
 
 
 def may_be_dropped(rows: Floats) -> bool:
@@ -154,6 +155,19 @@ def acting_cost(rows: Floats, axes: int, duration: float, gain: float) -> float:
             total += axis_cost(load_constants(rows, axis), force, duration)
         square += force * force
     if rows[IS_ALONG_PATH] == 0.0:
+        return total
+    return path_cost(rows, math.sqrt(square), duration)
+
+
+def dropped_cost(rows: Floats, axes: int, duration: float) -> float:
+    """Return the most that weights which are not carried can give in ``duration``, in s, in J."""
+    total = square = 0.0
+    for axis in range(axes):
+        one = load_constants(rows, axis)
+        if rows[IS_ALONG_PATH] == 0.0:
+            total += axis_cost(one, abs(one.dropped), duration)
+        square += one.dropped * one.dropped
+    if square == 0.0 or rows[IS_ALONG_PATH] == 0.0:
         return total
     return path_cost(rows, math.sqrt(square), duration)
 
