@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
-from forcebound.messages.packets import TOPIC_OF, Event
+from forcebound.messages.packets import TOPIC_OF, Event, Telemetry
 from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
 
@@ -59,12 +59,11 @@ class RunResult:
         """
         from forcebound.recording import read  # slow to import; no node process needs it
 
-        recording = read(path)
+        recording = read(path, (TOPIC_OF[Telemetry], TOPIC_OF[Event]))
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        document = json.loads(recording.metadata.get("launch", "{}"))
         events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-        return cls(recording.telemetry, document, events, recording.complete)
+        return cls(recording.telemetry, recording.launch, events, recording.complete)
 
     @property
     def label(self) -> str:

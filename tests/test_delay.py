@@ -132,7 +132,7 @@ def test_the_command_tells_people_the_figures(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "x", "a.mcap")
-    with pytest.raises(ConfigError, match=r"a\.mcap is not a recording"):
+    with pytest.raises(ConfigError, match=r"a\.mcap is not an MCAP file"):
         read_trace(path)
     result = CliRunner().invoke(main, ["delay", str(path)])
     assert result.exit_code == 2

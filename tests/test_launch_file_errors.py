@@ -163,7 +163,9 @@ def test_a_missing_file_lists_those_that_ship(
 
 
 def test_a_folder_is_not_a_launch_file(tmp_path: Path) -> None:
-    assert problems_of(tmp_path) == f"{tmp_path}: this is a folder, not a launch file"
+    assert problems_of(tmp_path) == (
+        f"{tmp_path}: cannot read the launch file: it is a folder, not a file"
+    )
 
 
 def test_all_problems_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from forcebound.cli.common import (
     print_table,
     record_option,
     reports_errors,
+    show,
 )
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def simulate(
     from forcebound.launch.virtual import run_virtual
 
     result = run_virtual(config, duration, record, may_end_early=True)
-    click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
 
 
@@ -139,7 +140,7 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
         print_json({"picture": str(output), "runs": [r.summary for r in results]})
         return
     print_table(results, labels)
-    click.echo(f"picture: {output}")
+    show(f"picture: {output}")
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
@@ -180,7 +181,7 @@ def _configuration(
     if not check:
         return config
     also(config)
-    print_json(to_document(config)) if as_json else click.echo(f"{file}: correct")
+    print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
 
 
@@ -194,7 +195,7 @@ def _show_arguments(file: str, as_json: bool) -> None:
     for argument in arguments:
         default = "(required)" if argument.default is None else _as_written(argument.default)
         choices = f" [{', '.join(map(_as_written, argument.choices))}]" if argument.choices else ""
-        click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
+        show(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
 
 
 def _as_written(value: object) -> str:
@@ -203,10 +204,10 @@ def _as_written(value: object) -> str:
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
-        click.echo("forcebound: interrupted; result up to here", err=True)
+        show("forcebound: interrupted; result up to here", err=True)
     if not result.summary["samples"]:
         never = "no command younger than the age limit reached the device"
-        click.echo(f"forcebound: the force never engaged: {never}", err=True)
+        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return
@@ -218,4 +219,4 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         click.echo()
         print_rows(head, rows)
     if record is not None:
-        click.echo(f"recording: {record}")
+        show(f"recording: {record}")

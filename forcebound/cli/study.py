@@ -13,6 +13,7 @@ from forcebound.cli.common import (
     print_json,
     print_rows,
     reports_errors,
+    show,
 )
 from forcebound.errors import ConfigError, RunError
 
@@ -32,7 +33,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         raise ConfigError(f"no benchmark {name!r}; known are {known}")
     if not rate > 0:
         raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
-    result = BENCHMARKS[name].run(duration, rate, lambda line: click.echo(line, err=True))
+    result = BENCHMARKS[name].run(duration, rate, lambda line: show(line, err=True))
     if as_json:
         print_json(result)
         return
@@ -91,8 +92,8 @@ def audit(
     else:
         for row in document["laws"]:
             lowest = show_energy(row["loss_and_work_min_j"])
-            click.echo(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
-        click.echo(f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`")
+            show(f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}")
+        show(f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`")
     sys.exit(0 if all(row["holds"] for row in document["laws"]) else 1)
 
 
@@ -112,7 +113,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
         print_json(document)
         return
     for name, value in [*document.pop("case").items(), *document.items()]:
-        click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
+        show(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
 
 
 @click.command(short_help="Repeat the paper's experiments.")
@@ -130,7 +131,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     """Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all."""
     from forcebound.experiments.reproduce import reproduce, tables
 
-    done = reproduce(names, out, lambda line: click.echo(line, err=True))
+    done = reproduce(names, out, lambda line: show(line, err=True))
     if as_json:
         print_json(done.document)
         return
@@ -138,7 +139,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
     for table in tables(done):
         Console().print(table)
-    click.echo(f"report: {out / 'report.html'}")
+    show(f"report: {out / 'report.html'}")
 
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
@@ -186,7 +187,7 @@ def sweep(
     else:
         for name, value in document.items():
             if value is not None:
-                click.echo(f"{name.replace('_', ' ')}: {value}")
+                show(f"{name.replace('_', ' ')}: {value}")
     if document["failed"] == document["cases"]:
         raise RunError(f"every case failed; the first: {document['first_error']}")
 
@@ -203,4 +204,4 @@ def draw_map(result: Path, output: Path | None) -> None:
 
     output = output or result.with_suffix(".png")
     draw(result, output)
-    click.echo(f"map: {output}")
+    show(f"map: {output}")

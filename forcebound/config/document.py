@@ -13,9 +13,10 @@ from pathlib import Path
 from forcebound.config.arguments import Substitution
 from forcebound.config.problems import Place, Problems
 from forcebound.config.tree import Value, parse
-from forcebound.files import reason
+from forcebound.files import not_text, place_in, read_bytes, reason
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
+MAX_INCLUDES = 10  # files that include one another, one after the other
 
 SHIPPED = Path(__file__).parent.parent / "launch"
 
@@ -70,6 +71,9 @@ def _include(
     if found is None:
         problems.add(missing(wanted.content), wanted.place)
         return None
+    if len(including) > MAX_INCLUDES:
+        problems.add(f"more than {MAX_INCLUDES} files include one another", wanted.place)
+        return None
     if found.resolve() in including:
         chain = " includes ".join(str(file.name) for file in (*including, found))
         problems.add(f"files include each other: {chain}", wanted.place)
@@ -103,26 +107,14 @@ def _default(argument: Value) -> Value:
 
 
 def _text_of(path: Path, problems: Problems) -> str | None:
-    place = Place(str(path))
     try:
-        if path.is_dir():
-            problems.add("this is a folder, not a launch file", place)
-            return None
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        problems.add(f"cannot read the launch file: {reason(error)}", place)
-        return None
-    if len(data) > MAX_BYTES:
-        problems.add(f"more than {MAX_BYTES} bytes: this is no launch file", place)
+        data = read_bytes(path, MAX_BYTES)
+    except OSError as error:
+        problems.add(f"cannot read the launch file: {reason(error)}", Place(str(path)))
         return None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        *before, last = data[: error.start].decode("utf-8-sig", "replace").split("\n")
-        after = data[error.start :].decode("utf-8", "replace").partition("\n")[0]
-        problems.add(
-            f"byte 0x{data[error.start]:02x} is not UTF-8: save the file as UTF-8",
-            Place(str(path), len(before) + 1, len(last) + 1, last + after),
-        )
+        place = Place(str(path), *place_in(data, error.start))
+        problems.add(not_text(data, error.start), place)
         return None
