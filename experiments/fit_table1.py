@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.metrics import displayed_stiffness, initial_rate_hardness
+from forcebound.analysis.contact import displayed_stiffness, initial_rate_hardness
 from forcebound.bounding import LAWS, DeviceConstants, Dissipation
 from forcebound.bounding.one_axis import one_axis
 from forcebound.bounding.sample import NO_MEMORY, start_axis

@@ -14,7 +14,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_type_hints
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from forcebound.errors import ConfigError
 
@@ -129,8 +139,11 @@ def check_ranges(settings: Any) -> None:
     """
     kind: type = type(settings)
     for name, permitted, symbol in _ranges_of(kind):
+        value = getattr(settings, name)
+        if value is None or isinstance(value, str):
+            continue  # a word such as auto, or no value, in place of the number
         try:
-            permitted.check(getattr(settings, name), symbol)
+            permitted.check(value, symbol)
         except ConfigError as error:
             raise ConfigError(f"{name} {error}", field=name) from None
 
@@ -140,14 +153,17 @@ def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     """Name, range and unit of each field that has a range."""
     found = []
     for name, hint in get_type_hints(kind, include_extras=True).items():
-        notes = getattr(hint, "__metadata__", ())
-        symbols = [note.symbol for note in notes if isinstance(note, Unit)]
-        found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]
+        choices = get_args(hint) if isinstance(hint, UnionType) or get_origin(hint) is Union else ()
+        for choice in choices or (hint,):
+            notes = getattr(choice, "__metadata__", ())
+            symbols = [note.symbol for note in notes if isinstance(note, Unit)]
+            found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]
     return found
 
 
 DataRate: TypeAlias = Annotated[float, Unit("B/s")]
 Damping: TypeAlias = Annotated[float, Unit("N s/m")]
+Energy: TypeAlias = Annotated[float, Unit("J")]
 Force: TypeAlias = Annotated[float, Unit("N")]
 Frequency: TypeAlias = Annotated[float, Unit("Hz")]
 Length: TypeAlias = Annotated[float, Unit("m")]

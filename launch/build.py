@@ -5,7 +5,7 @@ from forcebound.config.traces import trace_of
 from forcebound.controllers.direct import DirectController
 from forcebound.controllers.guard import GuardedController
 from forcebound.devices.guard import GuardedDevice
-from forcebound.devices.plant import SimulatedDevice
+from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Packet
 from forcebound.network.computation import ComputationTime

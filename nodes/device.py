@@ -7,7 +7,7 @@ telemetry. Writes are strictly periodic, so the hold limit can stay close to the
 samples of the law's ledger are the writes.
 
 Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
-tick that is due.
+tick that is due, and a tick whose write would have been due before the last one is skipped, too.
 """
 
 import logging
@@ -28,6 +28,8 @@ from forcebound.messages.packets import (
 )
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.late_ticks import Lateness, LateTicks
+from forcebound.nodes.overload import Overload
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.quantities import (
@@ -70,6 +72,7 @@ class ServoSettings:
         age_limit: An answer to an older state gives no force.
         engage_time: From no force to full force.
         velocity_cutoff: Of the low-pass on the backward difference.
+        late_ticks: Late ticks on purpose, for experiments.
     """
 
     law: str = "certified"
@@ -79,6 +82,7 @@ class ServoSettings:
     age_limit: Annotated[Time, POSITIVE] = 0.1
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
+    late_ticks: LateTicks | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -145,6 +149,9 @@ class DeviceNode:
         self._read_ns = 0
         self._is_answered = False
         self._next_event_ns = 0
+        late = servo.late_ticks
+        self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
+        self._overload = Overload(servo.period_ns)
         self.deadline_misses = 0
         self.events = EventLog("device")
 
@@ -207,12 +214,8 @@ class DeviceNode:
             return []
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
-            if (
-                self._is_answered != (self._chain.answered_tick is not None)
-                and self.is_engaged
-                and time_ns >= self._next_event_ns
-            ):
-                packets.append(self._describe_answers(time_ns))
+            if self.is_engaged:
+                packets += self._describe(time_ns)
             return packets
         return [self._sample(time_ns)]
 
@@ -235,6 +238,9 @@ class DeviceNode:
         self._chain.remember(state)
         self._writes_next = True
         self._wake_ns = self._start_ns + self._tick * self._period_ns + self._reply_wait_ns
+        if self._lateness is not None:
+            early_ns = max(self._wake_ns - time_ns, 0) // 2  # at most: reading comes first
+            self._wake_ns += max(self._lateness.draw_ns(), -early_ns)
         return state
 
     def _write(self, time_ns: int) -> Telemetry:
@@ -272,9 +278,31 @@ class DeviceNode:
             chain.rejected,
         )
         self._writes_next = False
-        self._tick += 1
-        self._wake_ns = self._start_ns + self._tick * self._period_ns
+        self._begin_next_tick(time_ns)
         return telemetry
+
+    def _begin_next_tick(self, time_ns: int) -> None:
+        """Skip the ticks whose writes are overdue: two writes at once would serve nothing."""
+        assert self._start_ns is not None
+        next_tick = self._tick + 1
+        write_ns = self._start_ns + next_tick * self._period_ns + self._reply_wait_ns
+        if write_ns <= time_ns:
+            overdue = 1 + (time_ns - write_ns) // self._period_ns
+            self.deadline_misses += overdue
+            next_tick += overdue
+        self._tick = next_tick
+        self._wake_ns = max(self._start_ns + next_tick * self._period_ns, time_ns)
+
+    def _describe(self, time_ns: int) -> list[Packet]:
+        """Return events about answers that end or begin, and about missed ticks."""
+        events: list[Packet] = []
+        is_answered = self._chain.answered_tick is not None
+        if self._is_answered != is_answered and time_ns >= self._next_event_ns:
+            events.append(self._describe_answers(time_ns))
+        warning = self._overload.observe(time_ns, self.deadline_misses)
+        if warning is not None:
+            events.append(self.events.emit(time_ns, "ticks_missed", warning, is_fault=True))
+        return events
 
     def _describe_answers(self, time_ns: int) -> Event:
         """Return an event when the force goes to zero or returns; limited in rate."""

@@ -44,7 +44,9 @@ class Truth:
 
     def walk(self, move: Vector, duration: float, force: Vector) -> None:
         length = math.hypot(*move)
-        lost = self.device.damping * length**2 / duration + self.device.friction * length
+        lost = (
+            self.device.least_damping * length**2 / duration + self.device.least_friction * length
+        )
         work = sum(f * d for f, d in zip(force, move, strict=True))
         self.position = tuple(x + d for x, d in zip(self.position, move, strict=True))
         self.loss_and_work += lost + work
@@ -73,7 +75,7 @@ def walk(law: str, device: Dissipation, steps: list[Step], axes: int) -> tuple[T
     """
     truth = Truth(device, axes)
     bounder = ForceBounder(law, device, axes)
-    bounder.start(0, tuple(device.resolution / 2.0 * e for e in steps[0].error))
+    bounder.start(0, tuple(device.coarsest_resolution / 2.0 * e for e in steps[0].error))
     time_ns = 0
     force: Vector = (0.0,) * axes
     reserves: list[float] = []
@@ -81,7 +83,8 @@ def walk(law: str, device: Dissipation, steps: list[Step], axes: int) -> tuple[T
         truth.hold(step, force)
         time_ns += step.elapsed_ns
         reading = tuple(
-            x + device.resolution / 2.0 * e for x, e in zip(truth.position, step.error, strict=True)
+            x + device.coarsest_resolution / 2.0 * e
+            for x, e in zip(truth.position, step.error, strict=True)
         )
         force = bounder.bound(time_ns, reading, step.asked)
         bounder.settle(force)
@@ -102,7 +105,7 @@ def paths(draw: st.DrawFn) -> tuple[Dissipation, list[Step], int]:
         hold_limit=draw(st.sampled_from((1e-3, 1.25e-3, 2e-3))),
         saturation=20.0,
     )
-    length = draw(st.sampled_from((device.resolution, 1e-4, 1e-2)))
+    length = draw(st.sampled_from((device.coarsest_resolution, 1e-4, 1e-2)))
     coordinate = st.sampled_from((-1.0, -0.5, -1e-6, 0.0, 1e-6, 0.5, 1.0)).map(length.__mul__)
     vector = st.tuples(*[coordinate] * axes)
     step = st.builds(
@@ -135,27 +138,27 @@ class LedgerWithoutRestart:
 
     def __init__(self, device: Dissipation) -> None:
         self.device = device
-        self.r = device.resolution / 2.0
+        self.r = device.coarsest_resolution / 2.0
 
     def start(self, reading: float) -> None:
-        self.ledger = -self.device.friction * self.r
+        self.ledger = -self.device.least_friction * self.r
         self.reading = self.playing = reading
         self.force = 0.0
 
     def bound(self, elapsed: float, reading: float, asked: float) -> float:
         d, r = self.device, self.r
-        capability = d.damping / d.hold_limit
+        capability = d.least_damping / d.hold_limit
         moved = reading - self.reading
         playing = play(reading, self.playing, r)
         if elapsed > d.hold_limit:
-            excess = max(abs(self.force) - d.friction, 0.0)
+            excess = max(abs(self.force) - d.least_friction, 0.0)
             self.ledger -= excess**2 / (4 * capability) + r * abs(self.force)
             self.force = 0.0
         else:
-            self.ledger += d.damping * max(abs(moved) - 2 * r, 0.0) ** 2 / elapsed
-            self.ledger += d.friction * abs(playing - self.playing) + self.force * moved
+            self.ledger += d.least_damping * max(abs(moved) - 2 * r, 0.0) ** 2 / elapsed
+            self.ledger += d.least_friction * abs(playing - self.playing) + self.force * moved
         surplus = max(self.ledger - r * abs(self.force), 0.0)
-        limit = min(d.friction + 2 * math.sqrt(capability * surplus), d.saturation)
+        limit = min(d.least_friction + 2 * math.sqrt(capability * surplus), d.saturation)
         force = max(-limit, min(limit, asked))
         self.ledger -= r * abs(force - self.force)
         self.reading, self.playing, self.force = reading, playing, force
@@ -186,9 +189,11 @@ def overrun_attack(law: LedgerWithoutRestart | Ours, cycles: int) -> float:
     play operator, still on the other side, follows with the next reading and credits it again.
     """
     device = PHANTOM
-    r, tiny = device.resolution / 2.0, 1e-12
+    r, tiny = device.coarsest_resolution / 2.0, 1e-12
     cell = 2.0 * r
-    push = device.friction + 4.0 * CAPABILITY * r  # its worst displacement in a hold is one cell
+    push = (
+        device.least_friction + 4.0 * CAPABILITY * r
+    )  # its worst displacement in a hold is one cell
     truth = Truth(device, 1)
     force = 0.0
 
@@ -214,7 +219,7 @@ def overrun_attack(law: LedgerWithoutRestart | Ours, cycles: int) -> float:
         direction = -direction
     go(0.0, 1e-3, -direction * device.saturation)
     largest = abs(force)
-    worst = max(largest - device.friction, 0.0) / (2.0 * CAPABILITY)
+    worst = max(largest - device.least_friction, 0.0) / (2.0 * CAPABILITY)
     go(direction * worst, device.hold_limit, 0.0)
     return truth.loss_and_work
 
@@ -235,7 +240,7 @@ def test_the_anchors_do_not_earn_the_way_of_a_cut_hold_again(law: str) -> None:
     overrun would credit this loss a second time: 30 uJ in each of these cycles.
     """
     held, rest = 0.5, (0.0,)
-    furthest = (held - PHANTOM.friction) / (2.0 * CAPABILITY)
+    furthest = (held - PHANTOM.least_friction) / (2.0 * CAPABILITY)
     earn = Step(MS, ((1e-3,),), rest, rest)
     push = Step(MS, (rest,), rest, (-held,))
     overrun = Step(5 * MS, ((furthest,), rest, rest, rest), rest, rest)  # 1.25 ms, then rest

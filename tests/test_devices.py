@@ -2,15 +2,20 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 from builders import MS
+from fakes import FakeDevice
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.devices import DEVICES, DeviceModel
+from forcebound.devices.guard import GuardedDevice
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import SimulatedDevice, advance, quantise
+from forcebound.devices.plant import advance, quantise
+from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators.pressing import PressingHand
 
@@ -217,3 +222,178 @@ def test_parameters_without_meaning_are_refused(name: str, value: float, unit: s
 def test_a_device_has_one_to_six_axes(axes: int) -> None:
     with pytest.raises(ValueError, match="axes must be 1 to 6"):
         PhantomPremium15(axes=axes)
+
+
+# Hold limit, watchdog, write delay
+
+FREE = PhantomPremium15(mass=0.1, damping=0.0, friction=0.0, resolution=0.0)
+
+
+def pushed(model: PhantomPremium15, hold_limit: float) -> SimulatedDevice:
+    """A device without hand or losses, pushed with 1 N from 0 to 50 ms: 10 m/s for each second."""
+    device = SimulatedDevice(model, None, hold_limit)
+    device.read(0)
+    device.write(0, (-1.0,))
+    device.read(50 * MS)
+    return device
+
+
+def place_of_cut(device: SimulatedDevice, time_ns: int) -> float:
+    """The reading at a cut that was reported for this time."""
+    report = device.cut()
+    assert report is not None
+    assert report[0] == time_ns
+    return report[1][0]
+
+
+def test_a_hold_limit_that_is_set_holds_from_the_next_write_on() -> None:
+    device = pushed(FREE, hold_limit=2e-3)
+    device.set_hold_limit(5e-3)
+    device.read(60 * MS)
+    assert device.truth().velocity[0] == pytest.approx(10 * 2e-3)
+    device.write(60 * MS, (-1.0,))
+    device.read(90 * MS)
+    assert device.truth().velocity[0] == pytest.approx(10 * (2e-3 + 5e-3))
+
+
+def test_a_reporting_watchdog_says_when_and_where_it_dropped_the_force() -> None:
+    device = pushed(FREE, hold_limit=2e-3)
+    assert place_of_cut(device, 2 * MS) == pytest.approx(0.5 * 10 * 2e-3**2)
+    device.write(50 * MS, (-1.0,))
+    assert device.cut() is None  # none since the last write
+    device.read(51 * MS)
+    assert device.cut() is None
+
+
+def test_a_silent_watchdog_drops_the_force_and_reports_nothing() -> None:
+    device = pushed(replace(FREE, watchdog="silent"), hold_limit=2e-3)
+    assert device.truth().velocity[0] == pytest.approx(10 * 2e-3)
+    assert device.cut() is None
+
+
+@pytest.mark.parametrize(("limit", "held"), [(None, 50e-3), (20e-3, 20e-3)])
+def test_without_a_watchdog_a_force_stays_on_until_the_hardware_ends_it(
+    limit: float | None, held: float
+) -> None:
+    device = pushed(replace(FREE, watchdog="none", watchdog_limit=limit), hold_limit=2e-3)
+    assert device.truth().velocity[0] == pytest.approx(10 * held)
+    assert device.cut() is None
+
+
+def test_the_watchdog_is_as_late_as_its_tolerance_permits() -> None:
+    device = pushed(replace(FREE, watchdog_tolerance=0.25), hold_limit=2e-3)
+    assert device.truth().velocity[0] == pytest.approx(10 * 2.5e-3)
+
+
+def test_a_force_acts_after_the_write_delay_and_the_one_before_until_then() -> None:
+    device = SimulatedDevice(replace(FREE, write_delay=3e-4), None, hold_limit=2e-3)
+    device.read(0)
+    device.write(0, (-1.0,))
+    assert device.stamps() == (0, 300_000)
+    device.read(MS)
+    assert device.truth().velocity[0] == pytest.approx(10 * 0.7e-3)
+    device.write(MS, (0.0,))
+    assert device.stamps() == (MS, MS + 300_000)
+    device.read(10 * MS)
+    assert device.truth().velocity[0] == pytest.approx(10 * 1e-3)
+
+
+def test_the_hold_limit_counts_from_the_moment_when_the_force_acts() -> None:
+    device = pushed(replace(FREE, write_delay=3e-4), hold_limit=2e-3)
+    assert device.truth().velocity[0] == pytest.approx(10 * 2e-3)
+    assert place_of_cut(device, 2_300_000) == pytest.approx(0.5 * 10 * 2e-3**2)
+
+
+def test_a_force_can_be_cut_before_the_next_one_acts() -> None:
+    device = SimulatedDevice(replace(FREE, write_delay=8e-4), None, hold_limit=1e-3)
+    device.read(0)
+    device.write(0, (-1.0,))  # acts from 0.8 to 1.8 ms
+    device.write(1_500_000, (-1.0,))  # acts from 2.3 ms on
+    device.read(2_300_000)
+    assert place_of_cut(device, 1_800_000) == pytest.approx(0.5 * 10 * 1e-3**2)
+    assert device.truth().velocity[0] == pytest.approx(10 * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("gain_error", 1.0),
+        ("watchdog_tolerance", -0.1),
+        ("largest_speed", 0.0),
+        ("presliding", (1e-5, 1e-5)),
+        ("presliding", -1e-5),
+        ("sources", {"dampning": "measured"}),
+    ],
+)
+def test_stated_numbers_without_meaning_are_refused(name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=name):
+        replace(PhantomPremium15(), **{name: value})  # type: ignore[arg-type]  # any value
+
+
+# The guard around a device of the user's own
+
+
+class Crank:
+    """Kinematics of a crank with an arm of 0.1 m."""
+
+    def position(self, angles: Vector) -> Vector:
+        return (0.1 * math.sin(angles[0]),)
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        if abs(math.cos(angles[0])) < 0.1:
+            raise ValueError("the crank is at its dead centre")
+        return (0.1 * math.cos(angles[0]) * force[0],)
+
+
+class Extended(FakeDevice):
+    """A device with all optional members."""
+
+    kinematics = Crank()
+    hold_limit = 0.0
+    report: object = (5, (0.1,))
+
+    def set_hold_limit(self, seconds: float) -> None:
+        self.hold_limit = seconds
+
+    def cut(self) -> Any:
+        return self.report
+
+    def stamps(self) -> tuple[int, int]:
+        return 1, 2
+
+
+def test_the_guard_passes_on_the_optional_members() -> None:
+    device = Extended()
+    guarded = GuardedDevice(device)
+    assert guarded.set_hold_limit is not None
+    assert guarded.cut is not None
+    assert guarded.stamps is not None
+    assert guarded.kinematics is not None
+    guarded.set_hold_limit(2e-3)
+    assert device.hold_limit == 2e-3
+    assert guarded.cut() == (5, (0.1,))
+    assert guarded.stamps() == (1, 2)
+    assert guarded.kinematics.position((0.0,)) == (0.0,)
+    assert guarded.kinematics.torque((0.0,), (2.0,)) == (0.2,)
+
+
+def test_the_guard_of_a_device_without_optional_members_has_none() -> None:
+    guarded = GuardedDevice(FakeDevice())
+    assert (guarded.set_hold_limit, guarded.cut, guarded.stamps, guarded.kinematics) == (None,) * 4
+
+
+@pytest.mark.parametrize("report", [(5,), (5, (0.1, 0.2)), (5, (math.nan,)), "soon"])
+def test_the_guard_refuses_a_cut_without_a_time_and_a_reading(report: object) -> None:
+    device = Extended()
+    device.report = report
+    cut = GuardedDevice(device).cut
+    assert cut is not None
+    with pytest.raises(DeviceError, match="failed in cut"):
+        cut()
+
+
+def test_the_guard_reports_kinematics_that_fail() -> None:
+    kinematics = GuardedDevice(Extended()).kinematics
+    assert kinematics is not None
+    with pytest.raises(DeviceError, match=r"failed in torque: .*dead centre"):
+        kinematics.torque((math.pi / 2,), (1.0,))

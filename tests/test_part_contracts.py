@@ -20,7 +20,7 @@ from forcebound.controllers.direct import DirectController
 from forcebound.devices import DEVICES
 from forcebound.devices import contract as devices
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.plant import SimulatedDevice
+from forcebound.devices.simulated import SimulatedDevice
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
 from forcebound.operators.trajectory import TrajectoryHand

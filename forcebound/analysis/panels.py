@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats, Surface, penetration, surface
+from forcebound.analysis.surface import Floats, Surface, penetration, surface
 from forcebound.telemetry import TelemetryColumns
 
 if TYPE_CHECKING:

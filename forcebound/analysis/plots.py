@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats
 from forcebound.analysis.panels import NEUTRAL, NOT_PASSIVE, PANELS, PHASE, Panel, Run, view_of
 from forcebound.analysis.summary import law
+from forcebound.analysis.surface import Floats
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import PHASE_BEGINS

@@ -13,17 +13,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.metrics import (
+from forcebound.analysis.contact import (
     REST_SPEED,
     REST_WINDOW,
-    Floats,
     count_bounces,
     displayed_stiffness,
     final_speed,
-    penetration,
     rate_hardness,
-    surface,
 )
+from forcebound.analysis.surface import Floats, penetration, surface
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import LINK_COUNTED, PHASE_BEGINS
 from forcebound.telemetry import TelemetryColumns
@@ -60,7 +58,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         By key, SI units as the key says:
 
         * ``law``; ``samples``, ``duration_s``: since the force engaged for the first time
-        * ``displayed_stiffness_n_per_m``, ``rate_hardness_n_per_m``: see :mod:`.metrics`
+        * ``displayed_stiffness_n_per_m``, ``rate_hardness_n_per_m``: see :mod:`.contact`
         * ``peak_force_n``, ``peak_penetration_m``: largest applied force, deepest reading
         * ``true_energy_min_j``, ``estimated_energy_min_j``: minimum since engagement, of the
           simulated device's ground truth and of the law's own ledger
@@ -72,7 +70,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         * ``loop_delay_ms``: ``p50``, ``p99``, ``max``
         * ``deadline_misses``: ticks skipped; ``hold_limit_overruns``: :func:`hold_limit_overruns`
         * ``rejected_packets`` by reason: at the end of the run
-        * ``contact_bounces``: :func:`.metrics.count_bounces` of the reading after first contact
+        * ``contact_bounces``: :func:`.contact.count_bounces` of the reading after first contact
         * ``final_speed_m_per_s``, ``at_rest``, ``penetration_at_rest_m``: over the last 0.5 s; the
           last is the mean depth there, None if the hand is not known to be at rest
 

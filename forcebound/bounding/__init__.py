@@ -23,7 +23,8 @@ audit and launch files (``device: {law: my_law}``) then know it.
 """
 
 from forcebound.bounding.bounder import ForceBounder
-from forcebound.bounding.law import BoundingLaw, Dissipation
+from forcebound.bounding.dissipation import Dissipation, PerAxis, Watchdog
+from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal
@@ -44,7 +45,9 @@ __all__ = [
     "DeviceConstants",
     "Dissipation",
     "ForceBounder",
+    "PerAxis",
     "Sample",
+    "Watchdog",
     "Write",
     "less_conservative_noncausal",
     "more_conservative_noncausal",

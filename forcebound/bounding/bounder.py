@@ -11,7 +11,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeAlias
 
-from forcebound.bounding.law import BoundingLaw, Dissipation
+from forcebound.bounding.dissipation import Dissipation
+from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS
 from forcebound.bounding.sample import (
     AXIS_ROWS,
@@ -37,6 +38,8 @@ from forcebound.errors import ConfigError
 Vector: TypeAlias = tuple[float, ...]
 
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
+SHORTEST_INTERVAL = 1e-6  # s; a reading sooner after the last proves nothing
+LARGEST_READING = 1e6  # m; a reading beyond is none
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
 
 # Places in the array of a bounder.
@@ -62,6 +65,11 @@ class ForceBounder:
         limit: Largest magnitude allowed at the last sample, in N: the law's or the saturation.
         estimated_energy: Energy that the law believes in after the last sample, in J; its meaning
             is the law's.
+        overruns: Holds that lasted longer than the hold limit.
+        refused_readings: Readings that were not believed: not finite, too soon after the last, or
+            faster than the device's largest speed.
+        largest_allowance: Most energy that a late hold can have given the hand, in J.
+        allowance_repaid: Whether the ledger has that back.
 
     Raises:
         ConfigError: If the law is not known or there is no axis.
@@ -72,10 +80,12 @@ class ForceBounder:
             raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
         if axes < 1:
             raise ConfigError(f"axes must be >= 1, got {axes}")
+        _refuse_unsupported(dissipation)
         import numpy as np  # not in the launcher
 
         self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
         self._axes = axes
+        self._dissipation = dissipation
         self._vector = np.zeros(axes)  # what a compiled call takes in
         self._view: Any = self._vector.data  # numpy takes longer to set a number
         self._rows = np.zeros(AXES + AXIS_ROWS * axes)
@@ -83,7 +93,7 @@ class ForceBounder:
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
         # Compile, or load from the cache, before time matters.
         self.start(0, (0.0,) * axes)
-        self.settle(self.bound(1, self._position, self._position))
+        self.settle(self.bound(1_000_000, self._position, self._position))
         self.start(0, self._position)
 
     def start(self, time_ns: int, position: Vector) -> None:
@@ -100,52 +110,79 @@ class ForceBounder:
         """
         self._time_ns = time_ns
         self._position = position
+        self._is_cut = False
         self.limit = 0.0
+        self.overruns = self.refused_readings = 0
+        self.largest_allowance, self.allowance_repaid = 0.0, True
         self.estimated_energy: float = self._start_law(
             self._rows, self._take_in(position, "positions")
         )
 
-    def bound(self, time_ns: int, position: Vector, force: Vector) -> Vector:
+    def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
         """Return the force to write at this sample.
 
+        A reading that cannot be is refused: it is counted, changes nothing else, and the force is
+        one that is safe whatever the device does.
+
         Args:
-            time_ns: When ``position`` was read and the force is written, in ns; later than before.
+            read_ns: When ``position`` was read, in ns; later than before.
             position: Reading of each axis, in m.
-            force: Commanded force of each axis, in N.
+            commanded: Commanded force of each axis, in N.
 
         Returns:
             Bounded force of each axis, in N, in the direction of the commanded force (a law that
             adds damping excepted).
 
         Raises:
-            ValueError: If the time has not advanced, a length is wrong or a number is not finite.
-                All are mistakes of the caller: the safety chain has rejected such forces before.
+            ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
+                caller, since the safety chain has rejected such forces before.
         """
-        dt = (time_ns - self._time_ns) / 1e9
-        if dt <= 0.0:
-            raise ValueError(f"time must advance: {time_ns} ns after {self._time_ns} ns")
-        if len(force) != self._axes:
-            raise ValueError(f"expected {self._axes} forces, got {len(force)}")
-        magnitude = math.hypot(*force)
+        if len(commanded) != self._axes:
+            raise ValueError(f"expected {self._axes} forces, got {len(commanded)}")
+        magnitude = math.hypot(*commanded)
+        if not magnitude < math.inf:
+            raise ValueError(f"commanded forces must be finite, got {commanded} N")
         readings = self._take_in(position, "positions")
+        dt = (read_ns - self._time_ns) / 1e9
+        if dt < SHORTEST_INTERVAL or not math.hypot(*position) < LARGEST_READING:
+            self.refused_readings += 1
+            self._is_cut = True
+            self.limit = 0.0
+            return (0.0,) * self._axes
+        limit_s = self._dissipation.hold_limit
+        if dt > limit_s or self._is_cut:
+            self.overruns += 1
+            dt = max(dt, limit_s * (1.0 + 1e-9))
+        self._is_cut = False
         limit, damping = self._limit_force(self._rows, readings, magnitude, dt)
-        if limit < 0.0:
-            raise ValueError(f"numbers must be finite, got {position} m and {force} N")
+        force = commanded
         if damping > 0.0:
             rate = damping / dt
             moved = zip(force, position, self._position, strict=True)
             force = tuple([f + rate * (now - before) for f, now, before in moved])
             magnitude = math.hypot(*force)
-        self._time_ns = time_ns
+        self._time_ns = read_ns
         self._position = position
         self.limit = limit
         return shorten(force, magnitude, limit)
 
-    def settle(self, applied: Vector) -> None:
+    def set_hold_limit(self, seconds: float) -> None:
+        """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
+
+        The device must have been given it before it gets such a force.
+        """
+        if seconds != self._dissipation.hold_limit:
+            raise ConfigError("a hold limit that changes is not supported yet")
+
+    def report_cut(self, time_ns: int, position: Vector) -> None:
+        """Take in where and when the watchdog dropped the force; before the next :meth:`bound`."""
+
+    def settle(self, applied: Vector, write_ns: int | None = None) -> None:
         """Close the sample with the force that was really written.
 
         Args:
             applied: Force of each axis, in N: what :meth:`bound` returned, or less of it.
+            write_ns: When it took effect, in ns; None: when the position was read.
 
         Raises:
             ValueError: If the length is wrong.
@@ -161,6 +198,19 @@ class ForceBounder:
         return self._vector
 
 
+def _refuse_unsupported(dissipation: Dissipation) -> None:
+    for name in ("presliding", "weight", "weight_error"):
+        if any(dissipation.of_axes(name, 1)):
+            raise ConfigError(f"{name} is not supported yet")
+    for name in ("gain_error", "lag", "write_delay", "allowance", "watchdog_tolerance"):
+        if getattr(dissipation, name):
+            raise ConfigError(f"{name} is not supported yet")
+    if dissipation.largest_speed < math.inf or dissipation.energy_cap is not None:
+        raise ConfigError("largest_speed and energy_cap are not supported yet")
+    if dissipation.watchdog == "none":
+        raise ConfigError("watchdog 'none' is not supported yet")
+
+
 _Start: TypeAlias = Callable[[Floats, Floats], float]
 _Limit: TypeAlias = Callable[[Floats, Floats, float, float], tuple[float, float]]
 _Settle: TypeAlias = Callable[[Floats, Floats], float]
@@ -171,7 +221,7 @@ def _compiled(law: BoundingLaw) -> tuple[_Start, _Limit, _Settle]:
     """Return what a bounder does with its array and a vector, compiled.
 
     ``start(rows, position) -> estimated energy``, ``limit(rows, position, commanded force, dt) ->
-    (largest force, added damping)``, with a negative force if a number is not finite, and
+    (largest force, added damping)`` and
     ``settle(rows, applied) -> estimated energy``.
     """
     start_law, limit_force, settle_law, energy = law.start, law.limit, law.settle, law.energy
@@ -196,8 +246,6 @@ def _compiled(law: BoundingLaw) -> tuple[_Start, _Limit, _Settle]:
             store_axis(rows, first, 1, one)
         saturation = rows[SATURATION]
         memory, sample = observe(memory, motion, min(commanded, saturation), dt, device)
-        if not commanded + sample.distance < math.inf:
-            return -1.0, 0.0
         store_memory(rows, MEMORY, 1, memory)
         rows[STATE], largest, added_damping = limit_force(rows[STATE], sample, device)
         return min(largest, saturation), added_damping

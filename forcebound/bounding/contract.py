@@ -56,7 +56,9 @@ def _walk(law: str, axes: int, random: Random, samples: int, found: Findings) ->
         time_ns += random.choice((1_000_000, 1_000_000, 1_100_000, 3_000_000))
         speed = random.choice((0.0, 1e-5, 3e-4))
         position = [x + random.gauss(0.0, speed) for x in position]
-        readings = tuple(round(x / DEVICE.resolution) * DEVICE.resolution for x in position)
+        readings = tuple(
+            round(x / DEVICE.coarsest_resolution) * DEVICE.coarsest_resolution for x in position
+        )
         scale = random.choice((0.0, 0.1, 5.0, 100.0))
         commanded = tuple(random.uniform(-scale, scale) for _ in range(axes))
         force = bounder.bound(time_ns, readings, commanded)

@@ -5,60 +5,15 @@ use nothing but arithmetic and :mod:`math`. So the very same function objects ru
 and compiled in the live node, in audits and in sweeps.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from forcebound.bounding.dissipation import Dissipation
 from forcebound.bounding.sample import DeviceConstants, Sample, Write
-from forcebound.errors import ConfigError
 
 #: What a law remembers from sample to sample: an energy, in J (or a stiffness, in N/m).
 State: TypeAlias = float
-
-
-@dataclass(frozen=True)
-class Dissipation:
-    """What a law may rely on about a device: the least that it dissipates, and its sampling.
-
-    Attributes:
-        damping: Minimum viscous damping b, in N s/m.
-        friction: Minimum Coulomb friction f_c, in N.
-        resolution: Step of the position reading Δ, in m; 0: exact readings.
-        period: Nominal sampling period T, in s.
-        hold_limit: Longest time T_max that the device holds a force, in s; it then drops it to 0.
-        saturation: Largest force F_sat, in N.
-
-    Raises:
-        ConfigError: If a value is out of range.
-    """
-
-    damping: float
-    friction: float
-    resolution: float
-    period: float
-    hold_limit: float
-    saturation: float
-
-    def __post_init__(self) -> None:
-        for name, unit in (
-            ("damping", "N s/m"),
-            ("period", "s"),
-            ("hold_limit", "s"),
-            ("saturation", "N"),
-        ):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ConfigError(f"{name} must be > 0 {unit} and finite, got {value} {unit}")
-        for name, unit in (("friction", "N"), ("resolution", "m")):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ConfigError(f"{name} must be >= 0 {unit} and finite, got {value} {unit}")
-        if self.hold_limit < self.period:
-            raise ConfigError(
-                f"hold_limit must be at least the period, {self.period} s, or every force is cut; "
-                f"got {self.hold_limit} s"
-            )
 
 
 def zero_energy(device: DeviceConstants) -> State:
@@ -104,9 +59,9 @@ class BoundingLaw:
     def device(self, dissipation: Dissipation, axes: int = 1) -> DeviceConstants:
         """Return the constants that the functions of this law take."""
         return DeviceConstants(
-            dissipation.damping,
-            dissipation.friction if self.uses_friction else 0.0,
-            dissipation.resolution / 2.0,
+            dissipation.least_damping,
+            dissipation.least_friction if self.uses_friction else 0.0,
+            dissipation.coarsest_resolution / 2.0,
             dissipation.period,
             dissipation.hold_limit,
             float(axes),

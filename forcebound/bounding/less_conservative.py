@@ -10,7 +10,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from forcebound.bounding.law import BoundingLaw, Dissipation, State, observe_energy
+from forcebound.bounding.dissipation import Dissipation
+from forcebound.bounding.law import BoundingLaw, State, observe_energy
 from forcebound.bounding.sample import DeviceConstants, Sample
 
 
@@ -67,14 +68,15 @@ def less_conservative_noncausal(
     """
     if len(positions) != len(commanded):
         raise ValueError(f"got {len(positions)} positions but {len(commanded)} forces")
-    stiffness = dissipation.damping / dissipation.period
+    damping, friction = dissipation.least_damping, dissipation.least_friction
+    stiffness = damping / dissipation.period
     moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
     energy = force = 0.0
     forces: list[float] = []
     for n, wanted in enumerate(commanded):
-        energy += stiffness * moves[n] ** 2 + dissipation.friction * abs(moves[n])
+        energy += stiffness * moves[n] ** 2 + friction * abs(moves[n])
         energy += force * moves[n]
-        budget = energy + dissipation.friction * abs(moves[n + 1])
+        budget = energy + friction * abs(moves[n + 1])
         largest = min(math.sqrt(4.0 * stiffness * max(budget, 0.0)), dissipation.saturation)
         force = max(-largest, min(largest, wanted))
         forces.append(force)

@@ -9,7 +9,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from forcebound.bounding.law import BoundingLaw, Dissipation, State
+from forcebound.bounding.dissipation import Dissipation
+from forcebound.bounding.law import BoundingLaw, State
 from forcebound.bounding.sample import DeviceConstants, Sample, Write
 
 # Smallest share of B that β may take: far below any force that matters, far above underflow. A β
@@ -103,14 +104,15 @@ def more_conservative_noncausal(
     """
     if len(positions) != len(commanded):
         raise ValueError(f"got {len(positions)} positions but {len(commanded)} forces")
-    capability = dissipation.damping / dissipation.period
+    damping, friction = dissipation.least_damping, dissipation.least_friction
+    capability = damping / dissipation.period
     moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
     beta, force = capability, 0.0
     forces: list[float] = []
     for n, wanted in enumerate(commanded):
         wanted = max(-dissipation.saturation, min(dissipation.saturation, wanted))
         gamma = 2.0 * beta * moves[n] + force
-        rho = 4.0 * beta * dissipation.friction * abs(moves[n + 1])
+        rho = 4.0 * beta * friction * abs(moves[n + 1])
         square = gamma * gamma + rho
         largest, needed = 0.0, capability
         if wanted != 0.0 and square != 0.0:

@@ -26,6 +26,7 @@ from forcebound.config.phases import PhaseHead
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
 from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.late_ticks import LateTicks
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own
@@ -152,6 +153,7 @@ def _lines() -> Iterator[str]:
         yield from ("", f"## `{section}`")
         if section == "device":
             yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
+            yield from ("", "### `late_ticks`", *_table(LateTicks))
         elif section == "environment":
             yield from _table(EnvironmentConfig, "Beside the keys of its kind:", COMPUTATION)
         for name in sorted(table):

@@ -19,7 +19,7 @@ from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts import Form, Table
 
-__all__ = ["DEVICES", "Device", "DeviceModel", "Truth"]
+__all__ = ["DEVICES", "Device", "DeviceExtras", "DeviceModel", "Kinematics", "Truth"]
 
 
 class Device(Protocol):
@@ -41,7 +41,8 @@ class Device(Protocol):
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold ``force``, in N, from ``time_ns`` on; return what is really applied.
 
-        The device lets the force fall to zero by itself when it is older than the hold limit.
+        The device lets the force fall to zero by itself when it is older than the hold limit,
+        unless it states ``watchdog: none``.
         """
         ...
 
@@ -54,8 +55,57 @@ class Device(Protocol):
         ...
 
 
+class Kinematics(Protocol):
+    """Geometry of an arm whose readings are joint angles and whose motors give torques."""
+
+    def position(self, angles: Vector) -> Vector:
+        """Return the position of the tip, in m, of joint angles in rad."""
+        ...
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        """Return the joint torques, in N m, of a force at the tip, in N: J(angles)^T force."""
+        ...
+
+
+class DeviceExtras(Protocol):
+    """Optional members of a :class:`Device`; one that is absent, or None, is not used.
+
+    Attributes:
+        kinematics: Of an arm: ``read`` then returns joint angles, in rad, and ``write`` takes
+            torques, in N m, in place of positions and forces. None: it is no arm.
+    """
+
+    kinematics: Kinematics | None
+
+    def set_hold_limit(self, seconds: float) -> None:
+        """Drop the forces from the next write on when they have acted for ``seconds``."""
+        ...
+
+    def cut(self) -> tuple[int, Vector] | None:
+        """Return when and where the watchdog has dropped a force since the last write.
+
+        Returns:
+            Time, in ns, and the reading at that time; None if it has dropped none. If it has
+            dropped the force of the last write and, before it began to act, that of the one
+            before, the later cut.
+        """
+        ...
+
+    def stamps(self) -> tuple[int, int]:
+        """Return when the last reading was latched, and when the last write acts, in ns.
+
+        Without them, both happen at the time that ``read`` and ``write`` are given.
+        """
+        ...
+
+
 class DeviceModel(Protocol):
-    """Parameters of a kind of device."""
+    """Parameters of a kind of device.
+
+    A model may also state the numbers of :class:`forcebound.devices.stated.StatedImperfections`,
+    ``presliding``, ``weight`` and ``weight_error`` under their names; without them, or with None,
+    the device has none of these imperfections, and its watchdog is silent.
+    """
 
     @property
     def axes(self) -> int:

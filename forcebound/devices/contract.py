@@ -17,9 +17,19 @@ PROMISES: dict[str, str] = {
     "answers": "answers every read and write",
     "shape": "readings and held forces are tuples with one finite number per axis",
     "bounded": "holds no more than it was asked for, and no more than its saturation",
+    "stamps": "stamps of a read and of the write after it, in whole ns, in this order",
+    "cut": "a reported cut has a time within the hold, and one finite reading per axis",
+    "kinematics": "finite positions of the tip, and one finite torque per joint",
     **VALUE,
 }
-OF_OPEN = ("answers", "shape", "bounded")  # promises that only an open device can keep or break
+OF_OPEN = (
+    "answers",
+    "shape",
+    "bounded",
+    "stamps",
+    "cut",
+    "kinematics",
+)  # promises that only an open device can keep or break
 
 PERIOD_NS = 1_000_000
 
@@ -37,13 +47,15 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
     _check_statements(model, found)
     if found.is_broken("states"):
         return found.report(PROMISES, 0, unseen=("opens", *OF_OPEN))
+    absent: list[str] = []
     with found.noting("opens", "a device that closes", "open(None, ...), close()"):
         device = model.open(None, hold_limit)
         try:
             _use(device, model, ticks, found)
+            absent = _use_extras(device, model, ticks * PERIOD_NS, found)
         finally:
             device.close()
-    unseen = OF_OPEN if found.is_broken("opens") else ()
+    unseen = OF_OPEN if found.is_broken("opens") else absent
     return found.report(PROMISES, 3 * ticks, unseen=unseen)
 
 
@@ -73,3 +85,53 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
             largest = min(math.hypot(*force), model.saturation) * (1 + 1e-12)
             if is_vector and not math.hypot(*held) <= largest:
                 found.add("bounded", f"at most {largest:.4g} N", repr(held), where)
+
+
+def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) -> list[str]:
+    """Check the optional members from ``time_ns`` on; return the promises of absent ones."""
+    checks = {
+        "stamps": lambda: _check_stamps(device, model.axes, time_ns, found),
+        "cut": lambda: _check_cut(device, model, time_ns, found),
+        "kinematics": lambda: _check_kinematics(device, model.axes, time_ns, found),
+    }
+    absent = [name for name in checks if getattr(device, name, None) is None]
+    for name in checks.keys() - absent:
+        checks[name]()
+    return absent
+
+
+def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None:
+    with found.noting("stamps", "two stamps", "stamps()"):
+        device.read(time_ns)
+        device.write(time_ns, (0.0,) * axes)
+        read_ns, write_ns = device.stamps()
+        if not (isinstance(read_ns, int) and isinstance(write_ns, int) and read_ns <= write_ns):
+            found.add(
+                "stamps", "the read, then the write", f"{read_ns!r}, {write_ns!r}", "stamps()"
+            )
+
+
+def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
+    axes, end_ns = model.axes, time_ns + 10 * PERIOD_NS
+    with found.noting("cut", "a report, or None", "cut() after a hold of 10 ms"):
+        if getattr(device, "set_hold_limit", None) is not None:
+            device.set_hold_limit(2e-3)
+        device.write(time_ns, (0.0,) * axes)
+        device.read(end_ns)
+        report = device.cut()
+        if report is not None:
+            when, where = report
+            found.check_vector(where, axes, "m or rad", "cut()", finite="cut")
+            if not time_ns < when <= end_ns:
+                found.add("cut", "a time within the hold, in ns", repr(when), "cut()")
+        elif device.truth() is not None and getattr(model, "watchdog", "silent") == "reporting":
+            found.add("cut", "a report", "None", "cut() after a hold of 10 ms")
+
+
+def _check_kinematics(device: Any, axes: int, time_ns: int, found: Findings) -> None:
+    with found.noting("kinematics", "finite vectors", "position(), torque()"):
+        angles = device.read(time_ns)
+        tip = device.kinematics.position(angles)
+        found.check_vector(tip, len(tip), "m", "position()", finite="kinematics")
+        torque = device.kinematics.torque(angles, (1.0,) * len(tip))
+        found.check_vector(torque, axes, "N m", "torque()", finite="kinematics")

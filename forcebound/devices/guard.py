@@ -1,9 +1,10 @@
 """A guard around a device that can fail: its failures are DeviceErrors, its answers are checked."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from forcebound.devices import Device
+from forcebound.devices import Device, Kinematics
 from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
@@ -16,6 +17,13 @@ class GuardedDevice:
     Args:
         device: Open.
 
+    Attributes:
+        set_hold_limit: Guarded, as are the next three; None if the device does not have it; see
+            :class:`forcebound.devices.DeviceExtras`.
+        cut: When and where the watchdog has dropped a force.
+        stamps: When the last reading was latched, and when the last write acts.
+        kinematics: Geometry of an arm.
+
     Raises:
         DeviceError: From every method but ``close``, if the device fails or does not answer with
             one finite number per axis.
@@ -23,6 +31,15 @@ class GuardedDevice:
 
     def __init__(self, device: Device) -> None:
         self._device = device
+        self.set_hold_limit: Callable[[float], None] | None = _guard(device, "set_hold_limit")
+        self.cut: Callable[[], tuple[int, Vector] | None] | None
+        self.cut = _guard(device, "cut", self._checked_cut)
+        self.stamps: Callable[[], tuple[int, int]] | None
+        self.stamps = _guard(device, "stamps", _checked_stamps)
+        geometry: Any = getattr(device, "kinematics", None)
+        self._place, self._effort = ("m", "N") if geometry is None else ("rad", "N m")
+        self.kinematics: Kinematics | None
+        self.kinematics = None if geometry is None else _GuardedKinematics(geometry)
         try:
             self._axes = device.axes
         except Exception as error:
@@ -43,14 +60,14 @@ class GuardedDevice:
     def read(self, time_ns: int) -> Vector:
         """Return the readings; see :class:`forcebound.devices.Device`."""
         try:
-            return self._checked(self._device.read(time_ns), "m")
+            return self._checked(self._device.read(time_ns), self._place)
         except Exception as error:
             raise _failure("read", error) from error
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold a force; see :class:`forcebound.devices.Device`."""
         try:
-            return self._checked(self._device.write(time_ns, force), "N")
+            return self._checked(self._device.write(time_ns, force), self._effort)
         except Exception as error:
             raise _failure("write", error) from error
 
@@ -70,6 +87,47 @@ class GuardedDevice:
         if len(vector) != self._axes or not all(map(math.isfinite, vector)):
             raise DeviceError(f"expected {self._axes} finite numbers in {unit}, got {answer!r}")
         return vector
+
+    def _checked_cut(self, answer: Any) -> tuple[int, Vector] | None:
+        if answer is None:
+            return None
+        time_ns, reading = answer
+        return int(time_ns), self._checked(reading, self._place)
+
+
+class _GuardedKinematics:
+    """Kinematics whose code may raise anything or answer nonsense."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        self.position = _guard(kinematics, "position", _finite)
+        self.torque = _guard(kinematics, "torque", _finite)
+
+
+def _finite(answer: Sequence[float]) -> Vector:
+    vector = tuple([float(entry) for entry in answer])
+    if not all(map(math.isfinite, vector)):
+        raise DeviceError(f"expected finite numbers, got {answer!r}")
+    return vector
+
+
+def _checked_stamps(answer: Any) -> tuple[int, int]:
+    read_ns, write_ns = answer
+    return int(read_ns), int(write_ns)
+
+
+def _guard(part: Any, name: str, check: Callable[[Any], Any] = lambda answer: answer) -> Any:
+    """Return a method whose failures are DeviceErrors; None if there is none."""
+    method = getattr(part, name, None)
+    if method is None:
+        return None
+
+    def guarded(*arguments: Any) -> Any:
+        try:
+            return check(method(*arguments))
+        except Exception as error:
+            raise _failure(name, error) from error
+
+    return guarded
 
 
 def _failure(method: str, error: Exception) -> DeviceError:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats
+from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation
 from forcebound.experiments.drawing import Line, Row, draw_rows
 from forcebound.experiments.outcome import Number, Outcome
@@ -35,9 +35,10 @@ def next_force(force: float, move: float, relied_on: Dissipation) -> float:
 
     Source: paper, Eq. 41, first line.
     """
-    capability = relied_on.damping / relied_on.period
+    capability = relied_on.least_damping / relied_on.period
     return math.sqrt(
-        (force + 2.0 * capability * move) ** 2 + 4.0 * capability * relied_on.friction * abs(move)
+        (force + 2.0 * capability * move) ** 2
+        + 4.0 * capability * relied_on.least_friction * abs(move)
     )
 
 
@@ -72,7 +73,7 @@ def run(runs: Runs) -> Outcome:
         numbers += _numbers(runs, speed)
     relied_on = dissipation(runs.wall(LAW, HIGH))
     deep = stiffness_at(1.0, 3e-5, relied_on)
-    two_b = 2.0 * relied_on.damping / relied_on.period * 1e-3
+    two_b = 2.0 * relied_on.least_damping / relied_on.period * 1e-3
     label = "Eq. 42 at 1 m, the limit for great depth (2B)"
     numbers.append(Number(label, "N/mm", deep, two_b, LAW))
     largest = max(number.ours or 0.0 for number in numbers if number.unit == "N")
@@ -138,7 +139,7 @@ def _lines(runs: Runs, speed: str) -> list[Line]:
         other = runs.wall(law, approach)
         first = int(np.argmax(other.in_contact))
         lines.append(_over_depth(f"{law}, run", other.depth[first:], other.applied[first:], "-"))
-    two_b = 2.0 * relied_on.damping / relied_on.period * 1e-3
+    two_b = 2.0 * relied_on.least_damping / relied_on.period * 1e-3
     lines.append(Line("2B", np.array([0.1, 5.0]), np.array([two_b] * 2), ":", "#7F7F7F"))
     return lines
 

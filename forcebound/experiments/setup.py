@@ -11,13 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from forcebound.analysis.metrics import (
-    Floats,
-    displayed_stiffness,
-    initial_rate_hardness,
-    penetration,
-    surface,
-)
+from forcebound.analysis.contact import displayed_stiffness, initial_rate_hardness
+from forcebound.analysis.surface import Floats, penetration, surface
 from forcebound.config.loader import load
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forcebound.analysis.metrics import Floats
+from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal

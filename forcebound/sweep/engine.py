@@ -84,10 +84,12 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15
+        or not model.is_plain
         or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
         or type(config.controller) is not DirectController
+        or servo.late_ticks is not None
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
     ):
         return None

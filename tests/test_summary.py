@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from forcebound.analysis.metrics import BOUNCE_EXCURSION, count_bounces, final_speed
+from forcebound.analysis.contact import (
+    BOUNCE_EXCURSION,
+    count_bounces,
+    final_speed,
+)
 from forcebound.analysis.summary import summarize, summarize_events
 from forcebound.analysis.tables import summary_rows
 from forcebound.errors import ConfigError
