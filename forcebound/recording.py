@@ -366,10 +366,11 @@ def _recorded_field(name: str, hint: Any) -> Any:
 
 def _reader(hint: Any) -> Callable[[Any], Any] | None:
     """A function from a recorded value to that of the packet; None: it is the same."""
-    read_value = {float: _number, Vector: _vector}.get(_plain_type(hint))
+    readers: dict[Any, Callable[[Any], Any]] = {float: _number, Vector: _vector}
+    present = readers.get(_plain_type(hint))
     if not _is_optional(hint):
-        return read_value
-    return lambda value: None if value is UNSET else read_value(value) if read_value else value
+        return present
+    return lambda value: None if value is UNSET else present(value) if present else value
 
 
 def _number(value: float | None) -> float:

@@ -1,4 +1,4 @@
-"""Files from outside: what is no file is refused at once, sizes are limited, names are printable."""
+"""Files from outside: what is no file is refused at once; limits; names that can be printed."""
 
 import os
 import signal

@@ -197,7 +197,7 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         ("  stiffness: $", "  stifness: $", "'stifness'; did you mean 'stiffness'?"),
         ("$(arg stiffness)", "5 s", ":14:14: stiffness: expected a stiffness in N/m"),
         ("$(arg stiffness)", "-5", "stiffness: must be >= 0 N/m, got -5 N/m"),
-        ("my_spring.py", "mine.py", "mine.py: No such file or directory; a relative path starts from"),
+        ("my_spring.py", "mine.py", "mine.py: No such file or directory; a relative path starts"),
         ("my_spring.py", "folder.py", "folder.py: it is a folder, not a file"),
         ("my_spring.py", "my_spring.py:Mine", "does not define 'Mine'; it has: MySpring"),
         ("my_spring.py", "'my_spring.py:'", "unknown environment kind 'my_spring.py:'"),

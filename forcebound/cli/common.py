@@ -128,7 +128,8 @@ def print_rows(
     def cell(text: str) -> Text:  # no markup: a name may hold brackets
         return Text(printable(text, LONGEST_CELL))
 
-    table = Table(cell(head[0]), title=title, title_justify="left", box=None, pad_edge=False)
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column(cell(head[0]))
     for name in head[1:]:
         table.add_column(cell(name), justify="right", overflow="fold")
     for row in rows:
