@@ -102,7 +102,7 @@ def _parsed(kind: Any, data: bytes) -> Any:
     """Return a record of ``mcap.records``, none of whose fields is longer than the record."""
     try:
         return kind.read(ReadDataStream(io.BytesIO(data)))
-    except (McapError, struct.error, UnicodeDecodeError) as error:
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
         raise DamagedError from error
 
 

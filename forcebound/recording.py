@@ -23,7 +23,7 @@ from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, Self, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Self, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 from mcap.writer import Writer
@@ -287,8 +287,9 @@ class _RecordedDevice(msgspec.Struct):
     """What is read of a recorded launch file's device."""
 
     law: str = ""
-    rate: Annotated[float, Meta(gt=0.0)] = 1.0
-    reply_wait: Annotated[float, Meta(ge=0.0)] = 0.0
+    rate: Annotated[float, Meta(ge=1e-6, le=1e9)] = 1.0  # Hz
+    reply_wait: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0  # periods
+    hold_limit: Annotated[float, Meta(ge=0.0, le=1e6)] | Literal["auto"] = "auto"  # periods
 
 
 class _RecordedLaunch(msgspec.Struct):

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -76,14 +77,27 @@ class RunResult:
 
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
+        import numpy as np  # a launcher starts without it
+
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
         events = summarize_events(self.events)
         if not self.is_complete:
             events["faults"]["recording_incomplete"] = 1
-        return {
-            **summarize(self.columns, self.document),
-            **events,
-            "phases": summarize_phases(self.columns, self.events, self.document),
-            "interrupted": self.interrupted,
-        }
+        with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e300 m
+            summary = {
+                **summarize(self.columns, self.document),
+                **events,
+                "phases": summarize_phases(self.columns, self.events, self.document),
+                "interrupted": self.interrupted,
+            }
+        return {name: _finite(value) for name, value in summary.items()}
+
+
+def _finite(value: Any) -> Any:
+    """A value of a summary; None for a number that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _finite(entry) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -28,6 +28,7 @@ from forcebound.telemetry import TelemetryColumns
 
 Mask: TypeAlias = NDArray[np.bool_]
 
+MOST_PHASES = 200  # of a run, as in launch files
 UNBOUNDED = 1.0 - 1e-9  # applied over commanded force; below, it was reduced, not merely rounded
 
 SURFACE_KEYS = (
@@ -210,7 +211,7 @@ def summarize_phases(
         :func:`summarize`, ``loop_delay_ms``, ``peak_force_n``, ``true_energy_min_j``,
         ``deadline_misses``.
     """
-    begins = [event for event in events if event.event == PHASE_BEGINS]
+    begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_PHASES]
     phases = []
     for event, following in zip_longest(begins, begins[1:]):
         end_ns = 2**63 - 1 if following is None else following.time_ns
@@ -245,12 +246,17 @@ def summarize_events(events: Sequence[Event]) -> dict[str, Any]:
     faults: Counter[str] = Counter()
     for event in events:
         if event.is_fault:
-            faults[event.event] += 1 + int(event.data.get("suppressed", 0))
+            faults[event.event] += 1 + _count(event.data.get("suppressed", "0"))
     links: dict[str, dict[str, int]] = {}
     for event in events:
         if event.event == LINK_COUNTED:  # a restarted process counts from zero: add up
-            counts = links.setdefault(event.data["link"], {})
+            counts = links.setdefault(event.data.get("link", ""), {})
             for fate, count in event.data.items():
                 if fate != "link":
-                    counts[fate] = counts.get(fate, 0) + int(count)
+                    counts[fate] = counts.get(fate, 0) + _count(count)
     return {"faults": dict(sorted(faults.items())), "links": links}
+
+
+def _count(text: str) -> int:
+    """The count in an event's data; 0 for what is none, in a recording from elsewhere."""
+    return int(text) if text.isdecimal() and len(text) < 19 else 0
