@@ -292,9 +292,14 @@ class _RecordedDevice(msgspec.Struct):
     hold_limit: Annotated[float, Meta(ge=0.0, le=1e6)] | Literal["auto"] = "auto"  # periods
 
 
+class _RecordedPhase(msgspec.Struct):
+    set: dict[str, Any] = {}
+
+
 class _RecordedLaunch(msgspec.Struct):
     device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
     environment: dict[str, Any] = {}
+    phases: list[_RecordedPhase] = []
 
 
 def _vectors(packet: Telemetry) -> Iterator[Vector]:
