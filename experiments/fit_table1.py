@@ -30,6 +30,7 @@ from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
+from forcebound.devices.stated import per_axis
 from forcebound.experiments.setup import PAPER_LAWS, SURFACE
 from forcebound.experiments.table1 import COLUMNS, PAPER, is_fitted
 
@@ -63,7 +64,9 @@ def kernel(law: str) -> Callable[..., float]:
     """Return the compiled contact of one law; it returns the true speed at contact."""
     start, bound = LAWS[law].start, one_axis(LAWS[law])
     allow_in_kernels([start, bound, advance, quantise])
-    damping, friction, resolution = DEVICE.damping, DEVICE.friction, DEVICE.resolution
+    damping, friction, resolution = (
+        per_axis(value, 1)[0] for value in (DEVICE.damping, DEVICE.friction, DEVICE.resolution)
+    )
     saturation, substep = DEVICE.saturation, DEVICE.substep
 
     def run(

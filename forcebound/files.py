@@ -10,11 +10,13 @@ import errno
 import os
 import re
 import stat
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, ForceboundError
 
 MAX_TABLE = 100_000_000  # bytes of a CSV file; an hour of delays at 1 kHz
 MAX_LINE = 10_000  # characters of a row
@@ -117,6 +119,32 @@ def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
         row = next(csv.reader((line[0],)))
         if row:
             yield f"{path}:{number}", row
+
+
+@contextmanager
+def content_of(name: object) -> Iterator[None]:
+    """Turn whatever is raised within into one sentence: the content of a file may be anything.
+
+    What reads a file checks its form; the code that then works with its values would have to doubt
+    every one of them.
+
+    Args:
+        name: Of the file, for the message.
+
+    Raises:
+        ConfigError: For any exception but those of forcebound, which have their own words.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy, about numbers that are no measurements
+            yield
+    except ForceboundError:
+        raise
+    except Exception as error:
+        raise ConfigError(
+            f"cannot make sense of {name} ({type(error).__name__}: {error}): it is damaged or of"
+            " another version, or this is a mistake of forcebound"
+        ) from error
 
 
 def check_writable(path: Path, what: str) -> None:

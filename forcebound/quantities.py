@@ -143,7 +143,8 @@ def check_ranges(settings: Any) -> None:
         if value is None or isinstance(value, str):
             continue  # a word such as auto, or no value, in place of the number
         try:
-            permitted.check(value, symbol)
+            for number in value if isinstance(value, tuple) else (value,):
+                permitted.check(number, symbol)
         except ConfigError as error:
             raise ConfigError(f"{name} {error}", field=name) from None
 

@@ -1,5 +1,7 @@
 """Nodes and links of a graph, made from its configuration."""
 
+from collections.abc import Callable
+
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of
 from forcebound.controllers.direct import DirectController
@@ -20,16 +22,22 @@ from forcebound.parts.user_module import describe_user_error
 from forcebound.processes import NODES
 
 
-def build_node(kind: str, config: GraphConfig, environment_name: str = "environment") -> Node:
+def build_node(
+    kind: str,
+    config: GraphConfig,
+    environment_name: str = "environment",
+    clock: Callable[[], int] | None = None,
+) -> Node:
     """Return the node of ``kind``, one of ``NODES``.
 
     Args:
         kind: Of the node.
         config: Of the graph.
         environment_name: By which the graph knows this environment process from others.
+        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
     """
     if kind == "device":
-        return build_device(config)
+        return build_device(config, clock)
     if kind == "controller":
         return build_controller(config)
     if kind == "environment":
@@ -66,21 +74,21 @@ def dead_lease_ns(config: GraphConfig) -> int:
     return round(2e9 * config.device.servo.age_limit)
 
 
-def build_device(config: GraphConfig) -> DeviceNode:
-    """Return the device node with its device, opened.
+def build_device(config: GraphConfig, clock: Callable[[], int] | None = None) -> DeviceNode:
+    """Return the device node with its device, opened; ``clock`` as in :func:`build_node`.
 
     Raises:
         DeviceError: If the device cannot be opened.
     """
     model, servo = config.device.model, config.device.servo
     try:
-        device = model.open(config.operator, servo.longest_hold)
+        device = model.open(config.operator, servo.opening_hold)
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = GuardedDevice(device)
-    return DeviceNode(device, dissipation_of(model, servo), servo)
+    return DeviceNode(device, dissipation_of(model, servo), servo, clock)
 
 
 def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:

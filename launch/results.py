@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
+from forcebound.files import content_of
 from forcebound.messages.packets import TOPIC_OF, Event, Telemetry
 from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
@@ -63,8 +64,9 @@ class RunResult:
         recording = read(path, (TOPIC_OF[Telemetry], TOPIC_OF[Event]))
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-        return cls(recording.telemetry, recording.launch, events, recording.complete)
+        with content_of(path):
+            events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
+            return cls(recording.telemetry, recording.launch, events, recording.complete)
 
     @property
     def label(self) -> str:
@@ -79,6 +81,7 @@ class RunResult:
         """
         import numpy as np  # a launcher starts without it
 
+        from forcebound.analysis.bounder import summarize_bounder
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
         events = summarize_events(self.events)
@@ -86,7 +89,8 @@ class RunResult:
             events["faults"]["recording_incomplete"] = 1
         with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e300 m
             summary = {
-                **summarize(self.columns, self.document),
+                **summarize(self.columns, self.document, self.events),
+                **summarize_bounder(self.columns, self.events, self.document),
                 **events,
                 "phases": summarize_phases(self.columns, self.events, self.document),
                 "interrupted": self.interrupted,

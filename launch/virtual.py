@@ -53,7 +53,7 @@ def run_virtual(
         began = time.perf_counter()
         interrupted = _run(config, simulation, observer, end_ns, may_end_early)
         took = time.perf_counter() - began
-        observer.take_link_counts(simulation)
+        observer.take_last_events(simulation)
     if not observer.samples and interrupted:
         if record is not None:
             record.unlink(missing_ok=True)
@@ -94,12 +94,15 @@ class _Observer:
             self.is_interrupted = False
             raise KeyboardInterrupt
 
-    def take_link_counts(self, simulation: Simulation) -> None:
+    def take_last_events(self, simulation: Simulation) -> None:
+        now_ns = simulation.time_ns
         for node in simulation.nodes:
             for topic in (TOPIC_OF[packet] for packet in node.subscribes):
                 link = simulation.link(topic)
                 if link is not None:
-                    self.take(node.events.link_counts(simulation.time_ns, topic, link.counts))
+                    self.take(node.events.link_counts(now_ns, topic, link.counts))
+            for event in node.last_events(now_ns):
+                self.take(event)
 
     def close(self) -> None:
         if self._recorder is not None:

@@ -9,7 +9,7 @@ that have arrived, publishes what it returns, and calls again when packets arriv
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
-from forcebound.messages.packets import Packet
+from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import EventLog
 
 if __name__ != "forcebound.nodes":
@@ -63,6 +63,10 @@ class Node(Protocol):
     def stop(self, time_ns: int) -> None:
         """Come to rest, now and for good: a device writes zero force."""
         return
+
+    def last_events(self, time_ns: int) -> Sequence[Event]:
+        """Return what the node reports of the run at its end."""
+        return ()
 
     def close(self) -> None:
         """Close all that the node has opened; called exactly once."""

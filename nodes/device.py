@@ -10,12 +10,14 @@ Late ticks are skipped and counted, never run in a burst: after a stall the node
 tick that is due, and a tick whose write would have been due before the last one is skipped, too.
 """
 
+import json
 import logging
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.bounding import Dissipation
 from forcebound.devices import Device, DeviceModel
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
@@ -26,8 +28,10 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.events import BOUNDER_REPORTED, STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.hold_limit import FIXED, FLOOR
 from forcebound.nodes.late_ticks import Lateness, LateTicks
 from forcebound.nodes.overload import Overload
 from forcebound.nodes.safety import SafetyChain
@@ -35,6 +39,7 @@ from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    Energy,
     Frequency,
     Range,
     Ratio,
@@ -68,7 +73,11 @@ class ServoSettings:
         law: Bounding law, a key of ``forcebound.bounding.LAWS``.
         rate: Of the servo.
         reply_wait: Share of the period between reading and writing.
-        hold_limit: Periods that a force may be held: T_max.
+        hold_limit: Periods that a force may be held: T_max; auto: as short as the lateness of the
+            ticks allows, or 1.25 for a device that cannot be given another one.
+        allowance: Energy that the hand may get out of holds longer than the hold limit, which is
+            paid back before more force comes; 0: none.
+        energy_cap: Most energy that the law keeps for later; auto: what the saturation can use.
         age_limit: An answer to an older state gives no force.
         engage_time: From no force to full force.
         velocity_cutoff: Of the low-pass on the backward difference.
@@ -78,7 +87,9 @@ class ServoSettings:
     law: str = "certified"
     rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
     reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
-    hold_limit: Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = 1.25
+    hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"
+    allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
+    energy_cap: Literal["auto"] | Annotated[Energy, POSITIVE] = "auto"
     age_limit: Annotated[Time, POSITIVE] = 0.1
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
@@ -94,12 +105,42 @@ class ServoSettings:
 
     @property
     def longest_hold(self) -> float:
-        """Longest time that a force may be held, T_max, in s."""
-        return round(self.hold_limit * self.period_ns) * 1e-9
+        """Longest time that a force may be held, T_max, in s; with auto that of punctual ticks."""
+        return self._periods(FLOOR)
+
+    @property
+    def opening_hold(self) -> float:
+        """The hold limit with which a device is opened, in s: it may know no other one."""
+        return self._periods(FIXED)
+
+    def _periods(self, learned: float) -> float:
+        periods = learned if self.hold_limit == "auto" else self.hold_limit
+        return round(periods * self.period_ns) * 1e-9
+
+
+# Numbers that a model of a device may state, too; without one, it has none of that effect.
+STATED = (
+    "presliding",
+    "gain_error",
+    "lag",
+    "write_delay",
+    "largest_speed",
+    "watchdog",
+    "watchdog_tolerance",
+    "watchdog_limit",
+    "weight",
+    "weight_error",
+    "sources",
+)
 
 
 def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
-    """Return the dissipation on which laws rely, for this device at this rate."""
+    """Return what laws rely on, for this device at this rate.
+
+    Raises:
+        ConfigError: If the numbers are out of range or do not go together.
+    """
+    stated = {name: getattr(model, name, None) for name in STATED}
     return Dissipation(
         damping=model.damping,
         friction=model.friction,
@@ -107,6 +148,9 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         period=servo.period_ns * 1e-9,
         hold_limit=servo.longest_hold,
         saturation=model.saturation,
+        allowance=servo.allowance,
+        energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
+        **{name: value for name, value in stated.items() if value is not None},
     )
 
 
@@ -122,23 +166,32 @@ class DeviceNode:
     wakes_on_arrival: ClassVar[bool] = False
     requests: ClassVar[tuple[str, ...]] = ("engage",)
 
-    def __init__(self, device: Device, dissipation: Dissipation, servo: ServoSettings) -> None:
+    def __init__(
+        self,
+        device: Device,
+        dissipation: Dissipation,
+        servo: ServoSettings,
+        clock: Callable[[], int] | None = None,
+    ) -> None:
         self._device = device
         self._servo = servo
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
-        self._bounder = ForceBounder(servo.law, dissipation, device.axes)
+        learns = servo.hold_limit == "auto"
+        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
+        if learns and not self._bounded.learns:
+            _logger.info("hold limit %g periods: the device can be given no other one", FIXED)
+        is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,
             age_limit_ns=round(servo.age_limit * 1e9),
             engage_time_ns=round(servo.engage_time * 1e9),
-            saturation=dissipation.saturation,
+            saturation=math.inf if is_arm else dissipation.saturation,  # in N m, of the joints
         )
         self._zero: Vector = (0.0,) * device.axes
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
         self._writes_next = False
-        self._is_first_write = True
         self._wake_ns = 0
         self._engage_requested = False
         self._engaged_ns: int | None = None
@@ -179,11 +232,15 @@ class DeviceNode:
         self._chain.reject(reason)
 
     def status(self) -> dict[str, Any]:
-        """Return ``engaged``, ``deadline_misses`` and ``rejected``."""
+        """Return ``engaged``, ``deadline_misses``, ``rejected`` and, of the bounder, ``bounder``.
+
+        The last is :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
+        """
         return {
             "rejected": dict(self._chain.rejected),
             "engaged": self.is_engaged,
             "deadline_misses": self.deadline_misses,
+            "bounder": self._bounded.report(),
         }
 
     def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -201,6 +258,17 @@ class DeviceNode:
             self._device.write(time_ns, self._zero)
         except DeviceError as error:
             _logger.warning("could not write the last zero force to the device: %s", error)
+
+    def last_events(self, time_ns: int) -> Sequence[Event]:
+        """Return the report of the bounder; see :class:`forcebound.nodes.Node`."""
+        report = self._bounded.report()
+        periods = report["hold_limit"] / (self._period_ns * 1e-9)
+        message = (
+            f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
+            f" {report['refused_readings']} refused readings"
+        )
+        data = {name: json.dumps(value) for name, value in report.items()}
+        return [self.events.emit(time_ns, BOUNDER_REPORTED, message, data)]
 
     def close(self) -> None:
         """Close the device."""
@@ -222,15 +290,16 @@ class DeviceNode:
     def _sample(self, time_ns: int) -> DeviceState:
         if self._start_ns is None:
             self._start_ns = self._read_ns = time_ns
-            self._position = self._device.read(time_ns)
+            self._position = self._bounded.read(time_ns)
         tick = (time_ns - self._start_ns) // self._period_ns
         if tick > self._tick:
             self.deadline_misses += tick - self._tick
             self._tick = tick
         if self._engage_requested and self._engaged_ns is None:
             self._engaged_ns = time_ns
+            self._bounded.begin()
             self._device.engage(time_ns)
-        position = self._device.read(time_ns)
+        position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
         state = DeviceState(
             self._tick, time_ns, self._elapsed(time_ns), position, self._velocity, self._applied
@@ -244,21 +313,13 @@ class DeviceNode:
         return state
 
     def _write(self, time_ns: int) -> Telemetry:
-        assert self._start_ns is not None
-        device, bounder, chain = self._device, self._bounder, self._chain
+        chain = self._chain
         is_engaged = self.is_engaged
-        position = device.read(time_ns)
         commanded = chain.force(time_ns) if is_engaged else self._zero
-        if self._is_first_write:  # the ledger begins here, with no force held
-            bounder.start(time_ns, position)
-            self._is_first_write = False
-            bounded = self._zero
-        else:
-            bounded = bounder.bound(time_ns, position, commanded)
-        self._applied = applied = device.write(time_ns, bounded)
-        bounder.settle(applied)
+        position, applied, limit = self._bounded.write(time_ns, commanded, chain.engagement)
+        self._applied = applied
         answered = chain.answered_tick if is_engaged else None
-        truth = device.truth() or _UNKNOWN
+        truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
             time_ns,
@@ -266,8 +327,8 @@ class DeviceNode:
             position,
             commanded,
             applied,
-            bounder.limit,
-            bounder.estimated_energy,
+            limit,
+            self._bounded.bounder.estimated_energy,
             truth.energy,
             truth.position,
             truth.hand_force,

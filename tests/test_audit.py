@@ -156,7 +156,8 @@ def test_the_difficulties_of_a_case_are_named() -> None:
 def test_the_search_finds_lower_energies() -> None:
     niche = NICHES.index((ADVERSARIES.index("late_wall"), SENSORS.index("quantised")))
     objectives = [
-        objective(result) for result in search("none", niche, 150, seed=1, seconds=SECONDS)
+        objective(result.loss_and_work_min, result.share_left)
+        for result in search("none", niche, 150, seed=1, seconds=SECONDS)
     ]
     assert len(objectives) == 150
     assert np.median(objectives[-48:]) < np.median(objectives[:48])

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -91,6 +92,17 @@ def test_the_same_seed_writes_identical_recordings(tmp_path: Path) -> None:
     first, again, other = (file.read_bytes() for file in files)
     assert first == again
     assert first != other
+
+
+def test_two_recordings_are_compared_with_what_a_hand_feels(tmp_path: Path) -> None:
+    runs = [str(tmp_path / "stiff.mcap"), str(tmp_path / "soft.mcap")]
+    for run, stiffness in zip(runs, ("2 N/mm", "0.5 N/mm"), strict=True):
+        invoke("simulate", "stiff_wall", f"stiffness:={stiffness}", "--record", run, *QUICK)
+    text = invoke("plot", *runs, "-o", str(tmp_path / "two.png")).stdout
+    assert re.search(r"displayed stiffness -\d\d%; a hand feels it \(from 23%", text)
+    document = json.loads(invoke("plot", *runs, "-o", str(tmp_path / "2.png"), "--json").stdout)
+    ((stiffness, _),) = document["differences"]
+    assert stiffness["is_perceptible"] is True
 
 
 def test_a_recording_is_drawn_and_summed_up(tmp_path: Path) -> None:

@@ -94,12 +94,27 @@ def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
 
 
 def test_a_law_that_limits_most_of_the_time_is_information() -> None:
-    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0))
+    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0, loop_delay=4e-4))
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("note", "law_limits")
     assert finding.data == {"law": "certified", "share": 1.0, "commanded": 8.0, "applied": 2.0}
-    assert codes(finding) == []
+    assert codes(finding) == ["dissipation"]
     assert codes(only(replace(seen, config=graph("law:=tdpa")))) == ["law_not_certified"]
+
+
+def test_the_doctor_names_why_there_is_little_force_and_the_setting_that_gives_more() -> None:
+    late = process("force_command", bounder={"overruns": 5, "hold_limit": 4e-3})
+    seen = replace(
+        healthy(device=late), telemetry=telemetry(asked=8.0, applied=2.0, loop_delay=4e-4)
+    )
+    finding = only(seen)
+    assert codes(finding) == ["late_ticks"]
+    assert "planned for 4 periods" in wording.advice(finding)
+    long = graph("hold_limit:=4")
+    assert long.device.servo.hold_limit == 4.0
+    finding = only(replace(seen, config=long))
+    assert codes(finding) == ["long_hold_limit"]
+    assert "device.hold_limit: auto" in wording.advice(finding)
 
 
 def test_without_a_law_nothing_protects_the_hand() -> None:

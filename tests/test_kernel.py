@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from forcebound.analysis.bounder import REPORTED
 from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
@@ -63,7 +64,8 @@ def assert_both_agree(configs: list[GraphConfig]) -> None:
 
 def _flat(summary: Mapping[str, Any]) -> dict[str, Any]:
     delays = summary["loop_delay_ms"]
-    left_out = ("loop_delay_ms", "links", "faults", "phases")  # the kernel has no events
+    # The kernel has no events, and so no report of a bounder.
+    left_out = ("loop_delay_ms", "links", "faults", "phases", *REPORTED)
     rest = {name: value for name, value in summary.items() if name not in left_out}
     return {**rest, **{f"loop_delay_ms.{name}": value for name, value in delays.items()}}
 

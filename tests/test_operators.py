@@ -8,6 +8,7 @@ import pytest
 
 from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
+from forcebound.operators.chirp import ChirpHand
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand
@@ -65,6 +66,21 @@ def test_the_sinusoidal_hand_swings_about_its_centre() -> None:
     assert hand.target(0.0)[0] == pytest.approx(0.006)
     assert hand.target(0.25)[0] == pytest.approx(0.014)
     assert hand.target(0.125)[0] == pytest.approx(0.010)
+
+
+@pytest.mark.parametrize(("time", "frequency"), [(0.0, 1.0), (5.0, 10.0), (9.9, 95.5), (12.0, 100)])
+def test_the_frequency_of_the_chirp_rises_by_the_same_factor_and_stays(
+    time: float, frequency: float
+) -> None:
+    hand = ChirpHand(centre=0.0, amplitude=1.0, lowest=1.0, highest=100.0, sweep_time=10.0)
+    before, now, after = (hand.target(time + shift)[0] for shift in (-1e-5, 0.0, 1e-5))
+    speed = (after - now) / 1e-5 if time == 0.0 else (after - before) / 2e-5
+    assert math.hypot(speed / (2.0 * math.pi * frequency), now) == pytest.approx(1.0, rel=2e-3)
+
+
+def test_a_chirp_of_one_frequency_is_a_sine() -> None:
+    hand = ChirpHand(centre=0.01, amplitude=0.001, lowest=5.0, highest=5.0)
+    assert hand.target(0.05)[0] == pytest.approx(0.011)
 
 
 def test_the_trajectory_is_followed_in_straight_lines(path_file: Path) -> None:

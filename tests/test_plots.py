@@ -179,6 +179,12 @@ def test_energies_of_different_size_share_a_logarithmic_scale() -> None:
     assert "log beyond\n±10 mJ" in [text.get_text() for text in legend.get_texts()]
 
 
+def test_the_energy_panel_names_the_minimum_and_the_largest_fall() -> None:
+    packets = [replace(p, true_energy=0.005 - 0.003 * (t > 100)) for t, p in enumerate(telemetry())]
+    axes = panel(figure([run_of(packets)]), 2)
+    assert axes.get_title(loc="right") == "minimum 2.00 mJ, largest fall 3.00 mJ"
+
+
 def test_the_region_below_zero_energy_is_shaded_up_to_zero() -> None:
     axes = panel(figure([run_of(telemetry(energy=-0.02))]), 2)
     (shade,) = axes.patches

@@ -45,6 +45,25 @@ KEYS = {
     "final_speed_m_per_s",
     "at_rest",
     "penetration_at_rest_m",
+    "extended_rate_hardness_n_per_m",
+    "settling_time_s",
+    "overshoot_share",
+    "limit_cycle_amplitude_m",
+    "force_error_rms_n",
+    "wall_error_rms_n",
+    "vibration_above_threshold_db",
+    "vibration_frequency_hz",
+    "vibration",
+    "transparency_bandwidth_hz",
+    "displayed_impedance",
+    "largest_energy_fall_j",
+    "energy_regain_time_s",
+    "energy_since_contact_min_j",
+    "observed_energy_min_j",
+    "observed_power_min_w",
+    "observed_deficit_share",
+    "ledger_deficit_share",
+    "undefined",
 }
 
 
@@ -277,6 +296,49 @@ def test_hardware_has_no_true_energy_and_no_known_rest() -> None:
     assert summary["displayed_stiffness_n_per_m"] == pytest.approx(540.0)
 
 
+def test_the_errors_of_a_softer_wall_are_what_is_missing() -> None:
+    run = ticks(lambda elapsed: 0.012, shown=500.0)  # 2 mm deep, all the time
+    summary = summary_of(run)
+    assert summary["force_error_rms_n"] == pytest.approx(9500.0 * 0.002)
+    assert summary["wall_error_rms_n"] == pytest.approx(9500.0 * 0.002)
+
+
+def test_a_vibrating_force_is_named_with_its_frequency() -> None:
+    document = config()
+    document["device"]["mass"] = 0.075
+    run = [
+        replace(t, applied_force=(1.0 + 0.2 * math.sin(2.0 * math.pi * 100.0 * t.elapsed),))
+        for t in ticks(lambda elapsed: 0.012)
+    ]
+    summary = summary_of(run, document)
+    assert summary["vibration_frequency_hz"] == pytest.approx(100.0)
+    assert summary["vibration_above_threshold_db"] > 10.0
+    assert dict(summary_rows(summary))["vibration above threshold"].endswith("dB at 100 Hz")
+    calm = summary_of(ticks(lambda elapsed: 0.012), document)
+    assert dict(summary_rows(calm))["vibration above threshold"] == "under -20 dB"
+
+
+def test_a_figure_that_is_none_has_a_reason() -> None:
+    hardware = [
+        replace(t, true_energy=None, true_position=None, hand_force=None) for t in ticks(pressing())
+    ]
+    reasons = summary_of(hardware)["undefined"]
+    assert reasons["largest_energy_fall_j"].startswith("needs ground truth")
+    assert reasons["displayed_impedance"].startswith("needs 4 s of contact")
+    assert "settling_time_s" not in reasons
+    assert summary_of(ticks(abs), {})["undefined"]["settling_time_s"].endswith("no surface")
+    outside = summary_of(ticks(lambda elapsed: 0.0))["undefined"]
+    assert outside["rate_hardness_n_per_m"] == "no contact"
+
+
+def test_every_figure_without_a_value_has_a_reason() -> None:
+    packets = ("loop_delay_ms", "answered_share", "same_tick_share", "deadline_misses")
+    for run in (ticks(pressing()), ticks(lambda elapsed: 0.0), ticks(pressing(), duration=0.2)):
+        summary = summary_of(run)
+        missing = {key for key, value in summary.items() if value is None} - set(packets)
+        assert missing == set(summary["undefined"])
+
+
 # --- Bounces and rest -----------------------------------------------------------------------------
 
 
@@ -344,8 +406,10 @@ def test_samples_without_an_engaged_force_do_not_count() -> None:
 def test_a_run_that_never_engaged_has_no_results() -> None:
     summary = summary_of([replace(t, engagement=0.0) for t in ticks(pressing(), duration=0.5)])
     assert summary["samples"] == 0
-    for key in KEYS - {"law", "samples", "loop_delay_ms", "deadline_misses", "rejected_packets"}:
+    defined = {"law", "samples", "loop_delay_ms", "deadline_misses", "rejected_packets"}
+    for key in KEYS - defined - {"undefined"}:
         assert summary[key] is None
+    assert set(summary["undefined"].values()) == {"the force never engaged"}
 
 
 def test_no_samples_at_all_still_make_a_summary() -> None:

@@ -4,7 +4,10 @@ Pure functions of arrays. *In contact* is a sample whose reading lies behind the
 surface. A measure that is not defined for a run is ``None``, never NaN.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from forcebound.analysis.surface import Floats
 
@@ -16,6 +19,7 @@ RATE_SAMPLES = 3  # fewest from which a slope is taken, also if they take longer
 BOUNCE_EXCURSION = 1e-4  # m, hysteresis of a turning point: three steps of a 0.03 mm encoder
 REST_WINDOW = 0.5  # s at the end of the run
 REST_SPEED = 1e-3  # m/s, RMS; a hand slower than this over the rest window is at rest
+SETTLING_BAND = 0.05  # of the final penetration; at least BOUNCE_EXCURSION
 
 
 def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | None:
@@ -66,6 +70,54 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
     Source: Lawrence et al., Rate-hardness: a new performance metric for haptic interfaces, IEEE
     Transactions on Robotics and Automation 16(4), 2000; the paper, 2017, Eq. 34.
     """
+    window = _first_window(time, depth)
+    if window is None:
+        return None
+    velocity = _slope(time[window], depth[window])
+    return _slope(time[window], force[window]) / velocity if velocity > 0.0 else None
+
+
+def extended_rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
+    r"""Return the extended rate-hardness of the first contact over 10 ms, in N/m.
+
+    .. math:: H_{ER} = \frac{\text{largest rate of change of force}}{\text{initial velocity of
+              penetration}}
+
+    As :func:`rate_hardness`, with the steepest 10 ms between the last sample before contact and the
+    deepest point of the first contact in place of the first 10 ms. So it also shows a wall that
+    answers late, and the jump of a damper at the surface. The window is ours: we
+    know the definition of the source by citation only.
+
+    Args:
+        time: Time, in s, shape ``(n,)``.
+        force: Applied force along the surface's normal, in N, same shape.
+        depth: Penetration, in m, same shape.
+
+    Returns:
+        Extended rate-hardness, in N/m; None where :func:`rate_hardness` is.
+
+    Source: Han and Choi, Extended rate-hardness: a measure for perceived hardness, EuroHaptics
+    2010, LNCS 6191.
+    """
+    window = _first_window(time, depth)
+    if window is None:
+        return None
+    velocity = _slope(time[window], depth[window])
+    if velocity <= 0.0:
+        return None
+    length = window.stop - window.start
+    leaves = np.flatnonzero(depth[window.start :] <= 0.0)
+    end = window.start + int(leaves[0]) if leaves.size else depth.size
+    end = max(window.start + int(np.argmax(depth[window.start : end])) + 1, window.stop)
+    searched = slice(max(window.start - 1, 0), end)
+    times = sliding_window_view(time[searched], length)
+    centred = times - times.mean(axis=1, keepdims=True)
+    rates = np.sum(centred * sliding_window_view(force[searched], length), axis=1)
+    return float((rates / np.sum(centred**2, axis=1)).max()) / velocity
+
+
+def _first_window(time: Floats, depth: Floats) -> slice | None:
+    """Return the first 10 ms of the first contact; None without three samples."""
     contact = depth > 0.0
     if not contact.any():
         return None
@@ -76,9 +128,7 @@ def rate_hardness(time: Floats, force: Floats, depth: Floats) -> float | None:
         return None
     # Half a nanosecond: stamps are whole nanoseconds, and the sample at 10 ms exactly belongs in.
     wanted = int(np.searchsorted(time[first:], time[first] + RATE_WINDOW + 5e-10))
-    window = slice(first, first + min(length, max(wanted, RATE_SAMPLES)))
-    velocity = _slope(time[window], depth[window])
-    return _slope(time[window], force[window]) / velocity if velocity > 0.0 else None
+    return slice(first, first + min(length, max(wanted, RATE_SAMPLES)))
 
 
 def initial_rate_hardness(force: Floats, depth: Floats) -> float | None:
@@ -131,7 +181,8 @@ def count_bounces(position: Floats, excursion: float = BOUNCE_EXCURSION) -> int:
     bounces = 0
     direction = 1.0
     extreme = -np.inf  # furthest point in this direction so far
-    for value in position.tolist():
+    moves = np.flatnonzero(np.diff(position)) + 1  # a reading often stays as it is
+    for value in position[np.concatenate(([0], moves))].tolist() if position.size else ():
         travelled = direction * value
         if travelled > extreme:
             extreme = travelled
@@ -159,3 +210,59 @@ def final_speed(time: Floats, true_position: Floats) -> float | None:
     velocity = np.diff(true_position[last], axis=0) / np.diff(time[last])[:, np.newaxis]
     speed = float(np.sqrt(np.mean(np.sum(velocity**2, axis=1))))
     return speed if np.isfinite(speed) else None
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How a hand comes to its final penetration."""
+
+    time: float  # s from first contact until the penetration stays in the band about its final one
+    overshoot: float  # deepest penetration over the final one, less 1
+
+
+def settling(time: Floats, depth: Floats) -> Settling | None:
+    """Return settling time and overshoot of the penetration, as of a step response.
+
+    The final penetration is the mean over the last 0.5 s; the band is 5 % of it, and at least
+    0.1 mm, three steps of a 0.03 mm encoder.
+
+    Args:
+        time: Time, in s, shape ``(n,)``.
+        depth: Penetration of the reading, in m, same shape.
+
+    Returns:
+        Both; None without contact, or if the penetration leaves the band, or the wall, in the last
+        0.5 s.
+
+    Source: the usual 5 % criterion; Ogata, Modern control engineering, 5th edition, 2010, 5.3.
+    """
+    contact = np.flatnonzero(depth > 0.0)
+    if not contact.size:
+        return None
+    final = depth[time >= time[-1] - REST_WINDOW]
+    level = float(final.mean())
+    band = max(SETTLING_BAND * level, BOUNCE_EXCURSION)
+    if level <= 0.0 or np.abs(final - level).max() > band:
+        return None
+    first = contact[0]
+    outside = np.flatnonzero(np.abs(depth[first:] - level) > band)
+    settled = first + (int(outside[-1]) + 1 if outside.size else 0)
+    return Settling(
+        float(time[settled] - time[first]), max(float(depth[first:].max()) / level - 1.0, 0.0)
+    )
+
+
+def limit_cycle_amplitude(time: Floats, position: Floats) -> float | None:
+    """Return half of the range of the last 0.5 s, in m: 0 for a hand that has come to rest.
+
+    Args:
+        time: Time, in s, shape ``(n,)``.
+        position: Along the surface's normal, in m, same shape; true where it is known, since a
+            reading at rest may chatter between two steps.
+
+    Returns:
+        Amplitude, in m; None with fewer than two samples. Of a hand whose target moves, it is the
+        amplitude of that motion.
+    """
+    last = time >= (time[-1] if time.size else 0.0) - REST_WINDOW
+    return 0.5 * float(np.ptp(position[last])) if np.count_nonzero(last) > 1 else None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from forcebound.analysis.energy import largest_fall
 from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
 from forcebound.files import printable
 from forcebound.messages.packets import Event
@@ -122,6 +123,10 @@ def _draw_energy(axes: Axes, view: View) -> None:
     _line(axes, view.time, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
     true = view.columns.true_energy[view.shown] * 1e3
     _line(axes, view.time, true, "true", color=PHYSICAL, linewidth=1.4)
+    fall = largest_fall(view.time, true)
+    if fall is not None:
+        text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
+        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=2.0)
 
 
 def _draw_delay(axes: Axes, view: View) -> None:

@@ -13,31 +13,25 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.contact import (
-    REST_SPEED,
-    REST_WINDOW,
-    count_bounces,
-    displayed_stiffness,
-    final_speed,
-    rate_hardness,
+from forcebound.analysis.contact import REST_SPEED, REST_WINDOW, final_speed
+from forcebound.analysis.measures import (
+    Samples,
+    contact_measures,
+    energy_measures,
+    force_measures,
+    impedance_measures,
+    undefined,
 )
-from forcebound.analysis.surface import Floats, penetration, surface
+from forcebound.analysis.surface import Floats
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import LINK_COUNTED, PHASE_BEGINS
+from forcebound.nodes.hold_limit import FLOOR
 from forcebound.telemetry import TelemetryColumns
 
 Mask: TypeAlias = NDArray[np.bool_]
 
 MOST_PHASES = 200  # of a run, as in launch files
 UNBOUNDED = 1.0 - 1e-9  # applied over commanded force; below, it was reduced, not merely rounded
-
-SURFACE_KEYS = (
-    "displayed_stiffness_n_per_m",
-    "rate_hardness_n_per_m",
-    "peak_penetration_m",
-    "contact_bounces",
-    "penetration_at_rest_m",
-)  # figures that need an environment with a surface
 
 
 def law(config: Mapping[str, Any]) -> str | None:
@@ -46,21 +40,25 @@ def law(config: Mapping[str, Any]) -> str | None:
     return None if name is None else str(name)
 
 
-def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str, Any]:
+def summarize(
+    columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+) -> dict[str, Any]:
     """Return the key figures of a run, ready for JSON.
 
     Args:
         columns: Telemetry of the run.
         config: The launch file as resolved for the run, in SI numbers; of its keys
-            ``device.law``, ``.rate``, ``.hold_limit`` and ``environment.position``, ``.axis`` are
-            read, and figures that need a missing one are None.
+            ``device.law``, ``.rate``, ``.hold_limit``, ``.mass`` and ``environment.position``,
+            ``.axis``, ``.stiffness`` are read, and figures that need a missing one are None.
+        events: Of the run; they say when its surface was moved or changed.
 
     Returns:
-        By key, SI units as the key says:
+        By key, SI units as the key says, what ``docs/results.md`` lists:
 
         * ``law``; ``samples``, ``duration_s``: since the force engaged for the first time
-        * ``displayed_stiffness_n_per_m``, ``rate_hardness_n_per_m``: see :mod:`.contact`
-        * ``peak_force_n``, ``peak_penetration_m``: largest applied force, deepest reading
+        * of :func:`.measures.contact_measures`, :func:`.measures.force_measures`,
+          :func:`.measures.impedance_measures` and :func:`.measures.energy_measures`
+        * ``peak_force_n``: largest applied force
         * ``true_energy_min_j``, ``estimated_energy_min_j``: minimum since engagement, of the
           simulated device's ground truth and of the law's own ledger
         * ``bounder_active_share``: share of samples in contact in which the applied force is
@@ -71,22 +69,26 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         * ``loop_delay_ms``: ``p50``, ``p99``, ``max``
         * ``deadline_misses``: ticks skipped; ``hold_limit_overruns``: :func:`hold_limit_overruns`
         * ``rejected_packets`` by reason: at the end of the run
-        * ``contact_bounces``: :func:`.contact.count_bounces` of the reading after first contact
         * ``final_speed_m_per_s``, ``at_rest``, ``penetration_at_rest_m``: over the last 0.5 s; the
           last is the mean depth there, None if the hand is not known to be at rest
+        * ``undefined``: for figures that are None, by key, the reason
 
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     engaged = columns.engagement > 0.0
     since_engagement = columns.time >= 0.0 if engaged.any() else engaged
-    speed = final_speed(columns.time[engaged], columns.true_position[engaged])
-    at_rest = None if speed is None else speed < REST_SPEED
-    return {
+    run = Samples.of(columns, config, events)
+    figures = {
         "law": law(config),
         **_length(columns.time[since_engagement]),
-        **_forces(columns, config, engaged, at_rest is True),
+        **contact_measures(run),
+        **_rest(run),
+        **_forces(run),
+        **force_measures(run),
+        **impedance_measures(run),
         "true_energy_min_j": _or_none(np.min, columns.true_energy[since_engagement]),
+        **energy_measures(run),
         "estimated_energy_min_j": _or_none(np.min, columns.estimated_energy[since_engagement]),
         "answered_share": answered_share(columns) if engaged.any() else None,
         "same_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
@@ -94,47 +96,34 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         "deadline_misses": _misses(columns, since_engagement),
         "hold_limit_overruns": hold_limit_overruns(columns, config),
         "rejected_packets": dict(sorted(columns.rejected.items())),
-        "final_speed_m_per_s": speed,
-        "at_rest": at_rest,
     }
+    return {**figures, "undefined": undefined(figures, run)}
 
 
 def _length(time: Floats) -> dict[str, Any]:
     return {"samples": time.size, "duration_s": float(np.ptp(time)) if time.size else None}
 
 
-def _forces(
-    columns: TelemetryColumns, config: Mapping[str, Any], engaged: Mask, at_rest: bool
-) -> dict[str, Any]:
-    commanded = np.linalg.norm(columns.commanded_force[engaged], axis=1)
-    applied = np.linalg.norm(columns.applied_force[engaged], axis=1)
-    contact = commanded > 0.0
-    at_surface: dict[str, Any] = dict.fromkeys(SURFACE_KEYS)
-    wall = surface(config)
-    if wall is not None:
-        depth = penetration(columns, wall)[engaged]
-        contact = depth > 0.0
-        normal_force = columns.applied_force[engaged, wall.axis]
-        at_surface = _at_surface(columns.time[engaged], normal_force, depth, at_rest)
+def _forces(run: Samples) -> dict[str, Any]:
+    commanded = np.linalg.norm(run.columns.commanded_force, axis=1)
+    applied = np.linalg.norm(run.columns.applied_force, axis=1)
+    bounded = (applied < UNBOUNDED * commanded)[run.contact]
     return {
-        **at_surface,
         "peak_force_n": _or_none(np.max, applied),
-        "bounder_active_share": _or_none(np.mean, (applied < UNBOUNDED * commanded)[contact]),
+        "bounder_active_share": _or_none(np.mean, bounded),
     }
 
 
-def _at_surface(time: Floats, force: Floats, depth: Floats, at_rest: bool) -> dict[str, Any]:
-    in_contact = np.flatnonzero(depth > 0.0)
-    touched = depth[in_contact[0] :] if in_contact.size else depth[:0]
+def _rest(run: Samples) -> dict[str, Any]:
+    time = run.columns.time
+    speed = final_speed(time, run.columns.true_position)
+    at_rest = None if speed is None else speed < REST_SPEED
     last = time >= (time[-1] if time.size else 0.0) - REST_WINDOW
-    figures = (
-        displayed_stiffness(time, force, depth),
-        rate_hardness(time, force, depth),
-        max(float(depth.max()), 0.0) if depth.size else None,
-        count_bounces(touched) if depth.size else None,
-        _or_none(np.mean, depth[last]) if at_rest else None,
-    )
-    return dict(zip(SURFACE_KEYS, figures, strict=True))
+    return {
+        "final_speed_m_per_s": speed,
+        "at_rest": at_rest,
+        "penetration_at_rest_m": _or_none(np.mean, run.depth[last]) if at_rest else None,
+    }
 
 
 def _or_none(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float | None:
@@ -172,13 +161,16 @@ def hold_limit_overruns(columns: TelemetryColumns, config: Mapping[str, Any]) ->
         config: The launch file as resolved for the run; reads ``device.rate``, ``.hold_limit``.
 
     Returns:
-        Their number; None if the launch file does not state the limit, or the force never engaged.
+        Their number; None if the launch file does not state the limit, or the force never engaged,
+        or the limit was learned and not every hold was shorter than the shortest one.
     """
     device = config.get("device") or {}
     if "rate" not in device or "hold_limit" not in device or not (columns.engagement > 0.0).any():
         return None
-    limit_ns = round(device["hold_limit"] * 1e9 / device["rate"])
-    return int(np.count_nonzero(np.diff(columns.time_ns[columns.time >= 0.0]) > limit_ns))
+    is_learned = device["hold_limit"] == "auto"
+    limit_ns = round((FLOOR if is_learned else device["hold_limit"]) * 1e9 / device["rate"])
+    longer = int(np.count_nonzero(np.diff(columns.time_ns[columns.time >= 0.0]) > limit_ns))
+    return None if is_learned and longer else longer
 
 
 def answered_share(columns: TelemetryColumns) -> float | None:

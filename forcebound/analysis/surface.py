@@ -28,6 +28,12 @@ class Surface:
     axis: int
     stiffness: float | Floats | None  # N/m; None where force is not this times depth
 
+    @property
+    def constant_stiffness(self) -> float | None:
+        """The stiffness, in N/m, if it is the same at each sample."""
+        known = np.unique([] if self.stiffness is None else self.stiffness)
+        return float(known[0]) if known.size == 1 and math.isfinite(known[0]) else None
+
 
 def surface(config: Mapping[str, Any]) -> Surface | None:
     """Return the surface that the launch file describes; None for an environment without one.

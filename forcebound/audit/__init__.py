@@ -17,24 +17,39 @@ invisible to the law,
 The device dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
 One axis.
 
-``forcebound audit`` runs a campaign; its exit status is 1 if a certified law leaks.
+Certificates, for what real devices do besides (:mod:`forcebound.audit.certificates`), are attacked
+along freely chosen paths without inertia (:mod:`forcebound.audit.paths`), whose energy is known in
+closed form (:mod:`forcebound.audit.truth`); the law is the live bounder.
+
+``forcebound audit`` runs both campaigns; its exit status is 1 if a certified law leaks.
 ``forcebound audit replay LAW CASE`` repeats one run.
 """
 
 from forcebound.audit.campaign import run_campaign
 from forcebound.audit.cases import ADVERSARIES, SENSORS, Case, case_of, dissipation_of, draw_case
+from forcebound.audit.certificates import CERTIFICATES
+from forcebound.audit.certify import run_certificates
+from forcebound.audit.path_run import PathResult, attack_path, replay_path
+from forcebound.audit.paths import PathCase, path_case_of
 from forcebound.audit.run import TRACE_COLUMNS, Result, attack, replay
 
 __all__ = [
     "ADVERSARIES",
+    "CERTIFICATES",
     "SENSORS",
     "TRACE_COLUMNS",
     "Case",
+    "PathCase",
+    "PathResult",
     "Result",
     "attack",
+    "attack_path",
     "case_of",
     "dissipation_of",
     "draw_case",
+    "path_case_of",
     "replay",
+    "replay_path",
     "run_campaign",
+    "run_certificates",
 ]

@@ -4,7 +4,7 @@ The campaign consists of independent tasks, so its numbers do not depend on the 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from forcebound.audit.cases import difficulties, draw_case
 from forcebound.audit.run import Result, attack
@@ -140,7 +140,7 @@ def run_campaign(
     done = 0
     progress(done, total)
     worst: Tally = {}
-    for task, part in _all_done(tasks, workers):
+    for task, part in in_order(tally, tasks, workers):
         for key, extreme in part.items():
             _add(worst, key, extreme)
         done += task.runs
@@ -153,15 +153,24 @@ def run_campaign(
     }
 
 
-def _all_done(tasks: Sequence[Task], workers: int | None) -> Iterator[tuple[Task, Tally]]:
-    """Yield each task with its tally, in the order of tasks, so that ties are deterministic."""
+Part = TypeVar("Part")
+Outcome = TypeVar("Outcome")
+
+
+def in_order(
+    work: Callable[[Part], Outcome], tasks: Sequence[Part], workers: int | None
+) -> Iterator[tuple[Part, Outcome]]:
+    """Run ``work`` on each task; yield it with its outcome, in the order of tasks.
+
+    So ties are deterministic. ``workers`` as in :func:`run_campaign`.
+    """
     if workers == 0:
-        yield from ((task, tally(task)) for task in tasks)
+        yield from ((task, work(task)) for task in tasks)
         return
     with local_executor(workers) as executor:
-        waiting: dict[int, Tally] = {}
+        waiting: dict[int, Outcome] = {}
         following = 0
-        for index, part in completed(executor, tally, tasks):
+        for index, part in completed(executor, work, tasks):
             waiting[index] = part
             while following in waiting:
                 yield tasks[following], waiting.pop(following)

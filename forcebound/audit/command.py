@@ -1,11 +1,17 @@
 """Command ``forcebound audit``: a campaign, or the replay of one run."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from forcebound.audit.campaign import run_campaign
-from forcebound.audit.cases import ADVERSARIES, SENSORS
+from forcebound.audit.cases import ADVERSARIES
+from forcebound.audit.cases import SENSORS as PLANT_SENSORS
+from forcebound.audit.certificates import CERTIFICATES
+from forcebound.audit.certify import run_certificates
+from forcebound.audit.path_run import replay_path
+from forcebound.audit.paths import SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.bounding import LAWS
@@ -16,27 +22,36 @@ from forcebound.workers import progress_bar
 
 def run(
     laws: Sequence[str],
+    certificates: Sequence[str],
     runs: int,
     searched: int,
     seed: int,
     workers: int | None,
     out: Path | None,
 ) -> dict[str, Any]:
-    """Run a campaign and write its page; arguments as on the command line.
+    """Run the campaigns and write their page; arguments as on the command line.
+
+    With laws alone, or certificates alone, only that campaign runs.
+
+    Returns:
+        The document of :func:`~forcebound.audit.run_campaign` or of
+        :func:`~forcebound.audit.certify.run_certificates`, or both in one.
 
     Raises:
-        ConfigError: If there is nothing to run, or a law is not known.
+        ConfigError: If there is nothing to run, or a law or a certificate is not known.
     """
     if out is not None and out.suffix != ".md":
         raise ConfigError(f"the page must end in .md, got {out.name!r}")
     if out is not None:
         check_writable(out, "the page")
-    with progress_bar("audit") as show:
-        document = run_campaign(
-            list(laws) or list(LAWS), runs, searched, seed, workers=workers, progress=show
-        )
+    document: dict[str, Any] = {"runs": 0}
+    for name, campaign in _campaigns(laws, certificates).items():
+        with progress_bar(f"audit of the {name}") as show:
+            part = campaign(runs, searched, seed, workers=workers, progress=show)
+        document |= part | {"runs": document["runs"] + part["runs"]}
     if out is not None:
         chosen = "".join(f" --law {law}" for law in laws)
+        chosen += "".join(f" --certificate {certificate}" for certificate in certificates)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
         try:
             out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
@@ -45,18 +60,51 @@ def run(
     return document
 
 
-def run_again(law: str, case: str, seconds: float, picture: Path | None) -> dict[str, Any]:
+def _campaigns(laws: Sequence[str], certificates: Sequence[str]) -> dict[str, Any]:
+    chosen: dict[str, Any] = {}
+    if laws or not certificates:
+        chosen["laws"] = partial(run_campaign, list(laws) or list(LAWS))
+    if certificates or not laws:
+        certified = list(laws) or [name for name, law in LAWS.items() if law.is_certified]
+        chosen["certificates"] = partial(
+            run_certificates, certified, list(certificates) or list(CERTIFICATES)
+        )
+    return chosen
+
+
+def run_again(law: str, case: str, seconds: float | None, picture: Path | None) -> dict[str, Any]:
     """Repeat one case, draw it on request, and return its description and result.
 
     Raises:
-        ConfigError: If the law or the case is not known.
+        ConfigError: If the law or the case is not known, or the case has a length of its own.
     """
-    result, trace = replay(law, case, seconds)
+    if ":" in case:
+        return _run_path_again(law, case, seconds, picture)
+    result, trace = replay(law, case, seconds or 2.0)
     if picture is not None:
         draw_run(result, trace, picture)
     document = result._asdict()
     document["case"] = result.case._asdict() | {
         "adversary": ADVERSARIES[result.case.adversary],
+        "sensor": PLANT_SENSORS[result.case.sensor],
+    }
+    return document
+
+
+def _run_path_again(
+    law: str, case: str, seconds: float | None, picture: Path | None
+) -> dict[str, Any]:
+    if seconds is not None:
+        raise ConfigError("the case of a certificate has a length of its own: omit --duration")
+    result, trace = replay_path(law, case)
+    if picture is not None:
+        draw_run(result, trace, picture)
+    document = result._asdict()
+    document["case"] = {
+        "name": result.case.name,
+        "summary": result.case.certificate.summary,
+        "is_stated": result.case.is_stated,
         "sensor": SENSORS[result.case.sensor],
+        **result.case.numbers,
     }
     return document

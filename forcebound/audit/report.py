@@ -10,24 +10,33 @@ from typing import Any
 
 from forcebound.analysis.plots import save
 from forcebound.audit.cases import DIMENSIONS, RANGES
+from forcebound.audit.path_run import PathResult
+from forcebound.audit.paths import SAMPLES
+from forcebound.audit.plan import LONGEST
 from forcebound.audit.run import TRACE_COLUMNS, Floats, Result
 from forcebound.bounding import ENERGY_TOLERANCE
 
 INTRODUCTION = """\
 # Audit of the laws
 
-{runs:,} attacks on the laws, some drawn at random, some by a search for the lowest energy. Each
-simulates a device with a hand for {seconds:g} s, with an adversary as environment, a bad network
-and a bad clock. It records the *loss plus work*: the energy that the device has dissipated plus the
-work done against its motor. This equals the energy put in by the hand less the kinetic energy of
-the device. A passive device keeps it at or above zero; the tolerance is {tolerance:.0e} J. The
-device dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
+{runs:,} attacks on the laws and their certificates, some drawn at random, some by a search for the
+lowest energy.
 
     {command}
 
 made this page (forcebound {version}, {processor}). Any run can be repeated by name:
 
     forcebound audit replay LAW CASE --out run.png
+"""
+
+LAWS_INTRODUCTION = """\
+## The laws against hands and walls
+
+Each run simulates a device with a hand for {seconds:g} s, with an adversary as environment, a bad
+network and a bad clock. It records the *loss plus work*: the energy that the device has dissipated
+plus the work done against its motor. This equals the energy put in by the hand less the kinetic
+energy of the device. A passive device keeps it at or above zero; the tolerance is {tolerance:.0e}
+J. The device dissipates exactly the minimum that the law assumes, so no law has a hidden reserve.
 
 A *random* case is named by its seed. The *search* is CMA-ES (N. Hansen) over the {dimensions}
 continuous parameters of a case, in each of the 24 pairs of adversary and kind of reading, with the
@@ -35,6 +44,20 @@ same budget for each law; its cases are named by a code of their parameters. Wit
 search minimises the *share left*: the lowest ratio of the loss plus work to its earlier maximum.
 
 {ranges}
+"""
+
+CERTIFICATES_INTRODUCTION = """\
+## The certificates against any path
+
+What [a device may do](assumptions.md) beside dissipating, and what the law must be informed of.
+Each run lets the tip go along a path of {samples} samples that is chosen freely, without inertia:
+whatever a hand could do, some path does. All terms of the energy are known in closed form
+(`forcebound/audit/truth.py`); the law is the live bounder. The path drifts, trembles, follows the
+force so as to take the most, chooses readings that are wrong by up to half the resolution,
+intervals from 1 us to {longest:g} T, forces, and the imperfection that the certificate is about.
+The search is CMA-ES over the whole path. *Tight*: runs that leave less than 1 % of the energy that
+was there; so the attacks come as close as the law allows. *Not informed*: what the same attacks
+find if the law's number for the imperfection is zero.
 """
 
 #: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
@@ -79,18 +102,46 @@ def describe_ranges() -> str:
 
 
 def _page(document: dict[str, Any], command: str) -> Iterator[str]:
-    laws = document["laws"]
     yield INTRODUCTION.format(
         runs=document["runs"],
-        seconds=document["seconds"],
-        tolerance=ENERGY_TOLERANCE,
-        dimensions=DIMENSIONS,
-        ranges=describe_ranges(),
         command=command,
         version=version("forcebound"),
         processor=f"{platform.system()} {platform.machine()}",
     )
-    yield "## Worst case of each law\n"
+    if "certificates" in document:
+        yield from _certificates(document["certificates"])
+    if "laws" in document:
+        yield LAWS_INTRODUCTION.format(
+            seconds=document["seconds"],
+            tolerance=ENERGY_TOLERANCE,
+            dimensions=DIMENSIONS,
+            ranges=describe_ranges(),
+        )
+        yield from _laws(document["laws"])
+
+
+def _certificates(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    yield CERTIFICATES_INTRODUCTION.format(samples=SAMPLES, longest=LONGEST)
+    yield "| certificate | law | runs | lowest energy | tight | verdict | not informed |"
+    yield "|---|---|---|---|---|---|---|"
+    for row in rows:
+        lowest = show_energy(row["margin_min_j"])
+        without = show_energy(row["without"]["margin_min_j"]) if row["without"] else "–"
+        yield (
+            f"| {row['summary']} | `{row['law']}` | {row['runs']:,} | {lowest} "
+            f"| {row['tight_share']:.0%} | {verdict_of_certificate(row)} | {without} |"
+        )
+    yield "\nRuns that break a law which is not informed, and certificates that are broken:\n"
+    for row in rows:
+        broken = [row["without"]] if row["without"] else []
+        for one in broken if row["holds"] else [row, *broken]:
+            energy = show_energy(one["margin_min_j"])
+            yield f"* {row['summary']}: {energy}\n  `{row['law']} {one['case']}`"
+    yield ""
+
+
+def _laws(laws: Sequence[dict[str, Any]]) -> Iterator[str]:
+    yield "### Worst case of each law\n"
     yield "| law | lowest loss plus work | random | search | share left | verdict |"
     yield "|---|---|---|---|---|---|"
     for row in laws:
@@ -109,7 +160,7 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
     )
     leaks = [row for row in laws if row["loss_and_work_min_j"] < -ENERGY_TOLERANCE]
     if leaks:
-        yield "## The leaks, and the runs that cause them\n"
+        yield "### The leaks, and the runs that cause them\n"
         yield "Law and case as `forcebound audit replay` takes them. *Steady*: the clock is as the"
         yield "paper's laws assume, neither jitter nor overruns; *exact*: so is the reading.\n"
         for row in leaks:
@@ -126,13 +177,13 @@ def _page(document: dict[str, Any], command: str) -> Iterator[str]:
 
 
 def _by_difficulty(laws: Sequence[dict[str, Any]]) -> Iterator[str]:
-    yield "## By axis of difficulty\n"
+    yield "### By axis of difficulty\n"
     yield "Lowest loss plus work. Cases are hard on several axes at once.\n"
     for axis in laws[0]["difficulties"]:
         names = sorted(
             {name for row in laws for name in row["difficulties"].get(axis, {})}, key=_order
         )
-        yield f"### {axis.capitalize()}\n"
+        yield f"#### {axis.capitalize()}\n"
         yield f"| law | {' | '.join(names)} |"
         yield "|---|" + "---|" * len(names)
         for row in laws:
@@ -169,6 +220,37 @@ def verdict(row: dict[str, Any]) -> str:
     return "leaks" if leaks else "no leak found, none excluded"
 
 
+def verdict_of_certificate(row: dict[str, Any]) -> str:
+    """Return the verdict of the campaign on a certificate."""
+    return "passive" if row["holds"] else "BROKEN"
+
+
+def holds(document: dict[str, Any]) -> bool:
+    """Return whether every certified law has kept what it promises."""
+    return all(row["holds"] for row in _rows(document))
+
+
+def lines(document: dict[str, Any]) -> Iterator[str]:
+    """Yield the result of the campaigns for a terminal."""
+    for row in document.get("certificates", ()):
+        lowest = show_energy(row["margin_min_j"])
+        without = row["without"] and show_energy(row["without"]["margin_min_j"])
+        yield (
+            f"{row['certificate']:<20}{row['law']:<22}{lowest:>10}  "
+            f"{verdict_of_certificate(row):<9}tight {row['tight_share']:>4.0%}"
+            + (f"  not informed {without}" if without else "")
+            + ("" if row["holds"] else f"\n    case {row['case']}")
+        )
+    for row in document.get("laws", ()):
+        lowest = show_energy(row["loss_and_work_min_j"])
+        yield f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}"
+    yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"
+
+
+def _rows(document: dict[str, Any]) -> list[dict[str, Any]]:
+    return [*document.get("laws", ()), *document.get("certificates", ())]
+
+
 def show_energy(energy: float) -> str:
     """Return an energy, in J, with a fitting unit; rounding errors are zero."""
     if abs(energy) < ENERGY_TOLERANCE:
@@ -178,7 +260,7 @@ def show_energy(energy: float) -> str:
     return f"{energy:.3g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.3g} mJ"
 
 
-def draw_run(result: Result, trace: Floats, picture: Path) -> None:
+def draw_run(result: Result | PathResult, trace: Floats, picture: Path) -> None:
     """Draw a run: position, forces, energies over time; .png or .svg."""
     from matplotlib.figure import Figure
 

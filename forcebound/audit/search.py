@@ -6,7 +6,8 @@ the lowest objective. It searches one niche at a time, an adversary with a senso
 not numbers with neighbours. After convergence it restarts at another point of its niche.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,15 +20,16 @@ NICHES = [(a, s) for a in range(len(ADVERSARIES)) for s in range(len(SENSORS))]
 GENERATION = 12  # cases of one generation; Hansen's 4 + 3 ln(21)
 SPREAD = 0.25  # first standard deviation, of ranges of length 1
 
+Found = TypeVar("Found")
 
-def objective(result: Result) -> float:
+
+def objective(leak: float, share_left: float) -> float:
     """Return the value that the search minimises.
 
     With a leak, its energy, in J. Without one, the share that was left, at the worst moment, of the
     loss plus work up to then: the smaller it is, the closer the law is to a leak.
     """
-    leak = result.loss_and_work_min
-    return leak if leak < -ENERGY_TOLERANCE else max(result.share_left, 0.0)
+    return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
 
 
 def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterator[Result]:
@@ -43,19 +45,44 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
     Raises:
         ConfigError: If the package ``cma`` is not installed.
     """
+    adversary, sensor = NICHES[niche]
+
+    def attack(noise: int, point: Sequence[float]) -> tuple[Result, float]:
+        result = replay(law, encode(adversary, sensor, noise, point), seconds)[0]
+        return result, objective(result.loss_and_work_min, result.share_left)
+
+    return descend(attack, DIMENSIONS, runs, np.random.default_rng((seed, niche)))
+
+
+def descend(
+    attack: Callable[[int, Sequence[float]], tuple[Found, float]],
+    dimensions: int,
+    runs: int,
+    random: np.random.Generator,
+) -> Iterator[Found]:
+    """Search for the lowest objective, and yield what every run has found.
+
+    Args:
+        attack: ``(noise, point) -> (result, objective)``, with the point in the unit cube and one
+            of :data:`~forcebound.audit.cases.NOISES` sequences of random numbers.
+        dimensions: Of the point.
+        runs: How many.
+        random: Decides all.
+
+    Raises:
+        ConfigError: If the package ``cma`` is not installed.
+    """
     try:
         import cma
     except ImportError as error:
         raise ConfigError(
             "the search needs the package cma: pip install 'forcebound[audit]'; or use --search 0"
         ) from error
-    adversary, sensor = NICHES[niche]
-    random = np.random.default_rng((seed, niche))
     left = runs
     while left > 0:
         noise = int(random.integers(NOISES))
         strategy = cma.CMAEvolutionStrategy(
-            random.uniform(0.2, 0.8, DIMENSIONS),
+            random.uniform(0.2, 0.8, dimensions),
             SPREAD,
             {
                 "bounds": [0.0, 1.0],
@@ -67,11 +94,8 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
         )
         while left > 0 and not strategy.stop():
             points = strategy.ask()
-            results = [
-                replay(law, encode(adversary, sensor, noise, point), seconds)[0]
-                for point in points[:left]
-            ]
-            yield from results
-            left -= len(results)
-            if len(results) == len(points):
-                strategy.tell(points, [objective(result) for result in results])
+            outcomes = [attack(noise, point) for point in points[:left]]
+            yield from (found for found, _ in outcomes)
+            left -= len(outcomes)
+            if len(outcomes) == len(points):
+                strategy.tell(points, [value for _, value in outcomes])

@@ -113,7 +113,8 @@ def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     from forcebound.analysis.tables import summary_rows
 
     columns = [dict(summary_rows(result.summary)) for result in results]
-    rows = [(label, *(column.get(label, "-") for column in columns)) for label in columns[0]]
+    labels_of_rows = dict.fromkeys(label for column in columns for label in column)
+    rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
     print_rows(("", *(labels or [result.label for result in results])), rows)
 
 

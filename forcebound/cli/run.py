@@ -1,7 +1,7 @@
 """Commands that run a graph and show the result."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -21,9 +21,11 @@ from forcebound.cli.common import (
     reports_errors,
     show,
 )
+from forcebound.files import content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
+    from forcebound.launch.results import RunResult
 
 
 _OPTIONS = (
@@ -124,7 +126,10 @@ def node(
 @json_option
 @reports_errors
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    """Draw recordings side by side: position, forces, energy, loop delay."""
+    """Draw recordings side by side: position, forces, energy, loop delay.
+
+    Says whether a hand feels the difference between the first run and each other.
+    """
     from forcebound.analysis.plots import figure, save
     from forcebound.launch.results import RunResult
 
@@ -134,13 +139,29 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
-    drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-    save(figure(drawn, events=[r.events for r in results]), output)
+    for run, result in zip(runs, results, strict=True):
+        with content_of(run):
+            result.summary  # noqa: B018 - kept for what follows
+    with content_of(" and ".join(runs)):
+        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
+        save(figure(drawn, events=[r.events for r in results]), output)
+        _show_runs(results, labels, output, as_json)
+
+
+def _show_runs(results: "list[RunResult]", labels: list[str], picture: Path, as_json: bool) -> None:
+    from forcebound.analysis.perception import differences
+    from forcebound.analysis.tables import difference_text
+
+    first, *others = [result.summary for result in results]
+    compared = [differences(first, other) for other in others]
     if as_json:
-        print_json({"picture": str(output), "runs": [r.summary for r in results]})
+        print_json({"picture": str(picture), "runs": [first, *others], "differences": compared})
         return
     print_table(results, labels)
-    show(f"picture: {output}")
+    for label, found in zip(labels[1:], compared, strict=True):
+        for difference in found:
+            show(f"{label} against {labels[0]}: {difference_text(difference)}")
+    show(f"picture: {picture}")
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
@@ -212,6 +233,7 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_json(result.summary)
         return
     print_table([result])
+    _explain(result.summary["little_force"])
     if result.summary["phases"]:
         from forcebound.analysis.tables import phase_rows
 
@@ -220,3 +242,14 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         print_rows(head, rows)
     if record is not None:
         show(f"recording: {record}")
+
+
+def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
+    """Say what to do about little force."""
+    if not causes:
+        return
+    from forcebound.monitor.findings import Fact
+    from forcebound.monitor.wording import remedy
+
+    for cause in causes:
+        show(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")

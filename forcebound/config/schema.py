@@ -4,11 +4,12 @@ The schema is less strict than the loader: a key that an included file may give 
 here, and units are text. What it refuses, the loader refuses too.
 """
 
+import dataclasses
 import inspect
 import json
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, get_args
 
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, adapter, fields_of
@@ -158,6 +159,7 @@ def _lines() -> Iterator[str]:
             yield from _table(EnvironmentConfig, "Beside the keys of its kind:", COMPUTATION)
         for name in sorted(table):
             yield from ("", f"### `kind: {name}`", *_table(table[name]))
+            yield from _inner(table[name])
     topics = ", ".join(f"`{topic}`" for topic in LINKS)
     words = f"By topic: {topics}. A topic that is not named is perfect."
     yield from ("", "## `links`", *_table(Impairment, words))
@@ -167,6 +169,14 @@ def _lines() -> Iterator[str]:
         yield from ("", f"## `{section}`", *_table(settings))
     yield from ("", "## `phases`", *_table(PhaseHead, "A list; the run is as long as its phases."))
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
+
+
+def _inner(kind: type) -> Iterator[str]:
+    """The tables of the keys of a kind that are mappings with keys of their own."""
+    for field in fields_of(kind).values():
+        for part in get_args(field.hint):
+            if dataclasses.is_dataclass(part) and isinstance(part, type):
+                yield from ("", f"#### `{field.name}`", *_table(part))
 
 
 def _table(kind: type, words: str = "", names: tuple[str, ...] | None = None) -> Iterator[str]:

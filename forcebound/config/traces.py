@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import content_of, reason
 from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
@@ -59,11 +59,12 @@ def of_recording(file: Path) -> tuple[DelayTrace, Mapping[str, Any], bool]:
     from forcebound.recording import read  # slow, and few traces are recordings
 
     recording = read(file, (TOPIC_OF[Telemetry],))
-    try:
-        trace = loop_delays(recording.telemetry)
-    except ConfigError as error:
-        raise ConfigError(f"no trace in {file}: {error}") from None
-    return trace, recording.launch, recording.complete
+    with content_of(file):
+        try:
+            trace = loop_delays(recording.telemetry)
+        except ConfigError as error:
+            raise ConfigError(f"no trace in {file}: {error}") from None
+        return trace, recording.launch, recording.complete
 
 
 def loop_delays(columns: TelemetryColumns) -> DelayTrace:

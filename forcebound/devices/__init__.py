@@ -14,6 +14,7 @@ the node then tries to write zero force, closes the device, and the graph ends.
 
 from typing import Protocol
 
+from forcebound.bounding.dissipation import PerAxis
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
@@ -113,23 +114,23 @@ class DeviceModel(Protocol):
         ...
 
     @property
-    def damping(self) -> float:
-        """Minimum viscous damping b, in N s/m."""
+    def damping(self) -> PerAxis:
+        """Minimum viscous damping b, in N s/m (of joints: N m s); alike, or of each axis."""
         ...
 
     @property
-    def friction(self) -> float:
-        """Minimum Coulomb friction f_c, in N."""
+    def friction(self) -> PerAxis:
+        """Minimum Coulomb friction f_c, in N (of joints: N m); along the path, or of each axis."""
         ...
 
     @property
-    def resolution(self) -> float:
-        """Encoder resolution at the tip, in m; 0 for none."""
+    def resolution(self) -> PerAxis:
+        """Encoder resolution at the tip, in m (of joints: rad), 0 for none; alike, or of each."""
         ...
 
     @property
     def saturation(self) -> float:
-        """Largest force, in N."""
+        """Largest force, in N (of joints: N m)."""
         ...
 
     def open(self, operator: Operator | None, hold_limit: float) -> Device:

@@ -63,10 +63,13 @@ def _check_statements(model: Any, found: Findings) -> None:
     axes = getattr(model, "axes", None)
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         found.add("states", f"1 to {MAX_AXES}", repr(axes), "axes")
-    for name, unit in (("damping", "N s/m"), ("saturation", "N")):
-        found.check_number("states", model, name, unit, above=True)
-    for name, unit in (("friction", "N"), ("resolution", "m")):
-        found.check_number("states", model, name, unit, above=False)
+    found.check_number("states", model, "saturation", "N", above=True)
+    for name, unit in (("damping", "N s/m"), ("friction", "N"), ("resolution", "m")):
+        value = getattr(model, name, None)
+        if not isinstance(value, tuple):
+            found.check_number("states", model, name, unit, above=name == "damping")
+        elif len(value) != axes or not all(number >= 0.0 for number in value):
+            found.add("states", f"a number >= 0 {unit}, or {axes}", repr(value), name)
 
 
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:

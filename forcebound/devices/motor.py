@@ -1,49 +1,27 @@
 """The motor of a simulated device: when a written force begins to act, and when it ends."""
 
+import math
 from collections import deque
-from typing import Protocol
+from random import Random
 
-from forcebound.devices.stated import Watchdog
+from forcebound.devices.stated import StatedImperfections
+from forcebound.devices.true_values import TrueMotor
 from forcebound.messages.packets import Vector
 
 NEVER = 1 << 62  # ns
-
-
-class MotorModel(Protocol):
-    """What the motor asks of a device's parameters; see ``stated.py``."""
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        ...
-
-    @property
-    def write_delay(self) -> float:
-        """From a write to the moment when its force acts, in s."""
-        ...
-
-    @property
-    def watchdog(self) -> Watchdog:
-        """What drops a force that is too old."""
-        ...
-
-    @property
-    def watchdog_tolerance(self) -> float:
-        """Share of the hold limit by which it may be late."""
-        ...
-
-    @property
-    def watchdog_limit(self) -> float | None:
-        """Age at which a force ends without a watchdog, in s; None: never."""
-        ...
 
 
 class Motor:
     """The force that the motor is told to give, over time.
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a
-    force that has acted for longer than the hold limit that held when it was written, as late as
-    its tolerance permits.
+    force that has acted for longer than the hold limit that held when it was written.
+
+    Args:
+        stated: What the device states.
+        truth: Where that is not true.
+        hold_limit: In s.
+        force: What the motor gives before the first write, in N.
 
     Attributes:
         force: What the motor is told to give now, per axis, in N.
@@ -52,17 +30,23 @@ class Motor:
         cut_ns: When the watchdog dropped a force after the last write, in ns; None if it did not.
     """
 
-    def __init__(self, model: MotorModel, hold_limit: float) -> None:
-        self._zero: Vector = (0.0,) * model.axes
-        self._delay_ns = round(model.write_delay * 1e9)
-        self._hold_share = 1.0 + model.watchdog_tolerance
-        self._fixed_hold_ns: int | None = None
-        if model.watchdog == "none":
-            limit = model.watchdog_limit
-            self._fixed_hold_ns = NEVER if limit is None else round(limit * 1e9)
-        self._waiting: deque[tuple[int, int, Vector]] = deque()  # effect, hold, force
+    def __init__(
+        self, stated: StatedImperfections, truth: TrueMotor, hold_limit: float, force: Vector
+    ) -> None:
+        self._zero: Vector = (0.0,) * len(force)
+        self._delay_ns = 1e9 * (
+            stated.write_delay if truth.write_delay is None else truth.write_delay
+        )
+        self._tolerance = stated.watchdog_tolerance
+        self._share = 1.0 + self._tolerance if truth.watchdog is None else truth.watchdog
+        self._random = Random(truth.seed) if truth.random else None
+        self._fixed_hold: float | None = None
+        if stated.watchdog == "none":
+            limit = stated.watchdog_limit
+            self._fixed_hold = math.inf if limit is None else limit
+        self._waiting: deque[tuple[int, int, Vector]] = deque()  # effect, end, force
         self._drop_ns = NEVER
-        self.force = self._zero
+        self.force = force
         self.next_ns = NEVER
         self.effect_ns = 0
         self.cut_ns: int | None = None
@@ -70,15 +54,20 @@ class Motor:
 
     def set_hold_limit(self, seconds: float) -> None:
         """Set the hold limit of the forces from the next write on, in s."""
-        hold_ns = self._fixed_hold_ns
-        self._hold_ns = round(seconds * self._hold_share * 1e9) if hold_ns is None else hold_ns
+        self._hold_limit = seconds if self._fixed_hold is None else self._fixed_hold
 
     def write(self, time_ns: int, force: Vector) -> None:
-        """Take a new force; ``time_ns`` is not before ``next_ns``'s last change."""
+        """Take a new force; every change before ``time_ns`` has been made."""
         self.cut_ns = None
-        self.effect_ns = time_ns + self._delay_ns
-        self._waiting.append((self.effect_ns, self._hold_ns, force))
-        if self._delay_ns == 0:
+        delay_ns, share = self._delay_ns, self._share
+        if self._random is not None:
+            delay_ns *= self._random.random()
+            share = 1.0 + self._tolerance * self._random.uniform(-1.0, 1.0)
+        # The order of writes is kept.
+        self.effect_ns = max(time_ns + round(delay_ns), self.effect_ns)
+        hold_ns = min(share * self._hold_limit * 1e9, NEVER)
+        self._waiting.append((self.effect_ns, self.effect_ns + round(hold_ns), force))
+        if self.effect_ns == time_ns:
             self._begin()
         self._plan()
 
@@ -96,8 +85,7 @@ class Motor:
         return bool(self._waiting) and self._waiting[0][0] <= self.next_ns
 
     def _begin(self) -> None:
-        effect_ns, hold_ns, self.force = self._waiting.popleft()
-        self._drop_ns = effect_ns + hold_ns
+        _, self._drop_ns, self.force = self._waiting.popleft()
 
     def _plan(self) -> None:
         self.next_ns = min(self._drop_ns, self._waiting[0][0] if self._waiting else NEVER)

@@ -1,4 +1,4 @@
-r"""The simulated device: a mass with friction in a passive hand, integrated over real time.
+r"""The plain plant: a mass with friction in a passive hand, integrated over real time.
 
 How one step works. Over a step ``h`` with mean velocity :math:`\bar v`, the implicit midpoint rule
 
@@ -19,9 +19,9 @@ The energy that the paper's Eq. 1 asks about flows from the hand into the *devic
 mass moves with the handle, so the force at the interface is the muscle's (spring and damper) less
 what accelerates that mass, and its work is the muscle's less the hand's kinetic energy.
 
-What is left out: the arm's kinematics (axes are independent), gravity, cable compliance, motor
-dynamics, cogging. Friction acts on each axis by itself, which loses at least as much as friction
-along the path of several axes.
+:mod:`forcebound.devices.extended` has presliding, a lagging motor and weight as well. What is left
+out: the arm's kinematics (axes are independent), cable compliance, cogging. Friction acts on each
+axis by itself, which loses at least as much as friction along the path of several axes.
 """
 
 import math

@@ -7,12 +7,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, TypeAlias
 
+from forcebound.bounding.dissipation import Watchdog
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Ratio, Speed, Time, check_ranges
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Force,
+    Length,
+    Range,
+    Ratio,
+    Speed,
+    Time,
+    check_ranges,
+)
 
-Watchdog: TypeAlias = Literal["reporting", "silent", "none"]
 Source: TypeAlias = Literal["measured", "data sheet", "assumed"]
+
+# One number for all axes alike, or a list of one for each axis.
+DampingOfAxes: TypeAlias = (
+    Annotated[Damping, NOT_NEGATIVE] | tuple[Annotated[Damping, NOT_NEGATIVE], ...]
+)
+FrictionOfAxes: TypeAlias = (
+    Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...]
+)
+LengthOfAxes: TypeAlias = (
+    Annotated[Length, NOT_NEGATIVE] | tuple[Annotated[Length, NOT_NEGATIVE], ...]
+)
+ForceOfAxes: TypeAlias = Annotated[Force, Range()] | tuple[Annotated[Force, Range()], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +48,7 @@ class StatedImperfections:
         write_delay: Largest time from a read to the moment when the force of its write acts.
         largest_speed: A reading that implies more is refused; null: none is.
         watchdog: What drops a force that is older than the hold limit: a watchdog that reports
-            where it did, one that does not, or none.
+            when and where it did, one that does not, or none.
         watchdog_tolerance: The watchdog drops the force within this share of the hold limit.
         watchdog_limit: Without a watchdog that keeps the hold limit: age at which the hardware
             drops a force after all; null: never.
@@ -43,9 +66,6 @@ class StatedImperfections:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        for name, symbol in (("largest_speed", "m/s"), ("watchdog_limit", "s")):
-            if getattr(self, name) is not None:
-                check_per_axis(self, name, POSITIVE, symbol)
         known = {each.name for each in fields(self)}
         for name in self.sources:
             if name not in known:
@@ -57,18 +77,12 @@ def per_axis(value: float | Vector, axes: int) -> Vector:
     return tuple(value) if isinstance(value, tuple) else (value,) * axes
 
 
-def check_per_axis(model: Any, name: str, permitted: Range, symbol: str) -> None:
-    """Check a field that is one number, or a tuple of one per axis.
+def check_count(value: Any, name: str, axes: int) -> None:
+    """Check that a tuple has as many numbers as there are axes.
 
     Raises:
-        ConfigError: If a number is outside of ``permitted``, or there are not ``axes`` of them.
+        ConfigError: If it has not.
     """
-    value = getattr(model, name)
-    if isinstance(value, tuple) and len(value) != model.axes:
-        message = f"{name} must be one number, or {model.axes} (one per axis), got {len(value)}"
+    if isinstance(value, tuple) and len(value) != axes:
+        message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
         raise ConfigError(message, field=name)
-    for number in per_axis(value, model.axes):
-        try:
-            permitted.check(number, symbol)
-        except ConfigError as error:
-            raise ConfigError(f"{name} {error}", field=name) from None

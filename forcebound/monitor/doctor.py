@@ -14,8 +14,14 @@ from typing import TypeAlias
 import numpy as np
 
 from forcebound import realtime
-from forcebound.bounding import LAWS
+from forcebound.analysis.bounder import (
+    causes_of_little_force,
+    is_limited,
+    limited_ticks,
+    magnitudes,
+)
 from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.findings import Fact, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
@@ -27,8 +33,6 @@ NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
 LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
 LOST_TICKS_SHARE = 0.01  # of all ticks, from which on it is a problem
 NOW = 0.2  # s without an answer that make it "now"
-LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
-UNBOUNDED = 1.0 - 1e-9  # of the commanded force; below, it was made smaller, not merely rounded
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
 SMALL_DISK = 200_000_000  # B
 SHORT_TIME = 600.0  # s until the disk is full
@@ -306,20 +310,23 @@ def _law(seen: Observations) -> Iterator[Finding]:
     if law == "none":
         yield Finding("note", "no_law", "device")
         return
-    commanded = np.linalg.norm(seen.telemetry.commanded_force, axis=1)
-    applied = np.linalg.norm(seen.telemetry.applied_force, axis=1)
-    is_pushing = commanded > 0.0
-    is_limited = (applied < UNBOUNDED * commanded) & is_pushing
-    if is_limited.sum() <= LIMITED_SHARE * is_pushing.sum():
+    if not is_limited(seen.telemetry):
         return
+    limited, pushing = limited_ticks(seen.telemetry)
+    commanded, applied = magnitudes(seen.telemetry)
     data = {
         "law": law,
-        "share": float(is_limited.sum() / is_pushing.sum()),
-        "commanded": float(commanded[is_limited].mean()),
-        "applied": float(applied[is_limited].mean()),
+        "share": float(limited.sum() / pushing.sum()),
+        "commanded": float(commanded[limited].mean()),
+        "applied": float(applied[limited].mean()),
     }
-    causes = () if LAWS.is_shipped(law) and LAWS[law].is_certified else (Fact("law_not_certified"),)
-    yield Finding("note", "law_limits", "device", data, causes)
+    device = seen.process("device")
+    report = dict(device.status("bounder") or {})
+    report["overruns"] = device.growth("bounder", "overruns")
+    section = to_document(seen.config)["device"]
+    causes = causes_of_little_force(seen.telemetry, section, report)
+    facts = tuple(Fact(cause.code, cause.data) for cause in causes)
+    yield Finding("note", "law_limits", "device", data, facts)
 
 
 Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]

@@ -17,7 +17,7 @@ from forcebound.monitor.findings import Fact, Finding
 from forcebound.network.notices import KINDS
 
 # One of these units is so many times smaller than the SI unit.
-_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "KiB": 1 / 1024, "MB": 1e-6, "GB": 1e-9}
+_UNITS = {"ms": 1e3, "mJ": 1e3, "us": 1e6, "min": 1 / 60, "KiB": 1 / 1024, "MB": 1e-6, "GB": 1e-9}
 _UNITS["MB/s"] = _UNITS["MB"]
 
 
@@ -116,8 +116,7 @@ FINDINGS: dict[str, Text] = {
     ),
     "law_limits": Text(
         "law {law} limits the force in {share:.0%} of the ticks with one: "
-        "of {commanded:.2g} N commanded it applies {applied:.2g} N",
-        "less delay or stiffness lets more force through",
+        "of {commanded:.2g} N commanded it applies {applied:.2g} N"
     ),
 }
 
@@ -255,6 +254,45 @@ CAUSES: dict[str, Text] = {
     "law_not_certified": Text(action="this law is not certified"),
 }
 
+# Causes of little force: forcebound.analysis.bounder finds them.
+_PUNCTUAL = "a quieter machine, realtime.policy: fifo"
+CAUSES |= {
+    "missed_ticks": Text(
+        action=f"{{share:.1%}} of the ticks are missed: {_PUNCTUAL}, or a lower device.rate",
+        command="forcebound bench servo",
+    ),
+    "delay": Text(
+        action="half of the answers are older than {p50:.2g ms}: less delay on the links, or an "
+        "environment that answers faster"
+    ),
+    "overruns": Text(
+        action="{rate:.2g} hold-limit overruns/s cost energy of the ledger: device.hold_limit: "
+        f"auto, or a longer one; {_PUNCTUAL}"
+    ),
+    "late_ticks": Text(
+        action="ticks are late, so a force is planned for {periods:.2g} periods, and the longer "
+        f"the less: {_PUNCTUAL}"
+    ),
+    "long_hold_limit": Text(
+        action="device.hold_limit is {periods:.2g} periods, and the longer the less force: "
+        "device.hold_limit: auto"
+    ),
+    "energy_cap": Text(
+        action="the ledger is full at device.energy_cap, {cap:.2g mJ}: a larger one, or auto"
+    ),
+    "imperfections": Text(
+        action="{names} cost force: docs/theory.md, section 3, has the price of each"
+    ),
+    "resolution": Text(
+        action="changes of the force cost {price:.2g mJ} with these encoder steps "
+        "(device.resolution): a finer encoder, or an environment that commands calmly"
+    ),
+    "dissipation": Text(
+        action="it is what the device's dissipation allows at this rate: more damping, a higher "
+        "device.rate, or a softer environment"
+    ),
+}
+
 # Notes on a change of parameters.
 NOTES: dict[str, Text] = {
     "no_node": Text("no {node} is running here; started by hand, it reads its own launch file"),
@@ -294,6 +332,12 @@ def commands(finding: Finding) -> list[str]:
 def note(fact: Fact) -> str:
     """Return a note on a change of parameters in words."""
     return _join(*_rendered(NOTES[fact.code], fact.data))
+
+
+def remedy(cause: Fact) -> str:
+    """Return what to do about a cause, the command included."""
+    text = _rendered(CAUSES[cause.code], cause.data)
+    return _join(text.action, text.command)
 
 
 def render(template: str, data: Mapping[str, Any]) -> str:

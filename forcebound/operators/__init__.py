@@ -44,6 +44,7 @@ class Operator(Protocol):
 OPERATORS: Table[type[Operator]] = Table(
     "operators",
     {
+        "chirp": "forcebound.operators.chirp:ChirpHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
         "trajectory": "forcebound.operators.trajectory:TrajectoryHand",

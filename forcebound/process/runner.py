@@ -132,7 +132,7 @@ class Runner:
                 self._run_on_schedule(stop, engages_itself)
         finally:
             self._node.stop(time.monotonic_ns())
-        self._emit_link_counts()
+        self._emit_last_events()
         if not self._node.wakes_on_arrival:
             for _ in range(FAREWELL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
@@ -261,10 +261,12 @@ class Runner:
             "realtime": [{"code": fact.code, "data": dict(fact.data)} for fact in self._facts],
         }
 
-    def _emit_link_counts(self) -> None:
-        """Publish the links' counts for the recording."""
-        for topic, counts in self._inbox.link_counts().items():
-            event = self._node.events.link_counts(time.monotonic_ns(), topic, counts)
+    def _emit_last_events(self) -> None:
+        """Publish what the recording is to have of the run: of the links and of the node."""
+        now_ns = time.monotonic_ns()
+        counted = self._inbox.link_counts().items()
+        events = [self._node.events.link_counts(now_ns, *link) for link in counted]
+        for event in (*events, *self._node.last_events(now_ns)):
             self._publish[Event](encode(event))
 
     def _run_on_arrival(self, stop: Stop) -> None:

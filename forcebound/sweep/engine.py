@@ -80,7 +80,8 @@ def _run_graph(config: GraphConfig) -> Ran:
 
 def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
     """Return the values that cases in one block share; None if the kernel cannot run the case."""
-    model, servo, operator = config.device.model, config.device.servo, config.operator
+    model: object = config.device.model
+    servo, operator = config.device.servo, config.operator
     environment = kind_of("environment", config.environment.model)
     if (
         type(model) is not PhantomPremium15

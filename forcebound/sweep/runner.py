@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from forcebound.analysis.bounder import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError, ForceboundError
@@ -71,7 +72,9 @@ def _parameters(document: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(summary: Mapping[str, Any]) -> dict[str, Any]:
     rejected = sum(summary["rejected_packets"].values())
     # The kernel does not count the losses of links, and only the graph has events.
-    left_out = ("law", "rejected_packets", "links", "faults", "phases")
+    # Spectra are long; `forcebound simulate --json` has them.
+    spectra = ("vibration", "displayed_impedance", "undefined")
+    left_out = ("law", "rejected_packets", "links", "faults", "phases", *REPORTED, *spectra)
     rest = {key: value for key, value in summary.items() if key not in left_out}
     return {**rest, "rejected_packets": rejected}
 

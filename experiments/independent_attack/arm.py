@@ -1,0 +1,159 @@
+r"""An arm of two links whose joints hold torques, with the hand's energy taken at the tip.
+
+The ledger runs in the joints. Here the hand moves the *tip* straight and uniformly, so the joints
+do not, and the energy is what the hand's force does at the tip:
+
+.. math:: E = \int F_h \cdot v \, dt, \qquad J^T F_h = b \omega + \tau_{friction} + \tau_{motor}
+
+by Gauss-Legendre quadrature over short pieces, to rounding.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from experiments.independent_attack.truth import (
+    AXES,
+    DAMPING,
+    GAIN,
+    LAG,
+    OUTPUT,
+    POSITION,
+    TARGET,
+    Floats,
+    relax,
+    work_of_axis,
+)
+
+LINKS = (0.25, 0.2)  # m
+FIRST_POSE = (0.4, 1.3)  # rad, where the encoders read zero
+PARTS = 4  # of a move
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def tip_of(first: float, second: float) -> tuple[float, float]:
+    """Return the place of the tip, m, for the two angles, rad, from the first pose."""
+    shoulder = FIRST_POSE[0] + first
+    elbow = shoulder + FIRST_POSE[1] + second
+    return (
+        LINKS[0] * math.cos(shoulder) + LINKS[1] * math.cos(elbow),
+        LINKS[0] * math.sin(shoulder) + LINKS[1] * math.sin(elbow),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def angles_of(x: float, y: float) -> tuple[float, float]:
+    """Return the two angles, rad, from the first pose, elbow on one side."""
+    square = x * x + y * y
+    cosine = (square - LINKS[0] ** 2 - LINKS[1] ** 2) / (2.0 * LINKS[0] * LINKS[1])
+    bend = math.acos(min(max(cosine, -1.0), 1.0))
+    shoulder = math.atan2(y, x) - math.atan2(
+        LINKS[1] * math.sin(bend), LINKS[0] + LINKS[1] * math.cos(bend)
+    )
+    return shoulder - FIRST_POSE[0], bend - FIRST_POSE[1]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def power_at_tip(
+    first: float, second: float, speed_x: float, speed_y: float, damping: Floats, torque: Floats
+) -> float:
+    """Return the power of the hand, W, at the tip, against damping and motors."""
+    shoulder = FIRST_POSE[0] + first
+    elbow = shoulder + FIRST_POSE[1] + second
+    c = -LINKS[1] * math.sin(elbow)
+    d = LINKS[1] * math.cos(elbow)
+    a = c - LINKS[0] * math.sin(shoulder)
+    b = d + LINKS[0] * math.cos(shoulder)
+    size = a * d - b * c  # J = [[a, c], [b, d]]
+    turn_1 = (d * speed_x - c * speed_y) / size
+    turn_2 = (a * speed_y - b * speed_x) / size
+    torque_1 = damping[0] * turn_1 + torque[0]
+    torque_2 = damping[1] * turn_2 + torque[1]
+    force_x = (d * torque_1 - b * torque_2) / size  # J^-T
+    force_y = (a * torque_2 - c * torque_1) / size
+    return float(force_x * speed_x + force_y * speed_y)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def turn_rate(axis: int, first: float, second: float, speed_x: float, speed_y: float) -> float:
+    """Return a number with the sign of a joint's speed while the tip moves straight."""
+    shoulder = FIRST_POSE[0] + first
+    elbow = shoulder + FIRST_POSE[1] + second
+    c, d = -LINKS[1] * math.sin(elbow), LINKS[1] * math.cos(elbow)
+    a, b = c - LINKS[0] * math.sin(shoulder), d + LINKS[0] * math.cos(shoulder)
+    turn = d * speed_x - c * speed_y if axis == 0 else a * speed_y - b * speed_x
+    return float(turn * math.copysign(1.0, a * d - b * c))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def rub(
+    body: Floats,
+    device: Floats,
+    axis: int,
+    line: tuple[float, float, float, float],
+    start: float,
+    end: float,
+    angle: float,
+) -> float:
+    """Move the bristle of a joint along a straight ``line`` of the tip; return the work, in J.
+
+    A joint that turns round within the piece goes to its turning point and back.
+    """
+    x, y, speed_x, speed_y = line
+    low, high = start, end
+    one, two = angles_of(x + speed_x * low, y + speed_y * low)
+    before = turn_rate(axis, one, two, speed_x, speed_y)
+    one, two = angles_of(x + speed_x * high, y + speed_y * high)
+    work = 0.0
+    if before * turn_rate(axis, one, two, speed_x, speed_y) < 0.0:
+        for _ in range(50):
+            middle = (low + high) / 2.0
+            one, two = angles_of(x + speed_x * middle, y + speed_y * middle)
+            if before * turn_rate(axis, one, two, speed_x, speed_y) > 0.0:
+                low = middle
+            else:
+                high = middle
+        turning = one if axis == 0 else two
+        work = work_of_axis(body, device, axis, turning - body[POSITION, axis])
+        body[POSITION, axis] = turning
+    work += work_of_axis(body, device, axis, angle - body[POSITION, axis])
+    body[POSITION, axis] = angle
+    return work
+
+
+@numba.njit(cache=True, error_model="numpy")
+def walk_at_tip(
+    body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats
+) -> float:
+    """Move the tip straight to where ``move`` of the joints ends; return the hand's energy, J."""
+    first, second = body[POSITION, 0], body[POSITION, 1]
+    x, y = tip_of(first, second)
+    end_x, end_y = tip_of(first + move[0], second + move[1])
+    speed_x, speed_y = (end_x - x) / duration, (end_y - y) / duration
+    lag, energy = numbers[LAG], 0.0
+    torque = np.zeros(AXES)
+    part = duration / PARTS
+    for number in range(PARTS):
+        for node in range(len(_NODES)):
+            after = part * (1.0 + _NODES[node]) / 2.0
+            now = number * part + after
+            angle_1, angle_2 = angles_of(x + speed_x * now, y + speed_y * now)
+            left = math.exp(-after / lag) if lag > 0.0 else 0.0
+            for axis in range(2):
+                target = body[TARGET, axis]
+                torque[axis] = target + (body[OUTPUT, axis] - target) * left
+                torque[axis] *= device[GAIN, axis]
+            power = power_at_tip(angle_1, angle_2, speed_x, speed_y, device[DAMPING], torque)
+            energy += _WEIGHTS[node] / 2.0 * part * power
+        at = (number + 1) * part
+        angle_1, angle_2 = angles_of(x + speed_x * at, y + speed_y * at)
+        if number == PARTS - 1:
+            angle_1, angle_2 = first + move[0], second + move[1]
+        line = (x, y, speed_x, speed_y)
+        energy += rub(body, device, 0, line, number * part, at, angle_1)
+        energy += rub(body, device, 1, line, number * part, at, angle_2)
+        relax(body, lag, part)
+    return energy

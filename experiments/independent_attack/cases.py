@@ -1,0 +1,312 @@
+"""The certificates under attack: for each, how devices are drawn, and what is left out to break it.
+
+A device is drawn first as it *is*; then it is stated to the bounder, truthfully or, to show that
+the attack would see the leak, with the certificate's own numbers stated as if the device did not
+have the effect.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from experiments.independent_attack.engine import Case
+from experiments.independent_attack.paths import COMMANDS, READINGS, Manner
+from experiments.independent_attack.truth import (
+    ALONG_PATH,
+    AT_TIP,
+    AXES,
+    COMPENSATION,
+    DAMPING,
+    DEVICE_ROWS,
+    ERROR,
+    FASTEST,
+    FRICTION,
+    GAIN,
+    LAG,
+    NUMBERS,
+    PRESLIDING,
+    USED_AXES,
+    WEIGHT,
+)
+from forcebound.bounding import Dissipation
+
+Random = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is attacked.
+
+    Attributes:
+        summary: One line for the report.
+        effects: Names of the functions in this file that give a device its imperfections.
+        left_out: Fields stated as here in the run that must break the law.
+        axes: Numbers of axes to draw from.
+    """
+
+    summary: str
+    effects: tuple[str, ...]
+    left_out: dict[str, Any]
+    axes: tuple[int, ...] = (1, 1, 2, 3)
+
+
+def _log(random: Random, low: float, high: float) -> float:
+    return float(low * (high / low) ** random.random())
+
+
+@dataclass
+class Draft:
+    """A device while it is drawn: the truth in arrays, and the fields that state it."""
+
+    random: Random
+    axes: int
+    device: Any
+    numbers: Any
+    fields: dict[str, Any]
+    case: dict[str, Any]
+
+    def per_axis(self, name: str) -> tuple[float, ...]:
+        """Return a number for each axis, also where one was stated for all."""
+        value = self.fields[name]
+        return value if isinstance(value, tuple) else (value,) * self.axes
+
+
+def _plain(random: Random, axes: int) -> Draft:
+    period = float(random.choice([1e-3, 1e-3, 2.5e-4]))
+    ratio = float(random.choice([1.0, 1.02, 1.25, 2.5]))
+    fields: dict[str, Any] = {
+        "damping": _log(random, 0.02, 2.0),
+        "friction": _log(random, 0.003, 1.0),
+        "resolution": 0.0 if random.random() < 0.1 else _log(random, 1e-6, 2e-4),
+        "period": period,
+        "hold_limit": round(period * ratio * 1e9) / 1e9,
+        "saturation": _log(random, 1.0, 30.0),
+    }
+    device, numbers = np.zeros((DEVICE_ROWS, AXES)), np.zeros(NUMBERS)
+    device[GAIN], numbers[FASTEST] = 1.0, math.inf
+    numbers[USED_AXES], numbers[ALONG_PATH] = axes, float(axes > 1)
+    device[DAMPING, :axes], device[FRICTION, :axes] = fields["damping"], fields["friction"]
+    device[ERROR, :axes] = fields["resolution"] / 2.0
+    if axes > 1 and random.random() < 0.3:  # the isotropic law allows this, too
+        numbers[ALONG_PATH] = 0.0
+    return Draft(random, axes, device, numbers, fields, {})
+
+
+def write_delay(draft: Draft) -> None:
+    """Writes take effect up to 0.4 T after the reading."""
+    draft.fields["write_delay"] = draft.fields["period"] * _log(draft.random, 0.01, 0.4)
+    draft.case["write_delay"] = draft.fields["write_delay"]
+
+
+def presliding(draft: Draft) -> None:
+    """Friction yields elastically."""
+    axes = draft.axes
+    if isinstance(draft.fields["friction"], tuple):
+        ways = tuple(_log(draft.random, 1e-6, 3e-4) for _ in range(axes))
+        draft.fields["presliding"] = ways
+    else:
+        draft.fields["presliding"] = _log(draft.random, 1e-6, 3e-4)
+    draft.device[PRESLIDING, :axes] = draft.per_axis("presliding")
+
+
+def gain(draft: Draft) -> None:
+    """Every motor gives a constant factor of its force, alike on each axis."""
+    error = _log(draft.random, 0.005, 0.2)
+    draft.fields["gain_error"] = error
+    draft.device[GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0, draft.random.uniform(-1, 1)])
+
+
+def gain_of_axes(draft: Draft) -> None:
+    """Every motor has a factor of its own."""
+    error = _log(draft.random, 0.005, 0.2)
+    draft.fields["gain_error"] = error
+    draft.device[GAIN] = 1.0 + error * draft.random.choice([-1.0, 1.0], AXES)
+
+
+def lag(draft: Draft) -> None:
+    """The amplifier is of first order."""
+    draft.fields["lag"] = draft.fields["period"] * _log(draft.random, 0.02, 1.0)
+    draft.numbers[LAG] = draft.fields["lag"]
+
+
+def pooled(draft: Draft) -> None:
+    """Every axis has its own damping, friction and resolution."""
+    axes, random = draft.axes, draft.random
+    for name, row in (("damping", DAMPING), ("friction", FRICTION), ("resolution", ERROR)):
+        mean = draft.fields[name]
+        values = tuple(float(mean * _log(random, 0.2, 5.0)) for _ in range(axes))
+        draft.fields[name] = values
+        draft.device[row, :axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
+    draft.numbers[ALONG_PATH] = 0.0
+
+
+def joints(draft: Draft) -> None:
+    """Coordinates are the two joints of an arm; rad and N m."""
+    axes, random = draft.axes, draft.random
+    for name, row, low, high in (
+        ("damping", DAMPING, 5e-4, 0.02),
+        ("friction", FRICTION, 1e-3, 0.05),
+        ("resolution", ERROR, 1e-5, 2e-3),
+    ):
+        values = tuple(_log(random, low, high) for _ in range(axes))
+        draft.fields[name] = values
+        draft.device[row, :axes] = np.array(values) * (0.5 if name == "resolution" else 1.0)
+    draft.fields["saturation"] = _log(random, 0.1, 2.0)
+    draft.numbers[ALONG_PATH], draft.numbers[AT_TIP] = 0.0, 1.0
+
+
+def tolerance(draft: Draft) -> None:
+    """A silent watchdog that is early or late."""
+    draft.fields["watchdog"] = "silent"
+    draft.fields["watchdog_tolerance"] = _log(draft.random, 0.01, 0.3)
+    draft.case["tolerance"] = draft.fields["watchdog_tolerance"]
+
+
+def reporting(draft: Draft) -> None:
+    """The watchdog reports when and where it dropped the force."""
+    draft.fields["watchdog"] = draft.case["watchdog"] = "reporting"
+
+
+def none(draft: Draft) -> None:
+    """No watchdog; late holds up to the hardware's limit may leak the allowance."""
+    hold = draft.fields["hold_limit"]
+    draft.fields["watchdog"] = draft.case["watchdog"] = "none"
+    draft.fields["watchdog_limit"] = round(hold * _log(draft.random, 1.5, 100.0) * 1e9) / 1e9
+    strict = draft.random.random() < 0.2
+    draft.fields["allowance"] = 0.0 if strict else _log(draft.random, 1e-6, 0.1)
+    draft.case["late"] = draft.fields["watchdog_limit"]
+    draft.case["allowance"] = draft.fields["allowance"]
+
+
+def none_punctual(draft: Draft) -> None:
+    """No watchdog, and no late tick: nothing at all may leak."""
+    none(draft)
+    draft.case["late"] = draft.case["allowance"] = 0.0
+    draft.case["punctual_only"] = True
+
+
+def changing(draft: Draft) -> None:
+    """The hold limit changes from hold to hold."""
+    hold = draft.fields["hold_limit"]
+    draft.case["hold_limits"] = tuple(
+        round(hold * _log(draft.random, 1.0, 4.0) * 1e9) / 1e9 for _ in range(4)
+    )
+
+
+def refused(draft: Draft) -> None:
+    """Readings that are not numbers, or out of this world, or too soon."""
+    draft.case["refused"] = _log(draft.random, 0.02, 0.5)
+    draft.case["glitch"] = 0.0
+
+
+def glitches(draft: Draft) -> None:
+    """Readings that imply more than the largest speed; the hand never exceeds it."""
+    draft.case["refused"] = _log(draft.random, 0.02, 0.5)
+    draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
+    draft.numbers[FASTEST] = draft.fields["largest_speed"]
+
+
+def cap(draft: Draft) -> None:
+    """A cap on what the ledger keeps."""
+    draft.fields["energy_cap"] = _log(draft.random, 1e-5, 1e-2)
+
+
+def weight(draft: Draft) -> None:
+    """A weight on each axis that the device compensates, with an error."""
+    axes, random = draft.axes, draft.random
+    heavy = random.normal(size=axes)
+    error = _log(random, 1e-3, 0.3)
+    draft.fields["weight"] = tuple(heavy.tolist())
+    draft.fields["weight_error"] = error
+    draft.device[WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes) / math.sqrt(axes)
+    draft.device[COMPENSATION, :axes] = heavy
+
+
+EFFECTS: dict[str, Callable[[Draft], None]] = {
+    effect.__name__: effect
+    for effect in (
+        pooled, joints, write_delay, presliding, gain, gain_of_axes, lag, tolerance, reporting,
+        none, none_punctual, changing, refused, glitches, cap, weight,
+    )
+}  # fmt: skip
+
+CERTIFICATES = {
+    "plain": Certificate("quantised readings, any clock", (), {"resolution": 0.0}),
+    "write_delay": Certificate(
+        "writes up to 0.4 T after the reading", ("write_delay",), {"write_delay": 0.0}
+    ),
+    "presliding": Certificate("elastic friction", ("presliding",), {"presliding": 0.0}),
+    "gain": Certificate("gain error to 20 %", ("gain",), {"gain_error": 0.0}),
+    "lag": Certificate("first-order amplifier, to T", ("lag",), {"lag": 0.0}),
+    "pooled": Certificate(
+        "numbers of each axis", ("pooled",), {"resolution": 0.0}, axes=(1, 2, 2, 3)
+    ),
+    "joints": Certificate("an arm, energy at the tip", ("joints",), {"resolution": 0.0}, axes=(2,)),
+    "tolerance": Certificate(
+        "silent watchdog in a range", ("tolerance",), {"watchdog_tolerance": 0.0}
+    ),
+    "reporting": Certificate("reporting watchdog", ("reporting",), {"resolution": 0.0}),
+    "none": Certificate("no watchdog, late holds leak the allowance", ("none",), {}),
+    "none_punctual": Certificate("no watchdog, punctual", ("none_punctual",), {"resolution": 0.0}),
+    "changing": Certificate("changing hold limits", ("changing",), {"resolution": 0.0}),
+    "refused": Certificate("refused readings", ("refused",), {"resolution": 0.0}),
+    "glitches": Certificate("glitches beyond the largest speed", ("glitches",), {}),
+    "cap": Certificate("capped ledger", ("cap",), {"resolution": 0.0}),
+    "weight": Certificate("compensated weight", ("weight",), {"weight_error": 0.0}),
+    "all": Certificate("a random choice of all of these", (), {}),
+}
+
+
+def draw(name: str, law: str, random: Random, left_out: bool = False) -> Case:
+    """Return a random case of a certificate, with ``left_out`` one that must break the law.
+
+    Args:
+        name: A key of :data:`CERTIFICATES`.
+        law: A law.
+        random: Source of chance.
+        left_out: State the certificate's own numbers as if the device did not have the effect.
+    """
+    certificate = CERTIFICATES[name]
+    draft = _plain(random, int(random.choice(certificate.axes)))
+    effects = list(certificate.effects) if name != "all" else _some(random, draft.axes)
+    for effect in effects:
+        EFFECTS[effect](draft)
+    fields = draft.fields | (certificate.left_out if left_out else {})
+    return _case(law, draft, Dissipation(**fields))
+
+
+def _some(random: Random, axes: int) -> list[str]:
+    """Return effects that go together, in the order in which they are drawn."""
+    chosen = [["pooled", "joints", ""][random.choice([0, 1, 2] if axes == 2 else [0, 2])]]
+    for effect in ("write_delay", "presliding", "lag", "changing", "refused", "glitches", "cap"):
+        if random.random() < 0.4:
+            chosen.append(effect)
+    if random.random() < 0.4:
+        chosen.append("gain")
+    watchdogs = ["", "tolerance", "reporting", "none", "none_punctual"]
+    chosen.append(watchdogs[random.integers(len(watchdogs))])
+    return [effect for effect in chosen if effect]
+
+
+def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
+    random, axes = draft.random, draft.axes
+    clock = int(random.integers(4))
+    longest = 50.0 * stated.period
+    if draft.case.get("watchdog") == "none":
+        longest = draft.case["late"]
+    if draft.case.pop("punctual_only", False) and clock == 3:
+        clock = 2
+    manner = Manner(
+        int(random.integers(len(READINGS))),
+        int(random.integers(len(COMMANDS))),
+        clock,
+        _log(random, 1e-3, 1.0),
+        max(longest, stated.hold_limit),
+        stated.saturation,
+    )
+    if math.isfinite(stated.largest_speed):
+        manner = replace(manner, speed=min(manner.speed, stated.largest_speed))
+    return Case(law, stated, axes, draft.device, draft.numbers, manner, **draft.case)

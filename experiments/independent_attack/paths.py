@@ -1,0 +1,340 @@
+"""Paths of the independent attack: genes, what they mean in each interval, and the worst readings.
+
+A run has a row of genes for each interval between two readings. :func:`plan_of` turns them into
+times, moves and commands; :func:`tick` lets the device go through one interval. The hand knows the
+force before it moves: its moves are shares of the move that costs it least (``STRIKE``), and on top
+of them multiples of the encoder's error (``MICRO``), a speed, and a turn within the hold.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from experiments.independent_attack.arm import walk_at_tip
+from experiments.independent_attack.truth import (
+    ALONG_PATH,
+    AT_TIP,
+    AXES,
+    DAMPING,
+    ERROR,
+    FASTEST,
+    FRICTION,
+    GAIN,
+    LAG,
+    OUTPUT,
+    POSITION,
+    TARGET,
+    USED_AXES,
+    Floats,
+    no_faster,
+    strike,
+    walk,
+)
+
+# Columns of genes and of a plan.
+DURATION, WRITE, APPLIED, CUT, STRIKE_OLD, STRIKE, RETURN, TURN, SPLIT = range(9)
+MICRO, SPEED, MISREAD, COMMAND = 9, 12, 15, 18  # three columns each
+COLUMNS = 21
+
+# How the encoder errs, always by at most r.
+READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edges")
+# What the environment commands.
+COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
+
+# Places of the record of a run.
+ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK = range(9)
+RECORD = 9
+
+# Rows of what is remembered from tick to tick besides the body.
+READING, LAST_MOVE, AT_CUT = range(3)
+SEEN_ROWS = 3
+
+SMALLEST_PEAK = 1e-5  # J, of the energy; a share of less says nothing
+LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How the genes of a run are read.
+
+    Attributes:
+        reading: Place in :data:`READINGS`.
+        command: Place in :data:`COMMANDS`.
+        clock: 0: each interval is the hold limit, 1: the period, 2: up to the hold limit, 3: also
+            overruns up to ``longest``.
+        speed: Of the hand, m/s, for a gene of 1.
+        longest: Longest interval, s.
+        saturation: Largest command, N.
+    """
+
+    reading: int
+    command: int
+    clock: int
+    speed: float
+    longest: float
+    saturation: float
+
+
+def plan_of(
+    genes: Floats,
+    manner: Manner,
+    period: float,
+    hold_limit: Floats,
+    write_delay: float,
+    way: Floats,
+) -> Floats:
+    """Return what the rows of ``genes`` mean, in SI units, shape ``(rows, COLUMNS)``.
+
+    Args:
+        genes: Any numbers; of the order of 1.
+        manner: How to read them.
+        period: T, s.
+        hold_limit: T_max of the force of each row, s.
+        write_delay: Largest time from reading to writing, s.
+        way: Unit of ``MICRO`` and ``TURN`` for each axis, m.
+    """
+    plan = genes.copy()
+    shape = np.clip(genes[:, DURATION], -3.0, 3.0)
+    exact = np.round(hold_limit * 1e9)
+    if manner.clock == 0:
+        nanoseconds = exact
+    elif manner.clock == 1:
+        nanoseconds = np.full(len(genes), float(round(period * 1e9)))
+    else:
+        up = manner.longest if manner.clock == 3 else hold_limit
+        # Below -1: down to 1 us; within ±1: the hold limit; above: longer, by 1 ns or more.
+        short = exact * (1000.0 / exact) ** np.maximum(-shape - 1.0, 0.0)
+        long = np.maximum(exact + 1.0, exact * (up / hold_limit) ** ((shape - 1.0) / 2.0))
+        nanoseconds = np.where(shape < 1.0, short, long if manner.clock == 3 else exact)
+        nanoseconds = np.floor(np.clip(nanoseconds, 1000.0, np.maximum(up * 1e9, exact)))
+    plan[:, DURATION] = nanoseconds
+    share = np.clip(np.abs(genes[:, WRITE]), 0.0, 1.0)
+    plan[:, WRITE] = np.floor(np.minimum(share * write_delay * 1e9, nanoseconds))
+    plan[:, APPLIED] = np.clip(2.0 - np.abs(genes[:, APPLIED]), 0.0, 1.0)
+    plan[:, CUT] = np.clip(genes[:, CUT], -1.0, 1.0)
+    plan[:, SPLIT] = np.clip(0.5 + genes[:, SPLIT] / 4.0, 0.05, 1.0)
+    plan[:, TURN] = way[0] * genes[:, TURN] ** 3
+    plan[:, MICRO : MICRO + AXES] = way * genes[:, MICRO : MICRO + AXES] ** 3
+    plan[:, SPEED : SPEED + AXES] = manner.speed * np.clip(
+        genes[:, SPEED : SPEED + AXES] ** 3, -1.0, 1.0
+    )
+    plan[:, MISREAD : MISREAD + AXES] = np.clip(1.5 * genes[:, MISREAD : MISREAD + AXES], -1.0, 1.0)
+    plan[:, COMMAND : COMMAND + AXES] = manner.saturation * np.clip(
+        3.0 * genes[:, COMMAND : COMMAND + AXES], -1.0, 1.0
+    )
+    return plan
+
+
+@numba.njit(cache=True, error_model="numpy")
+def misread(
+    mode: int, axis: int, body: Floats, device: Floats, seen: Floats, share: float
+) -> float:
+    """Return a reading that is wrong by at most r, in m."""
+    position, error = body[POSITION, axis], device[ERROR, axis]
+    force = body[TARGET, axis]
+    if mode == 1:
+        return float(min(max(seen[READING, axis], position - error), position + error))
+    if mode == 2:
+        return float(position + math.copysign(error, seen[LAST_MOVE, axis]))
+    if mode == 3:
+        return float(position - math.copysign(error, seen[LAST_MOVE, axis]))
+    if mode == 4:
+        return float(position + math.copysign(error, force))
+    if mode == 5:
+        return float(position - math.copysign(error, force))
+    if mode == 6 and error > 0.0:
+        return float(2.0 * error * math.floor(position / (2.0 * error) + 0.5))
+    if mode == 7:
+        return float(position + math.copysign(error, share))
+    return float(position + error * share)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def command_of(mode: int, axis: int, index: int, seen: Floats, plan: Floats) -> float:
+    """Return the command of an axis for the next reading, in N."""
+    command = plan[index, COMMAND + axis]
+    if mode == 1:
+        return float(math.copysign(command, -seen[LAST_MOVE, axis]))
+    if mode == 2:
+        return float(math.copysign(command, seen[LAST_MOVE, axis]))
+    if mode == 3:
+        return float(abs(command) * (1.0 - 2.0 * (index % 2)))
+    if mode == 4:
+        return float(command if axis == 0 else 0.0)
+    return float(command)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def worst_way(device: Floats, numbers: Floats, force: Floats, duration: float, way: Floats) -> None:
+    """Put the move that costs least under a constant ``force``, rigid friction, into ``way``."""
+    axes = int(numbers[USED_AXES])
+    square = 0.0
+    for axis in range(axes):
+        way[axis] = device[GAIN, axis] * force[axis]
+        square += way[axis] * way[axis]
+    size = math.sqrt(square)
+    for axis in range(axes):
+        if numbers[ALONG_PATH] > 0.0:
+            share = max(1.0 - device[FRICTION, 0] / size, 0.0) if size > 0.0 else 0.0
+            way[axis] *= -share * duration / (2.0 * device[DAMPING, axis])
+        else:
+            excess = max(abs(way[axis]) - device[FRICTION, axis], 0.0)
+            way[axis] = -math.copysign(excess, way[axis]) * duration / (2.0 * device[DAMPING, axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def through(
+    body: Floats,
+    device: Floats,
+    numbers: Floats,
+    times: Floats,
+    moves: Floats,
+    force: Floats,
+    events: Floats,
+    record: Floats,
+    seen: Floats,
+) -> None:
+    """Walk the pieces of an interval, split at the write and at the cut of the watchdog.
+
+    Args:
+        body: The state; changed.
+        device: Properties.
+        numbers: The other numbers.
+        times: Length of each piece of the path, s, shape ``(pieces,)``.
+        moves: Move in each piece, m, shape ``(pieces, 3)``.
+        force: What is written, N.
+        events: Time of the write, time of the cut of the old force, hold of the new one, s.
+        record: Energy and its lowest value; changed.
+        seen: Position at the cut; changed.
+    """
+    lag = numbers[LAG]
+    write, cut, hold = events[0], events[1], events[2]
+    now = 0.0
+    step = np.empty(AXES)
+    for piece in range(times.size):
+        left = times[piece]
+        end = now + left
+        while True:
+            if write <= now and write >= 0.0:
+                body[TARGET] = force
+                cut, write = now + hold, -1.0
+            if cut <= now:
+                body[TARGET] = 0.0
+                record[CUT_TIME] = now
+                seen[AT_CUT] = body[POSITION]
+                cut = math.inf
+            if lag <= 0.0:
+                body[OUTPUT] = body[TARGET]
+            if left <= 0.0:
+                break
+            after = min(end, cut)
+            if write >= 0.0:
+                after = min(after, write)
+            duration = after - now
+            if after >= end:
+                duration, after = left, end
+            if duration > 0.0:
+                for axis in range(AXES):
+                    step[axis] = moves[piece, axis] * duration / times[piece]
+                if numbers[AT_TIP] > 0.0:
+                    record[ENERGY] += walk_at_tip(body, device, numbers, duration, step)
+                else:
+                    record[ENERGY] += walk(body, device, numbers, duration, step)
+                record[LOWEST] = min(record[LOWEST], record[ENERGY])
+            left -= duration
+            now = after
+            if now >= end:
+                left = 0.0
+    if write >= 0.0:  # at the very end of the interval, to rounding
+        body[TARGET] = force
+        cut = now + hold
+    record[CUT_AFTER] = cut - now
+
+
+@numba.njit(cache=True, error_model="numpy")
+def tick(
+    body: Floats,
+    device: Floats,
+    numbers: Floats,
+    plan: Floats,
+    index: int,
+    modes: Floats,
+    holds: Floats,
+    record: Floats,
+    seen: Floats,
+    force_1: float,
+    force_2: float,
+    force_3: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Strike with the written force, walk through an interval; return reading and next command.
+
+    Args:
+        body: The state at the reading; changed.
+        device: Properties.
+        numbers: The other numbers.
+        plan: Of the run.
+        index: Row of this interval.
+        modes: Places in READINGS and in COMMANDS.
+        holds: How long the device really holds this force, how long it is struck, and how long in
+            a late hold (0: not tried), s.
+        record: Energies; changed.
+        seen: Readings and moves; changed.
+        force_1: Force written, first axis, N.
+        force_2: Second axis.
+        force_3: Third axis.
+    """
+    force = np.array([force_1, force_2, force_3])
+    row = plan[index]
+    duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
+    record[CUT_TIME] = -1.0
+    low = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[1])
+    low += record[ENERGY]
+    if low < record[STRUCK]:
+        record[STRUCK] = low
+    if record[PEAK] > SMALLEST_PEAK:
+        record[SHARE] = min(record[SHARE], low / record[PEAK])
+    if record[PEAK] > LARGE_PEAK:
+        record[LEFT] = min(record[LEFT], low)
+    if holds[2] > 0.0:
+        late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
+        record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])
+    # The pieces: under the old force, under the new one (there and back), after its cut.
+    times, moves = np.zeros(4), np.zeros((4, AXES))
+    before = min(write, duration)
+    held = min(duration - before, holds[0])
+    times[0], times[1] = before, held * row[SPLIT]
+    times[2], times[3] = held - times[1], duration - before - held
+    worst_way(device, numbers, body[TARGET], max(before, 1e-9), moves[0])
+    worst_way(device, numbers, force, max(held, 1e-9), moves[1])
+    for axis in range(int(numbers[USED_AXES])):
+        old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]
+        drift = row[SPEED + axis]
+        extra = row[MICRO + axis] + drift * held
+        share = row[SPLIT]
+        moves[0, axis] = old + drift * before
+        moves[1, axis] = share * (new + extra) + row[TURN]
+        moves[2, axis] = (1.0 - share) * (new + extra) - row[TURN]
+        moves[3, axis] = row[RETURN] * new + drift * times[3]
+    for piece in range(4):
+        no_faster(moves[piece], times[piece], numbers[FASTEST])
+    start = body[POSITION].copy()
+    events = np.array([write, record[CUT_AFTER], holds[0]])
+    through(body, device, numbers, times, moves, force, events, record, seen)
+    record[PEAK] = max(record[PEAK], record[ENERGY])
+    following = min(index + 1, len(plan) - 1)
+    seen[LAST_MOVE] = body[POSITION] - start
+    for axis in range(AXES):
+        seen[READING, axis] = misread(
+            int(modes[0]), axis, body, device, seen, plan[following, MISREAD + axis]
+        )
+    mode = int(modes[1])
+    return (
+        seen[READING, 0],
+        seen[READING, 1],
+        seen[READING, 2],
+        command_of(mode, 0, following, seen, plan),
+        command_of(mode, 1, following, seen, plan),
+        command_of(mode, 2, following, seen, plan),
+    )

@@ -1,0 +1,202 @@
+"""The bounder in a run: what it met, and why it gave little force.
+
+A certified law gives at most ``f_c + 2 sqrt(b G / T_max)`` for a ledger of G joules. Each cause is
+judged by its share in that: what lengthens T_max, what empties the ledger, what fills it slowly.
+:mod:`forcebound.monitor.wording` says what to do about each.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from forcebound.analysis.surface import Floats
+from forcebound.bounding import LAWS
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import BOUNDER_REPORTED
+from forcebound.telemetry import TelemetryColumns
+
+LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
+UNBOUNDED = 1.0 - 1e-9  # of the commanded force; below, it was made smaller, not merely rounded
+MISSED_SHARE = 0.01  # of all ticks
+LONG_HOLD = 1.3  # periods
+FREQUENT_OVERRUNS = 0.2  # 1/s; a silent watchdog takes a third of the ledger each time
+FREQUENT_REPORTED = 5.0  # 1/s; a reporting one takes a hundredth
+LATE_ANSWER = 1.0  # periods
+DEAR_SHARE = 0.25  # of the energy that the commanded force needs
+FULL_SHARE = 0.95  # of the energy cap
+COSTLY = ("presliding", "gain_error", "lag", "write_delay", "weight_error")  # of a device
+
+# What a summary has of the bounder's report, and has not without one.
+REPORTED = (
+    "hold_limit_ms",
+    "refused_readings",
+    "largest_allowance_j",
+    "allowance_repaid",
+    "energy_cap_j",
+    "number_sources",
+    "little_force",
+)
+
+
+class Cause(NamedTuple):
+    """One cause of little force."""
+
+    code: str  # a key of forcebound.monitor.wording.CAUSES
+    data: Mapping[str, Any]  # SI units
+
+
+def summarize_bounder(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what a run's bounder adds to its summary, ready for JSON.
+
+    Args:
+        columns: Telemetry of the run.
+        events: Of the run.
+        config: The launch file as resolved for the run.
+
+    Returns:
+        By key; None: the run does not say.
+
+        * ``hold_limit_overruns``: holds longer than the hold limit; missing if the run has no
+          report of its bounder, since then :func:`forcebound.analysis.summary.summarize` counts
+        * ``hold_limit_ms``: mean and longest hold limit of the run
+        * ``refused_readings``: readings that could not be
+        * ``largest_allowance_j``: the most that late holds can have given the hand;
+          ``allowance_repaid``: whether the ledger has it back
+        * ``energy_cap_j``: most energy that the ledger may keep, if the launch file says so
+        * ``number_sources``: how many of the device's numbers are measured, from a data sheet or
+          assumed, if any is stated
+        * ``little_force``: why the law gave little force, by ``cause`` and with its ``data``
+    """
+    device = config.get("device") or {}
+    report = bounder_report(events)
+    cap = device.get("energy_cap", "auto")
+    since = columns.slice(columns.time >= 0.0) if (columns.engagement > 0.0).any() else None
+    causes = [] if since is None else causes_of_little_force(since, device, report)
+    counted = {"hold_limit_overruns": report["overruns"]} if report else {}
+    limits = ("hold_limit", "longest_hold_limit")
+    mean, longest = (report[name] * 1e3 if report else None for name in limits)
+    return {
+        **counted,
+        "hold_limit_ms": {"mean": mean, "longest": longest},
+        "refused_readings": report.get("refused_readings"),
+        "largest_allowance_j": report.get("largest_allowance"),
+        "allowance_repaid": report.get("allowance_repaid"),
+        "energy_cap_j": None if cap == "auto" else cap,
+        "number_sources": _count_sources(device.get("sources") or {}),
+        "little_force": [{"cause": cause.code, "data": dict(cause.data)} for cause in causes],
+    }
+
+
+def bounder_report(events: Sequence[Event]) -> dict[str, Any]:
+    """Return the last report of the bounder among the events; empty if there is none."""
+    for event in reversed(events):
+        if event.event == BOUNDER_REPORTED:
+            return {name: json.loads(text) for name, text in event.data.items()}
+    return {}
+
+
+def _count_sources(sources: Mapping[str, str]) -> dict[str, int]:
+    kinds = sorted(set(sources.values()))
+    return {kind: list(sources.values()).count(kind) for kind in kinds}
+
+
+def is_limited(columns: TelemetryColumns) -> bool:
+    """Return whether the law makes the force smaller in most ticks that have one."""
+    limited, pushing = limited_ticks(columns)
+    return bool(limited.sum() > LIMITED_SHARE * pushing.sum())
+
+
+def limited_ticks(columns: TelemetryColumns) -> tuple[Any, Any]:
+    """Return masks of the ticks in which the force was made smaller, and of those with a force."""
+    commanded, applied = magnitudes(columns)
+    pushing = commanded > 0.0
+    return (applied < UNBOUNDED * commanded) & pushing, pushing
+
+
+def causes_of_little_force(
+    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
+) -> list[Cause]:
+    """Return why the law gives little force, the avoidable causes first; empty if it gives enough.
+
+    Args:
+        columns: Telemetry, since the force engaged.
+        device: Section ``device`` of the resolved launch file, in SI numbers.
+        report: What the device node reports of its bounder
+            (:meth:`forcebound.nodes.device.DeviceNode.status`); empty: not known.
+    """
+    law = device.get("law", "none")
+    if law == "none" or not is_limited(columns):
+        return []
+    causes = [*_of_the_loop(columns, device)]
+    if LAWS.is_shipped(law) and LAWS[law].is_certified:
+        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device, report)]
+    else:
+        causes.append(Cause("law_not_certified", {"law": law}))
+    return causes or [Cause("dissipation", {})]
+
+
+def _of_the_loop(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
+    missed = int(columns.deadline_misses[-1] - columns.deadline_misses[0])
+    share = missed / (missed + columns.seq.size)
+    if share > MISSED_SHARE:
+        yield Cause("missed_ticks", {"share": share})
+    delays = columns.loop_delay[np.isfinite(columns.loop_delay)]
+    if delays.size and np.median(delays) > LATE_ANSWER / device["rate"]:
+        yield Cause("delay", {"p50": float(np.median(delays))})
+
+
+def _of_holds(
+    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
+) -> Iterator[Cause]:
+    seconds = float(columns.time[-1] - columns.time[0])
+    watchdog = device.get("watchdog", "silent")
+    frequent = {"silent": FREQUENT_OVERRUNS, "reporting": FREQUENT_REPORTED}.get(watchdog)
+    overruns = report.get("overruns", 0)
+    if frequent is not None and seconds > 0.0 and overruns > frequent * seconds:
+        yield Cause("overruns", {"rate": overruns / seconds})
+    if "hold_limit" in report:
+        periods = report["hold_limit"] * device["rate"]
+        if periods > LONG_HOLD:
+            is_learned = device.get("hold_limit") == "auto"
+            yield Cause("late_ticks" if is_learned else "long_hold_limit", {"periods": periods})
+
+
+def _of_the_ledger(
+    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
+) -> Iterator[Cause]:
+    limited, _ = limited_ticks(columns)
+    cap = report.get("energy_cap")
+    if cap is not None and device.get("energy_cap", "auto") != "auto":
+        full = columns.estimated_energy[limited] > FULL_SHARE * cap
+        if full.mean() > DEAR_SHARE:
+            yield Cause("energy_cap", {"cap": cap})
+    costly = [name for name in COSTLY if np.any(device.get(name) or 0.0)]
+    if costly:
+        yield Cause("imperfections", {"names": ", ".join(f"device.{name}" for name in costly)})
+    price = 0.5 * np.max(device["resolution"]) * _path(columns.applied_force)
+    if price > DEAR_SHARE * _needed(columns, device):
+        yield Cause("resolution", {"price": float(price)})
+
+
+def _needed(columns: TelemetryColumns, device: Mapping[str, Any]) -> float:
+    """Energy that the commanded force needs where it was limited, in J."""
+    limited, _ = limited_ticks(columns)
+    commanded, _ = magnitudes(columns)
+    excess = np.maximum(commanded[limited] - np.min(device["friction"]), 0.0)
+    return float(np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"]))
+
+
+def _path(force: Floats) -> float:
+    return float(np.abs(np.diff(force, axis=0)).sum())
+
+
+def magnitudes(columns: TelemetryColumns) -> tuple[Floats, Floats]:
+    """Return the magnitudes of the commanded and of the applied force, in N, shape ``(n,)``."""
+    return (
+        np.linalg.norm(columns.commanded_force, axis=1),
+        np.linalg.norm(columns.applied_force, axis=1),
+    )

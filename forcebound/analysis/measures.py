@@ -1,0 +1,301 @@
+"""Measures of a run in groups, and why a run does not have one.
+
+Each group takes the samples of a run with an engaged force and returns some keys of a summary; see
+``docs/results.md``.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcebound.analysis.contact import (
+    STEADY_SHARE,
+    STEADY_WINDOW,
+    count_bounces,
+    displayed_stiffness,
+    extended_rate_hardness,
+    limit_cycle_amplitude,
+    rate_hardness,
+    settling,
+)
+from forcebound.analysis.energy import largest_fall, observe, since_contact
+from forcebound.analysis.spectrum import displayed_impedance, transparency_bandwidth, vibration
+from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
+from forcebound.messages.packets import Event
+from forcebound.telemetry import TelemetryColumns
+
+Mask: TypeAlias = NDArray[np.bool_]
+
+GAP = 1.5  # periods; samples further apart do not belong to one stretch
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of a run with an engaged force, in contact or not."""
+
+    columns: TelemetryColumns
+    wall: Surface | None
+    depth: Floats  # m, shape (n,); without a surface NaN
+    contact: Mask  # (n,); without a surface: a force is commanded
+    mass: float | None  # kg, apparent mass of the device
+    rate: float  # Hz, nominal; NaN where neither the launch file nor the samples tell
+
+    @classmethod
+    def of(
+        cls, columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+    ) -> "Samples":
+        """Return the samples of a run; its events say when the surface was moved or changed.
+
+        Raises:
+            ConfigError: If the launch file describes a surface that does not fit the run.
+        """
+        engaged = columns.slice(columns.engagement > 0.0)
+        wall = surface_of_run(engaged, events, config)
+        if wall is None:
+            depth = np.full(engaged.time.size, np.nan)
+            contact = np.linalg.norm(engaged.commanded_force, axis=1) > 0.0
+        else:
+            depth = penetration(engaged, wall)
+            contact = depth > 0.0
+        device = config.get("device") or {}
+        rate = device.get("rate") or _rate(engaged.time)
+        return cls(engaged, wall, depth, contact, device.get("mass"), rate)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether a simulated device gave the true position."""
+        return bool(np.isfinite(self.columns.true_position).all())
+
+    @property
+    def path(self) -> Floats:
+        """Position along the surface's normal, in m, shape ``(n,)``: true where it is known."""
+        axis = 0 if self.wall is None else self.wall.axis
+        columns = self.columns
+        return (columns.true_position if self.has_truth else columns.position)[:, axis]
+
+    @property
+    def normal_force(self) -> Floats:
+        """Applied force along the surface's normal, in N, shape ``(n,)``."""
+        axis = 0 if self.wall is None else self.wall.axis
+        return self.columns.applied_force[:, axis]
+
+
+def contact_measures(run: Samples) -> dict[str, Any]:
+    """Return what the hand feels of a surface; all None without one."""
+    time, depth, force = run.columns.time, run.depth, run.normal_force
+    touched = depth[int(np.argmax(run.contact)) :] if run.contact.any() else depth[:0]
+    settled = settling(time, depth)
+    has_surface = run.wall is not None and depth.size > 0
+    return {
+        "displayed_stiffness_n_per_m": displayed_stiffness(time, force, depth),
+        "rate_hardness_n_per_m": rate_hardness(time, force, depth),
+        "extended_rate_hardness_n_per_m": extended_rate_hardness(time, force, depth),
+        "peak_penetration_m": max(float(depth.max()), 0.0) if has_surface else None,
+        "contact_bounces": count_bounces(touched) if has_surface else None,
+        "settling_time_s": None if settled is None else settled.time,
+        "overshoot_share": None if settled is None else settled.overshoot,
+        "limit_cycle_amplitude_m": limit_cycle_amplitude(time, run.path) if has_surface else None,
+    }
+
+
+def force_measures(run: Samples) -> dict[str, Any]:
+    """Return the errors of the force in contact, and its vibration in steady contact."""
+    columns, contact = run.columns, run.contact
+    error = columns.commanded_force - columns.applied_force
+    ideal = _ideal_error(run)
+    felt = None
+    if run.wall is not None:
+        axis = run.wall.axis
+        window = _steady(columns.time)
+        steady = _longest_stretch(columns.time, window, run.rate)
+        if (window & contact).any():
+            apart = error[:, axis] if ideal is None else ideal
+            felt = vibration(apart[steady], run.rate, run.mass)
+    strongest = None if felt is None else int(np.argmax(felt.above_threshold))
+    has_mass = felt is not None and run.mass is not None
+    return {
+        "force_error_rms_n": _rms(np.linalg.norm(error, axis=1)[contact]),
+        "wall_error_rms_n": None if ideal is None else _rms(ideal[contact]),
+        "vibration_above_threshold_db": float(felt.above_threshold[strongest])
+        if felt is not None and has_mass
+        else None,
+        "vibration_frequency_hz": float(felt.frequency[strongest])
+        if felt is not None and has_mass
+        else None,
+        "vibration": None
+        if felt is None
+        else {
+            "frequency_hz": felt.frequency.tolist(),
+            "force_rms_n": felt.force.tolist(),
+            "above_threshold_db": felt.above_threshold.tolist() if has_mass else None,
+        },
+    }
+
+
+def impedance_measures(run: Samples) -> dict[str, Any]:
+    """Return the displayed impedance and its bandwidth."""
+    time = run.columns.time
+    stretch = _longest_stretch(time, run.contact, run.rate)
+    shown = None
+    if run.wall is not None:
+        shown = displayed_impedance(run.normal_force[stretch], run.path[stretch], run.rate)
+    stiffness = None if run.wall is None else run.wall.constant_stiffness
+    return {
+        "transparency_bandwidth_hz": transparency_bandwidth(shown, stiffness)
+        if shown is not None and stiffness
+        else None,
+        "displayed_impedance": None
+        if shown is None
+        else {
+            "frequency_hz": shown.frequency.tolist(),
+            "stiffness_n_per_m": shown.stiffness.tolist(),
+            "damping_n_s_per_m": shown.damping.tolist(),
+        },
+    }
+
+
+def energy_measures(run: Samples) -> dict[str, Any]:
+    """Return what energy does besides its minimum: falls, contact, observer, deficit."""
+    columns = run.columns
+    fall = largest_fall(columns.time, columns.true_energy)
+    seen = observe(columns.time, columns.applied_force, columns.position)
+    first = int(np.argmax(run.contact)) if run.contact.any() else None
+    contact = None
+    if run.wall is not None and first is not None and run.mass is not None:
+        contact = since_contact(
+            columns.time, columns.true_energy, columns.true_position, first, run.mass
+        )
+    known = columns.estimated_energy[np.isfinite(columns.estimated_energy)]
+    return {
+        "largest_energy_fall_j": None if fall is None else fall.energy,
+        "energy_regain_time_s": None if fall is None else fall.time_to_regain,
+        "energy_since_contact_min_j": contact,
+        "observed_energy_min_j": None if seen is None else seen.energy_min,
+        "observed_power_min_w": None if seen is None else seen.power_min,
+        "observed_deficit_share": None if seen is None else seen.deficit_share,
+        "ledger_deficit_share": float(np.mean(known < 0.0)) if known.size else None,
+    }
+
+
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "displayed_stiffness_n_per_m": ("force", "surface", "contact"),
+    "rate_hardness_n_per_m": ("force", "surface", "contact"),
+    "extended_rate_hardness_n_per_m": ("force", "surface", "contact"),
+    "peak_penetration_m": ("force", "surface"),
+    "contact_bounces": ("force", "surface"),
+    "settling_time_s": ("force", "surface", "contact"),
+    "overshoot_share": ("force", "surface", "contact"),
+    "limit_cycle_amplitude_m": ("force", "surface"),
+    "penetration_at_rest_m": ("force", "surface", "truth"),
+    "final_speed_m_per_s": ("force", "truth"),
+    "at_rest": ("force", "truth"),
+    "force_error_rms_n": ("force", "contact"),
+    "bounder_active_share": ("force", "contact"),
+    "wall_error_rms_n": ("force", "surface", "truth", "stiffness", "contact"),
+    "vibration_above_threshold_db": ("force", "surface", "contact", "mass"),
+    "vibration_frequency_hz": ("force", "surface", "contact", "mass"),
+    "vibration": ("force", "surface", "contact"),
+    "transparency_bandwidth_hz": ("force", "surface", "contact", "constant"),
+    "displayed_impedance": ("force", "surface", "contact"),
+    "true_energy_min_j": ("force", "truth"),
+    "largest_energy_fall_j": ("force", "truth"),
+    "energy_regain_time_s": ("force", "truth"),
+    "energy_since_contact_min_j": ("force", "truth", "surface", "contact", "mass"),
+    "estimated_energy_min_j": ("force",),
+    "ledger_deficit_share": ("force",),
+    "observed_energy_min_j": ("force",),
+    "observed_power_min_w": ("force",),
+    "observed_deficit_share": ("force",),
+}
+
+_WITHOUT = {
+    "force": "the force never engaged",
+    "truth": "needs ground truth, which only a simulated device has",
+    "surface": "the launch file describes no surface",
+    "stiffness": "the environment has no constant stiffness",
+    "constant": "the environment has no constant stiffness",
+    "contact": "no contact",
+    "mass": "the launch file states no mass of the device",
+}
+
+_NO_EXCITATION = (
+    "needs 4 s of contact without gaps in which the hand moves by 1 um RMS or more in a third-"
+    "octave band, with coherence 0.9; launch file impedance gives it"
+)
+_NOT_STEADY = "needs 0.5 s without gaps in the steady window, with contact in it"
+_NOT_INWARDS = "needs a first contact of three samples in which the hand moves inwards"
+_NOT_SETTLED = "the penetration does not stay within 5 % of its final value for the last 0.5 s"
+
+_LAST_REASON = {
+    "displayed_stiffness_n_per_m": "no contact in the steady window",
+    "rate_hardness_n_per_m": _NOT_INWARDS,
+    "extended_rate_hardness_n_per_m": _NOT_INWARDS,
+    "settling_time_s": _NOT_SETTLED,
+    "overshoot_share": _NOT_SETTLED,
+    "penetration_at_rest_m": "the hand is not at rest",
+    "energy_regain_time_s": "not regained by the end of the run",
+    "vibration_above_threshold_db": _NOT_STEADY,
+    "vibration_frequency_hz": _NOT_STEADY,
+    "vibration": _NOT_STEADY,
+    "transparency_bandwidth_hz": _NO_EXCITATION,
+    "displayed_impedance": _NO_EXCITATION,
+    "estimated_energy_min_j": "the law keeps no ledger",
+    "ledger_deficit_share": "the law keeps no ledger",
+}
+
+
+def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
+    """Return for each figure that is None, by its key, why this run does not have it."""
+    has = {
+        "force": run.columns.time.size > 0,
+        "truth": run.has_truth,
+        "surface": run.wall is not None,
+        "stiffness": run.wall is not None and run.wall.stiffness is not None,
+        "constant": run.wall is not None and run.wall.constant_stiffness is not None,
+        "contact": bool(run.contact.any()),
+        "mass": run.mass is not None,
+    }
+    reasons = {}
+    for key, needs in _NEEDS.items():
+        if figures[key] is None:
+            missing = [_WITHOUT[need] for need in needs if not has[need]]
+            reasons[key] = (missing or [_LAST_REASON.get(key, "the run is too short")])[0]
+    return reasons
+
+
+def _ideal_error(run: Samples) -> Floats | None:
+    """Return what the ideal wall would push more than the motor, in N; None if it is unknown."""
+    if run.wall is None or run.wall.stiffness is None or not run.has_truth:
+        return None
+    wanted = run.wall.stiffness * np.maximum(run.path - run.wall.position, 0.0)
+    return np.asarray(wanted - run.normal_force)
+
+
+def _rms(values: Floats) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def _steady(time: Floats) -> Mask:
+    start, end = STEADY_WINDOW
+    if time.size and time[-1] < end:
+        start, end = time[-1] * (1.0 - STEADY_SHARE), time[-1]
+    return np.asarray((time >= start) & (time <= end))
+
+
+def _rate(time: Floats) -> float:
+    return 1.0 / float(np.median(np.diff(time))) if time.size > 1 else math.nan
+
+
+def _longest_stretch(time: Floats, mask: Mask, rate: float) -> slice:
+    """Return the longest run of samples in the mask that has no gap in time."""
+    joined = mask[1:] & mask[:-1] & (np.diff(time) <= GAP / rate)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], joined, [False])).astype(np.int8)))
+    if not edges.size:
+        return slice(0, 0)
+    starts, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - starts))
+    return slice(int(starts[longest]), int(ends[longest]) + 1)

@@ -1,0 +1,82 @@
+"""What a simulated device really has, where that differs from what it states.
+
+Without it, a simulated device is the least favourable one that its statements permit: exactly the
+minimum damping and friction, the motor at the upper end of its gain error, the full write delay,
+the watchdog as late as it may be. So a law that relies on the statements has no hidden reserve, and
+an experiment that asks what a wrong statement costs changes one number here.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from forcebound.devices.stated import (
+    DampingOfAxes,
+    ForceOfAxes,
+    FrictionOfAxes,
+    LengthOfAxes,
+    per_axis,
+)
+from forcebound.messages.packets import Vector
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueMotor:
+    """True values of the motor and its watchdog; null: as stated.
+
+    Attributes:
+        gain: The motor gives so many times what it is told.
+        lag: Time constant of the amplifier, first order.
+        write_delay: From a write to the moment when its force acts.
+        watchdog: The watchdog drops a force after so many hold limits.
+        random: Draw each write delay and each time of the watchdog evenly from what the device
+            states: from none to all of the write delay, and within the tolerance.
+        seed: Of these draws.
+    """
+
+    gain: Annotated[Ratio, NOT_NEGATIVE] | None = None
+    lag: Annotated[Time, NOT_NEGATIVE] | None = None
+    write_delay: Annotated[Time, NOT_NEGATIVE] | None = None
+    watchdog: Annotated[Ratio, POSITIVE] | None = None
+    random: bool = False
+    seed: Annotated[int, Range(at_least=0)] = 1
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueAxes(TrueMotor):
+    """True values of a device with independent axes; null: as stated.
+
+    Attributes:
+        damping: Viscous damping; one for all axes, or one of each, as are the next four.
+        friction: Coulomb friction of each axis by itself.
+        presliding: Way over which friction yields elastically.
+        resolution: Resolution of the encoder.
+        weight: Of the tip, positive against positive motion.
+    """
+
+    damping: DampingOfAxes | None = None
+    friction: FrictionOfAxes | None = None
+    presliding: LengthOfAxes | None = None
+    resolution: LengthOfAxes | None = None
+    weight: ForceOfAxes | None = None
+
+
+def true_value(model: Any, name: str) -> Any:
+    """Return the true value of a number that a model states under ``name``."""
+    value = getattr(model.truth, name, None)
+    return getattr(model, name) if value is None else value
+
+
+def true_axes(model: Any, name: str) -> Vector:
+    """Return the true values of a number of each axis."""
+    return per_axis(true_value(model, name), model.axes)

@@ -1,0 +1,176 @@
+"""A device behind its bounder: reading, hold limit, bounding, writing, in one call.
+
+At each write the bounder hears what really happened since the last one, before it decides:
+
+1. *When.* The time of the reading, and later the time from which the written force acts: from the
+   device's stamps; else from the clock, before the read and after the write, so that the time
+   between them is never taken for shorter than it is; else the time of the tick.
+2. *Cuts.* Where and when a reporting watchdog has dropped a force.
+3. *The hold limit* of the force to come. The device is given it before the write.
+
+An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
+torques, and the command becomes the torques of that force at the tip. The bounder scales the vector
+of torques, so what is applied is the same part of the commanded force at the tip.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.devices import Device
+from forcebound.messages.packets import Vector
+from forcebound.nodes.hold_limit import FIXED, HoldLimit
+
+LEARNS = False  # until the bounder takes another hold limit in a run
+
+
+class Written(NamedTuple):
+    """What one write did, at the tip."""
+
+    position: Vector  # m, of the reading that the bounder used
+    applied: Vector  # N
+    limit: float  # N, largest magnitude that law and saturation allowed in this direction
+
+
+class BoundedDevice:
+    """A device whose every force is bounded.
+
+    Args:
+        device: Open, without force.
+        law: A key of ``forcebound.bounding.LAWS``.
+        dissipation: What the law may rely on.
+        learns: Whether the hold limit follows the lateness of the ticks, if that is possible.
+        clock: Returns the time, in ns; None: everything in a tick happens at the time of the tick.
+
+    Attributes:
+        bounder: Of this device.
+        learns: Whether the hold limit does follow the lateness.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        law: str,
+        dissipation: Dissipation,
+        learns: bool,
+        clock: Callable[[], int] | None = None,
+    ) -> None:
+        self._device = device
+        self._clock = clock
+        self._saturation = dissipation.saturation
+        self._kinematics: Any = getattr(device, "kinematics", None)
+        self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
+        self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
+        self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
+        if dissipation.watchdog != "reporting":
+            self._cut = None
+        self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
+        self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
+        self._use_limit = dissipation.hold_limit
+        if learns and (not self.learns or (clock is not None and not LEARNS)):
+            self.learns = False
+            self._use_limit = FIXED * dissipation.period
+        dissipation = replace(dissipation, hold_limit=self._use_limit)
+        self.bounder = ForceBounder(law, dissipation, device.axes)
+        self._zero: Vector = (0.0,) * device.axes
+        self._read_ns: int | None = None
+        self.begin()
+
+    def begin(self) -> None:
+        """Count and learn from now on: the force engages."""
+        self._hold_limit.restart()
+        if self.learns:
+            self._change_limit(self._hold_limit.limit_ns * 1e-9)
+        self._overruns = self.bounder.overruns
+        self._refused = self.bounder.refused_readings
+        self._writes, self._held = 0, 0.0
+        self._longest = 0.0
+
+    def read(self, time_ns: int) -> Vector:
+        """Return the position of the tip, in m."""
+        reading = self._device.read(time_ns)
+        return reading if self._kinematics is None else self._kinematics.position(reading)
+
+    def write(self, time_ns: int, commanded: Vector, engagement: float) -> Written:
+        """Read, bound, write.
+
+        Args:
+            time_ns: Now, in ns.
+            commanded: Force at the tip, in N.
+            engagement: Factor of the engage ramp that ``commanded`` contains, 0 to 1.
+        """
+        device, bounder, kinematics = self._device, self.bounder, self._kinematics
+        read_ns = time_ns if self._clock is None else self._clock()
+        reading = device.read(time_ns)
+        if self._stamps is not None:
+            read_ns = self._stamps()[0]
+        position, force = reading, commanded
+        if kinematics is not None:
+            position = kinematics.position(reading)
+            force = self._torque(kinematics.torque(reading, commanded), engagement)
+        if self._read_ns is None:  # the ledger begins here, with no force held
+            bounder.start(read_ns, reading)
+            bounded = self._zero
+        else:
+            cut = None if self._cut is None else self._cut()
+            if cut is not None:
+                bounder.report_cut(*cut)
+            if LEARNS and self.learns and self._hold_limit.observe(read_ns - self._read_ns):
+                self._change_limit(self._hold_limit.limit_ns * 1e-9)
+            bounded = bounder.bound(read_ns, reading, force)
+        self._read_ns = read_ns
+        applied = device.write(time_ns, bounded)
+        write_ns = time_ns if self._clock is None else self._clock()
+        if self._stamps is not None:
+            write_ns = self._stamps()[1]
+        bounder.settle(applied, write_ns)
+        self._writes += 1
+        self._held += self._use_limit
+        self._longest = max(self._longest, self._use_limit)
+        if kinematics is None:
+            return Written(position, applied, bounder.limit)
+        scale = _length(commanded) / (_length(force) or math.inf)
+        share = scale * _length(applied) / (_length(commanded) or math.inf)
+        return Written(position, tuple([share * f for f in commanded]), scale * bounder.limit)
+
+    def report(self) -> dict[str, Any]:
+        """Return what the bounder has met since :meth:`begin`, as plain values.
+
+        ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
+        ``longest_hold_limit``, in s; ``refused_readings``; ``largest_allowance``: the most that
+        late holds can have leaked, in J, and ``allowance_repaid``.
+        """
+        bounder = self.bounder
+        return {
+            "overruns": bounder.overruns - self._overruns,
+            "hold_limit": self._held / self._writes if self._writes else self._use_limit,
+            "longest_hold_limit": self._longest or self._use_limit,
+            "refused_readings": bounder.refused_readings - self._refused,
+            "largest_allowance": bounder.largest_allowance,
+            "allowance_repaid": bounder.allowance_repaid,
+        }
+
+    def _change_limit(self, seconds: float) -> None:
+        self._use_limit = seconds
+        self.bounder.set_hold_limit(seconds)
+        if self._tell is not None:
+            self._tell(seconds)
+
+    def _torque(self, torque: Vector, engagement: float) -> Vector:
+        """Return no more torque than the motors have, in N m; the direction is kept.
+
+        The saturation of the safety chain is one of the force at the tip, so this is the place for
+        that of the joints; as there, the engage ramp comes after it.
+        """
+        magnitude, largest = _length(torque), self._saturation * engagement
+        if magnitude <= largest:
+            return torque
+        if not math.isfinite(magnitude):
+            return self._zero
+        return tuple([largest / magnitude * t for t in torque])
+
+
+def _length(vector: Vector) -> float:
+    return math.hypot(*vector)

@@ -1,0 +1,188 @@
+"""The audit of certificates: its ground truth, its cases, and what it finds."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from forcebound.audit import (
+    CERTIFICATES,
+    PathResult,
+    attack_path,
+    path_case_of,
+    replay_path,
+    run_certificates,
+)
+from forcebound.audit import truth as ground
+from forcebound.audit.certify import PathTask, results_of
+from forcebound.audit.paths import SENSORS, dimensions, encode
+from forcebound.audit.plan import axes_of, device_of, dissipation_of, plan_of
+from forcebound.audit.report import page
+from forcebound.bounding import ENERGY_TOLERANCE, LAWS
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+
+CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
+INFORMED = sorted(name for name, one in CERTIFICATES.items() if one.unstated)
+RUNS = 150
+
+
+def lowest(law: str, certificate: str, is_stated: bool, sensor: int | None, runs: int) -> float:
+    results = results_of(PathTask(law, certificate, is_stated, sensor, 1, runs))
+    return min(result.margin for result in results)
+
+
+@pytest.mark.parametrize("law", CERTIFIED_LAWS)
+@pytest.mark.parametrize("certificate", CERTIFICATES)
+def test_a_certificate_holds_on_any_path(certificate: str, law: str) -> None:
+    assert lowest(law, certificate, True, None, RUNS) >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("certificate", INFORMED)
+def test_a_law_that_is_not_informed_leaks(certificate: str) -> None:
+    attacks = (lowest("certified", certificate, False, sensor, 240) for sensor in (None, 4, 1, 0))
+    assert any(energy < -100 * ENERGY_TOLERANCE for energy in attacks)
+
+
+@pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
+def test_the_attacks_break_the_laws_that_are_not_certified(law: str) -> None:
+    assert lowest(law, "plain", True, None, 60) < -1e-3
+
+
+@pytest.mark.parametrize("certificate", CERTIFICATES)
+def test_the_attacks_leave_nearly_nothing(certificate: str) -> None:
+    results = list(results_of(PathTask("certified", certificate, True, None, 1, 60)))
+    assert sum(result.share_left < 0.01 for result in results) > 15
+
+
+def truth_of(name: str) -> tuple[ground.TrueDevice, ground.Motion]:
+    case = path_case_of(name)
+    return device_of(case), ground.start(axes_of(case))
+
+
+def test_a_bristle_gives_back_what_it_has_stored_and_loses_what_slides() -> None:
+    stretch = 1e-4  # m
+    assert ground.pull(2.0, stretch, 0.0, stretch) == pytest.approx(1e-4)  # half f z, stored
+    assert ground.pull(2.0, stretch, stretch, 0.0) == pytest.approx(-1e-4)
+    assert ground.pull(2.0, stretch, stretch, 3.0 * stretch) == pytest.approx(2.0 * 2e-4)
+    assert ground.pull(2.0, 0.0, 0.0, stretch) == pytest.approx(2e-4)
+
+
+def test_a_motor_with_a_lag_works_as_the_sum_of_small_steps() -> None:
+    device, motion = truth_of("plain:1")
+    device = device._replace(lag=3e-4, gain=1.1)
+    step = np.full(motion.axes.shape[1], 1e-3)
+    motion.axes[ground.WRITTEN] = 2.0
+    coarse = motion.axes.copy()
+    work = ground.work_of_motor(device, step, 1e-3, coarse)
+    fine = motion.axes.copy()
+    parts = sum(ground.work_of_motor(device, step / 1000, 1e-6, fine) for _ in range(1000))
+    assert parts == pytest.approx(work)
+    assert coarse[ground.MOTOR] == pytest.approx(2.2 * (1.0 - math.exp(-1.0 / 0.3)))
+
+
+def test_the_best_theft_takes_the_most_from_a_constant_force() -> None:
+    device, _ = truth_of("own_axes:4")
+    for force in (np.zeros(device.damping.size), device.friction * 3.0 + 1.0):
+
+        def spent(speeds: ground.Floats, force: ground.Floats = force) -> float:
+            viscous = np.sum(device.damping * speeds * speeds)
+            return float(viscous + np.sum(device.friction * np.abs(speeds)) + force @ speeds)
+
+        best = ground.best_theft(device, force)
+        for factor in (0.0, 0.9, 1.1, 2.0):
+            assert spent(best) <= spent(factor * best)
+
+
+@pytest.mark.parametrize("sensor", range(len(SENSORS)))
+def test_readings_are_wrong_by_at_most_half_the_resolution(sensor: int) -> None:
+    for number in range(10):
+        code = encode(sensor, number, np.random.default_rng(number).random(size("plain")).tolist())
+        case = path_case_of(f"plain:{code}")
+        assert case.sensor == sensor
+        _, trace = attack_path("certified", case)
+        r = case.numbers["resolution"] / 2.0
+        assert np.abs(trace[:, 2] - trace[:, 1]).max() <= r * (1.0 + 1e-9) + 1e-12
+
+
+def size(certificate: str) -> int:
+    return dimensions(CERTIFICATES[certificate])
+
+
+@pytest.mark.parametrize("certificate", CERTIFICATES)
+def test_a_case_is_made_again_from_its_name(certificate: str) -> None:
+    code = encode(2, 7, np.random.default_rng(3).random(size(certificate)).tolist())
+    for name in (f"{certificate}:11", f"{certificate}:{code}"):
+        case = path_case_of(name)
+        assert case == path_case_of(name)
+        dissipation_of(case)  # refuses what is out of range
+        times = plan_of(case)
+        assert (np.diff(times.read_ns) > 0).all()
+        assert (times.write_ns >= times.read_ns).all()
+        assert (times.write_ns[:-1] < times.read_ns[1:]).all()
+        first, trace = attack_path("certified", case)
+        again, trace_again = replay_path("certified", name)
+        assert first == again
+        assert np.array_equal(trace, trace_again, equal_nan=True)
+
+
+@pytest.mark.parametrize("name", ["", "plain", "plain:", "plain:-1", "plain:c00", "plain:x"])
+def test_a_name_that_is_no_case_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"expected after the certificate|no certificate"):
+        path_case_of(name)
+
+
+def test_the_campaign_reports_what_holds_and_what_leaks() -> None:
+    reported: list[tuple[int, int]] = []
+    document = run_certificates(
+        ["certified"], ["own_axes"], 40, 40, 1, 0, lambda *progress: reported.append(progress)
+    )
+    (row,) = document["certificates"]
+    assert reported[-1] == (document["runs"], document["runs"])
+    assert row["holds"]
+    assert row["runs"] == 80
+    assert row["without"]["runs"] == 4
+    again: PathResult = replay_path("certified", row["without"]["case"])[0]
+    assert again.margin == row["without"]["margin_min_j"]
+    assert run_certificates(["certified"], ["own_axes"], 40, 40, 1, 2) == document
+    text = page(document, "the command")
+    assert f"| {row['summary']} | `certified` | 80 | 0 |" in text
+    assert f"`certified {row['without']['case']}`" in text
+
+
+def test_what_is_no_certificate_is_refused() -> None:
+    with pytest.raises(ConfigError, match="known are plain"):
+        run_certificates(["certified"], ["unheard"], 1, 0)
+    with pytest.raises(ConfigError, match="only a certified law"):
+        run_certificates(["aol"], ["plain"], 1, 0)
+    with pytest.raises(ConfigError, match="runs must be >= 1"):
+        run_certificates(["certified"], ["plain"], 0, 0)
+
+
+def test_the_command_attacks_a_certificate_and_shows_a_run_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    options = ["audit", "--runs", "20", "--search", "0", "--workers", "0", "--certificate", "plain"]
+    done = CliRunner().invoke(main, [*options, "--law", "certified", "--json"])
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert [row["law"] for row in document["laws"]] == ["certified"]
+    assert [row["certificate"] for row in document["certificates"]] == ["plain"]
+    broken = dataclasses.replace(LAWS["none"], is_certified=True)
+    monkeypatch.setitem(LAWS, "certified", broken)
+    done = CliRunner().invoke(main, [*options, "--law", "certified"])
+    assert done.exit_code == 1, done.output
+    assert "BROKEN" in done.stdout
+    monkeypatch.undo()
+    picture = tmp_path / "run.png"
+    again = ["audit", "replay", "certified", "plain:3"]
+    done = CliRunner().invoke(main, [*again, "--out", str(picture), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["margin"] == replay_path("certified", "plain:3")[0].margin
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    done = CliRunner().invoke(main, [*again, "--duration", "1 s"])
+    assert "has a length of its own" in done.output

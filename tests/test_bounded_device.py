@@ -1,0 +1,131 @@
+"""A device behind its bounder: stamps, cuts, hold limits and joints, by a device that notes all."""
+
+import math
+
+import pytest
+from builders import MS
+
+from forcebound.bounding import Dissipation
+from forcebound.devices.truth import Truth
+from forcebound.messages.packets import Vector
+from forcebound.nodes.bounded_device import BoundedDevice
+
+DISSIPATION = Dissipation(
+    damping=0.27, friction=0.12, resolution=0.0, period=1e-3, hold_limit=1.02e-3, saturation=8.5
+)
+
+
+class Silent:
+    """A device without any optional member."""
+
+    def __init__(self, axes: int = 1) -> None:
+        self.axes = axes
+        self.position: Vector = (0.0,) * axes
+        self.written: list[Vector] = []
+
+    def engage(self, time_ns: int) -> None: ...
+
+    def read(self, time_ns: int) -> Vector:
+        return self.position
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        self.written.append(force)
+        return force
+
+    def truth(self) -> Truth | None:
+        return None
+
+    def close(self) -> None: ...
+
+
+class Told(Silent):
+    """A device that can be given a hold limit, and notes it with the writes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.limits: list[float] = []
+
+    def set_hold_limit(self, seconds: float) -> None:
+        self.limits.append(seconds)
+
+
+class Lever:
+    """Two levers of 0.5 m and 0.25 m, at right angles to their forces."""
+
+    def position(self, angles: Vector) -> Vector:
+        return (0.5 * angles[0], 0.25 * angles[1])
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        return (0.5 * force[0], 0.25 * force[1])
+
+
+class Arm(Silent):
+    """An arm of two levers."""
+
+    kinematics = Lever()
+
+
+def bounded(device: Silent, law: str = "none", learns: bool = True) -> BoundedDevice:
+    return BoundedDevice(device, law, DISSIPATION, learns)
+
+
+def test_a_device_that_can_be_given_a_hold_limit_gets_the_shortest_one_first() -> None:
+    device = Told()
+    node = bounded(device)
+    assert node.learns
+    assert device.limits[-1] == pytest.approx(1.02e-3)
+    assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
+
+
+def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
+    node = bounded(Silent())
+    assert not node.learns
+    assert node.report()["hold_limit"] == pytest.approx(1.25e-3)
+
+
+def test_a_hold_limit_of_the_launch_file_stays() -> None:
+    device = Told()
+    node = bounded(device, learns=False)
+    assert device.limits == []
+    assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
+
+
+def test_an_arm_takes_torques_and_shows_the_force_at_its_tip() -> None:
+    arm = Arm(axes=2)
+    node = bounded(arm)
+    arm.position = (0.1, 0.2)
+    assert node.read(0) == (0.05, 0.05)
+    node.write(0, (0.0, 0.0), 1.0)
+    written = node.write(MS, (2.0, 4.0), 1.0)
+    assert arm.written[-1] == (1.0, 1.0)
+    assert written.position == (0.05, 0.05)
+    assert written.applied == pytest.approx((2.0, 4.0))
+
+
+def test_the_torques_of_an_arm_saturate_in_their_direction_and_the_ramp_comes_after() -> None:
+    arm = Arm(axes=2)
+    node = bounded(arm)
+    node.write(0, (0.0, 0.0), 1.0)
+    written = node.write(MS, (300.0, 800.0), 1.0)
+    assert math.hypot(*arm.written[-1]) == pytest.approx(8.5)
+    assert arm.written[-1][0] / arm.written[-1][1] == pytest.approx(0.75)
+    assert written.applied[0] / written.applied[1] == pytest.approx(0.375)
+    node.write(2 * MS, (300.0, 800.0), 0.1)
+    assert math.hypot(*arm.written[-1]) == pytest.approx(0.85)
+
+
+def test_a_torque_that_is_no_number_becomes_none() -> None:
+    arm = Arm(axes=2)
+    node = bounded(arm)
+    node.write(0, (0.0, 0.0), 1.0)
+    node.write(MS, (math.inf, 1.0), 1.0)
+    assert arm.written[-1] == (0.0, 0.0)
+
+
+def test_the_bounder_limits_the_torques_of_an_arm() -> None:
+    arm = Arm(axes=2)
+    node = bounded(arm, law="certified")
+    node.write(0, (0.0, 0.0), 1.0)
+    written = node.write(MS, (2.0, 4.0), 1.0)
+    assert 0.0 < math.hypot(*arm.written[-1]) <= 0.12
+    assert math.hypot(*written.applied) == pytest.approx(written.limit)

@@ -1,0 +1,156 @@
+"""The independent attack: its ground truth by hand, and that it sees leaks where there are some."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from experiments.independent_attack.arm import walk_at_tip
+from experiments.independent_attack.cases import CERTIFICATES, draw
+from experiments.independent_attack.search import Restart, attack_at_random, attack_with_cma
+from experiments.independent_attack.truth import (
+    ALONG_PATH,
+    AXES,
+    BODY_ROWS,
+    BRISTLE,
+    DAMPING,
+    DEVICE_ROWS,
+    FASTEST,
+    FRICTION,
+    GAIN,
+    LAG,
+    NUMBERS,
+    OUTPUT,
+    PRESLIDING,
+    TARGET,
+    USED_AXES,
+    Floats,
+    strike,
+    walk,
+    work_along_path,
+)
+from forcebound.bounding import ENERGY_TOLERANCE
+
+LANDED = ("plain", "pooled", "joints")
+CERTIFIED = ("certified", "certified_memoryless")
+
+
+def device(axes: int, presliding: float = 0.0, lag: float = 0.0) -> tuple[Floats, Floats, Floats]:
+    """Return a body at rest, properties and other numbers of a device alike on each axis."""
+    properties, numbers = np.zeros((DEVICE_ROWS, AXES)), np.zeros(NUMBERS)
+    properties[DAMPING, :axes], properties[FRICTION, :axes] = 0.27, 0.12
+    properties[PRESLIDING, :axes], properties[GAIN] = presliding, 1.0
+    numbers[USED_AXES], numbers[LAG], numbers[FASTEST] = axes, lag, math.inf
+    return np.zeros((BODY_ROWS, AXES)), properties, numbers
+
+
+def test_a_straight_move_costs_damping_friction_and_work() -> None:
+    body, properties, numbers = device(1)
+    body[TARGET, 0] = body[OUTPUT, 0] = 3.0
+    energy = walk(body, properties, numbers, 1e-3, np.array([-2e-3, 0.0, 0.0]))
+    assert energy == pytest.approx(0.27 * 4e-6 / 1e-3 + 0.12 * 2e-3 - 3.0 * 2e-3)
+
+
+def test_a_lagging_amplifier_works_with_the_force_that_it_has() -> None:
+    body, properties, numbers = device(1, lag=4e-4)
+    body[TARGET, 0], body[OUTPUT, 0] = 3.0, -1.0
+    times = np.linspace(0.0, 1e-3, 100_001)
+    forces = 3.0 - 4.0 * np.exp(-times / 4e-4)
+    mean = float(np.mean((forces[1:] + forces[:-1]) / 2.0))
+    energy = walk(body, properties, numbers, 1e-3, np.array([1e-3, 0.0, 0.0]))
+    assert energy == pytest.approx(0.27e-3 + 0.12e-3 + mean * 1e-3, rel=1e-8)
+    assert body[OUTPUT, 0] == pytest.approx(forces[-1])
+
+
+def test_a_vector_of_bristles_is_dragged_as_small_steps_drag_it() -> None:
+    body, properties, _ = device(2, presliding=2e-4)
+    body[BRISTLE, :2] = (0.5e-4, -1.6e-4)
+    move = np.array([3e-4, 2e-4, 0.0])
+    bristle, work, steps = body[BRISTLE].copy(), 0.0, 20_000
+    for _ in range(steps):
+        before = bristle
+        bristle = bristle + move / steps
+        bristle *= min(1.0, 2e-4 / float(np.linalg.norm(bristle)))
+        work += 0.12 / 2e-4 * float((before + bristle) @ move) / 2.0 / steps
+    assert work_along_path(body, properties, 2, move) == pytest.approx(work, rel=1e-5)
+    assert body[BRISTLE] == pytest.approx(bristle, abs=1e-8)
+
+
+def test_a_closed_cycle_of_presliding_gives_nothing_back() -> None:
+    body, properties, _ = device(2, presliding=2e-4)
+    corners = np.random.default_rng(1).normal(size=(50, AXES)) * 2e-4
+    corners[:, 2] = 0.0
+    corners[-1] = corners[0]
+    total = 0.0
+    for before, after in pairwise(corners):
+        total += work_along_path(body, properties, 2, after - before)
+    stored = 0.12 / 2e-4 * float(body[BRISTLE] @ body[BRISTLE]) / 2.0
+    assert total > stored > 0.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 3e-4])
+def test_the_hand_loses_as_much_at_the_tip_as_in_the_joints(lag: float) -> None:
+    """With ever smaller moves the tip's straight way and the joints' become one."""
+    errors = []
+    for size in (2e-3, 2e-5):
+        body, properties, numbers = device(2, lag=lag)
+        body[TARGET, :2], body[OUTPUT, :2] = (0.3, -0.2), (0.1, 0.1)
+        other, move = body.copy(), np.array([size, 0.7 * size, 0.0])
+        joints = walk(body, properties, numbers, 1e-3, move)
+        tip = walk_at_tip(other, properties, numbers, 1e-3, move)
+        assert other == pytest.approx(body)
+        errors.append(abs(tip / joints - 1.0))
+    assert errors[0] < 1e-3
+    assert errors[1] < errors[0] / 10.0
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+@pytest.mark.parametrize("along", [True, False])
+@pytest.mark.parametrize("presliding", [0.0, 2e-4])
+def test_no_straight_move_is_worse_than_the_strike(
+    axes: int, along: bool, presliding: float
+) -> None:
+    random = np.random.default_rng(2)
+    body, properties, numbers = device(axes, presliding)
+    numbers[ALONG_PATH] = float(along)
+    force = np.array([2.0, -1.0, 0.0]) * (np.arange(AXES) < axes)
+    lowest = strike(body, properties, numbers, 0.0, math.inf, force, 1e-3)
+    body[TARGET] = body[OUTPUT] = force
+    tried = []
+    for _ in range(3000):
+        move = random.normal(size=AXES) * 5e-3 * (np.arange(AXES) < axes)
+        tried.append(walk(body.copy(), properties, numbers, 1e-3, move))
+    assert lowest <= min(tried)
+    assert lowest == pytest.approx(min(tried), rel=0.05)
+
+
+def attack(certificate: str, law: str, left_out: bool = False, restarts: int = 2) -> Restart:
+    """Return the restart with the lowest energy of a few short ones."""
+    found = []
+    for seed in range(restarts):
+        random = np.random.default_rng(seed)
+        case = draw(certificate, law, random, left_out)
+        found.append(attack_with_cma(case, random, 200))
+        found.append(attack_at_random(case, random, 50))
+    return min(found, key=lambda one: one.lowest)
+
+
+@pytest.mark.parametrize("law", CERTIFIED)
+@pytest.mark.parametrize("certificate", LANDED)
+def test_no_certificate_leaks(certificate: str, law: str) -> None:
+    found = attack(certificate, law)
+    assert found.lowest >= -ENERGY_TOLERANCE
+    assert found.late_margin >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("law", ["less_conservative", "more_conservative", "aol"])
+def test_the_laws_of_the_paper_leak(law: str) -> None:
+    assert attack("plain", law, restarts=4).lowest < -1e-5
+
+
+@pytest.mark.parametrize(
+    "certificate", sorted(name for name in LANDED if CERTIFICATES[name].left_out)
+)
+def test_a_number_that_is_left_out_is_found(certificate: str) -> None:
+    assert attack(certificate, "certified", left_out=True, restarts=4).lowest < -1e-6
