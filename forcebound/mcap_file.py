@@ -24,7 +24,7 @@ from mcap.records import Channel, Chunk, Metadata
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
-MAX_RECORD = 64 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
+MAX_RECORD = 32 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
 MAX_MESSAGES = 2 << 30  # bytes of the wanted messages of one file; 80 minutes of telemetry at 1 kHz
 MAX_EXPANSION = 100  # of a file as a whole, beyond its first chunks; real ones have some 7
 
@@ -134,7 +134,8 @@ def _messages(
     while at + 9 <= end:
         opcode, length = struct.unpack_from("<BQ", unpacked, at)
         at += 9
-        if length > end - at or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD):
+        is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
+        if length > end - at or is_short or opcode == 0:  # zeros are no records
             raise DamagedError
         if opcode == Opcode.CHANNEL:
             channel = _parsed(Channel, unpacked[at : at + length])
