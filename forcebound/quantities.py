@@ -162,11 +162,15 @@ def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     return found
 
 
+Angle: TypeAlias = Annotated[float, Unit("rad")]
+AngularSpeed: TypeAlias = Annotated[float, Unit("rad/s")]
 DataRate: TypeAlias = Annotated[float, Unit("B/s")]
 Damping: TypeAlias = Annotated[float, Unit("N s/m")]
 Energy: TypeAlias = Annotated[float, Unit("J")]
 Force: TypeAlias = Annotated[float, Unit("N")]
 Frequency: TypeAlias = Annotated[float, Unit("Hz")]
+Inertia: TypeAlias = Annotated[float, Unit("kg m^2")]
+JointDamping: TypeAlias = Annotated[float, Unit("N m s")]
 Length: TypeAlias = Annotated[float, Unit("m")]
 Mass: TypeAlias = Annotated[float, Unit("kg")]
 Ratio: TypeAlias = Annotated[float, Unit("")]
@@ -174,6 +178,7 @@ Speed: TypeAlias = Annotated[float, Unit("m/s")]
 Stiffness: TypeAlias = Annotated[float, Unit("N/m")]
 StiffnessRate: TypeAlias = Annotated[float, Unit("N/m/s")]
 Time: TypeAlias = Annotated[float, Unit("s")]
+Torque: TypeAlias = Annotated[float, Unit("N m")]
 
 
 LONGEST = 9e9  # s, 285 years: all that 64 bits of nanoseconds hold
@@ -247,14 +252,18 @@ _NAMES = {
     "Hz": ("frequency", "1 kHz"),
     "J": ("energy", "2 mJ"),
     "N": ("force", "8.5 N"),
+    "N m": ("torque", "0.1 N m"),
+    "N m s": ("damping of a joint", "1e-3 N m s"),
     "N s/m": ("damping", "0.27 N s/m"),
     "N/m": ("stiffness", "10 N/mm"),
     "N/m/s": ("rate of stiffness", "0.06 N/mm/s"),
+    "kg m^2": ("inertia", "1e-4 kg m^2"),
     "kg": ("mass", "75 g"),
     "m": ("length", "0.03 mm"),
     "m/s": ("speed", "200 mm/s"),
     "m/s^2": ("acceleration", "9.81 m/s^2"),
     "rad": ("angle", "30 deg"),
+    "rad/s": ("angular speed", "90 deg/s"),
     "s": ("time", "5 ms"),
 }
 

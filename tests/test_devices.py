@@ -42,7 +42,7 @@ def test_a_device_reads_and_applies_one_value_per_axis(model: DeviceModel) -> No
     device = model.open(PressingHand(), hold_limit=1.25e-3)
     assert device.axes == model.axes
     assert len(device.read(0)) == model.axes
-    assert device.write(0, (0.5,) * model.axes) == (0.5,) * model.axes
+    assert device.write(0, (0.05,) * model.axes) == (0.05,) * model.axes
 
 
 def test_a_device_never_applies_more_than_its_saturation(model: DeviceModel) -> None:

@@ -2,7 +2,16 @@
 
 import pytest
 
-from forcebound.sweep.limits import abbott_okamura, colgate_schenkel, diolaiti, passive_damping
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
+from forcebound.sweep.limits import (
+    abbott_okamura,
+    colgate_schenkel,
+    diolaiti,
+    encoder,
+    limit_of,
+    passive_damping,
+)
 
 B, FRICTION, T, STEP = 0.27, 0.12, 1e-3, 3e-5  # the device of the paper
 
@@ -31,3 +40,38 @@ def test_the_delay_limit_follows_from_the_theorem_of_colgate_and_schenkel(sample
 
 def test_without_delay_the_limits_are_one() -> None:
     assert diolaiti(B, FRICTION, T, STEP, 0.0) == abbott_okamura(B, FRICTION, T, STEP)
+
+
+def test_the_encoder_alone_bounds_the_stiffness_by_friction_over_resolution() -> None:
+    assert encoder(FRICTION, STEP) == pytest.approx(8000.0)
+    assert encoder(FRICTION, 0.0) == float("inf")
+
+
+def test_a_row_has_the_limit_of_its_delay_its_wall_and_its_hand() -> None:
+    row = {
+        "device.damping": B,
+        "device.friction": FRICTION,
+        "device.rate": 1.0 / T,
+        "device.resolution": STEP,
+        "operator.damping": 2.8,
+        "environment.damping": 0.07,
+        "loop_delay_ms.p50": 1.5,
+    }
+    assert limit_of(row, "colgate_schenkel") == pytest.approx(0.2 / 0.002)
+    assert limit_of(row, "with_hand") == pytest.approx(3.0 / 0.002)
+    assert limit_of(row, "encoder") == pytest.approx(8000.0)
+    assert limit_of(row, "abbott_okamura") == pytest.approx(540.0)
+    assert limit_of(row, "diolaiti") == pytest.approx(0.27 / 0.002)
+
+
+@pytest.mark.parametrize("delay_ms", [0, 1, 3])
+def test_the_boundary_of_a_released_hand_lies_just_above_the_limit(delay_ms: int) -> None:
+    # Every link adds its delay, and the force is written 0.4 ms after the reading.
+    limit = colgate_schenkel(B, T, delay=4e-4 + 2e-3 * delay_ms)
+
+    def lowest(factor: float) -> float:
+        words = ["law:=none", f"delay:={delay_ms} ms", f"stiffness:={factor * limit}"]
+        return float(run_virtual(load("released_hand", words)).summary["true_energy_min_j"])
+
+    assert lowest(0.99) >= -1e-9
+    assert lowest(2.5) < -1e-3  # friction stops small motions, so not at once

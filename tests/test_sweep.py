@@ -11,8 +11,10 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from waiting import until
 
 from forcebound.bounding import LAWS
@@ -24,6 +26,7 @@ from forcebound.sweep.maps import draw
 from forcebound.sweep.parts import parts_of
 from forcebound.sweep.plan import SHIPPED, load_sweep, shipped
 from forcebound.sweep.runner import run_sweep
+from forcebound.sweep.surfaces import draw_surfaces
 from forcebound.sweep.table import read_table
 
 SMALL = """
@@ -239,6 +242,50 @@ def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
     run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
     draw(result, picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+GRID = """
+forcebound: 1
+description: a map
+launch: released_hand
+duration: 500 ms
+over:
+  law: [none, certified]
+  delay: { from: 0 ms, to: 4 ms, count: 3 }
+  stiffness: { from: 0.02 N/mm, to: 5 N/mm, count: 4, scale: log }
+map: { x: delay, y: stiffness, value: displayed_stiffness_n_per_m, scale: log, per: law }
+"""
+
+
+def texts(figure: Figure) -> set[str]:
+    return {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+
+
+def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_path: Path) -> None:
+    shown = "leaks: true_energy_min_j, limits: [colgate_schenkel, encoder], per: law }"
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, GRID.replace("per: law }", shown))), result, AtOnce())
+    table = read_table(result)
+    figure = draw_surfaces(table, table.about["map"])
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    assert [axes.get_title() for axes in panels] == ["none", "certified"]
+    red = [np.ma.count(np.ma.asarray(axes.collections[1].get_array())) for axes in panels]
+    assert red[0] > 0  # without a law the stiff and late walls leak
+    assert red[1] == 0
+    assert {"no rest", "encoder: 2 f_c / resolution"} <= texts(figure)
+    assert any("softer" in text for text in texts(figure))
+    bars = {axes.get_ylabel() for axes in figure.axes}
+    assert {"displayed stiffness (N/mm)", "energy given to the hand (mJ)"} <= bars
+
+
+def test_a_map_of_energy_has_one_scale(tmp_path: Path) -> None:
+    text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    table = read_table(result)
+    figure = draw_surfaces(table, table.about["map"])
+    assert "no energy given" in texts(figure)
+    assert sum(bool(axes.get_title()) for axes in figure.axes) == len(figure.axes) - 1
 
 
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:

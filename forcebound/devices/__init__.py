@@ -148,6 +148,10 @@ class DeviceModel(Protocol):
 
 DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
-    {"phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15"},
+    {
+        "five_bar": "forcebound.devices.five_bar:FiveBar",
+        "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
+        "serial_arm": "forcebound.devices.serial_arm:SerialArm",
+    },
     Form(methods={"open": 2}),
 )

@@ -145,20 +145,41 @@ def presliding_step(
     drive = (
         inertia * v + hand_stiffness * (target_middle - x) + hand_damping * target_velocity - force
     )
-    stiffness = friction / presliding
-    mean = (drive - stiffness * bristle) / (impedance + 0.5 * h * stiffness)
-    yielded = bristle + h * mean
-    if abs(yielded) > presliding:
-        side = math.copysign(1.0, yielded)
-        room = presliding - side * bristle
-        rest = side * drive - friction
-        slack = 0.5 * stiffness * room * room / h
-        root = math.sqrt(rest * rest + 4.0 * impedance * slack)
-        # The positive root of impedance u² - rest u - slack = 0, without cancellation.
-        speed = (rest + root) / (2.0 * impedance) if rest > 0.0 else 2.0 * slack / (root - rest)
-        mean, yielded = side * speed, side * presliding
+    mean = yielding_speed(drive, impedance, h, friction, presliding, bristle)
     dx = h * mean
     muscle = hand_stiffness * (target_middle - x - 0.5 * dx) + hand_damping * (
         target_velocity - mean
     )
-    return x + dx, 2.0 * mean - v, work + muscle * dx, muscle, yielded
+    return x + dx, 2.0 * mean - v, work + muscle * dx, muscle, yield_by(bristle, dx, presliding)
+
+
+def yielding_speed(
+    drive: float, impedance: float, h: float, friction: float, presliding: float, bristle: float
+) -> float:
+    """Return the mean velocity of a step with friction that yields, in m/s.
+
+    Args:
+        drive: Force that it would take to stand still, in N.
+        impedance: Force per mean velocity, in N s/m.
+        h: Length of the step, in s.
+        friction: In N.
+        presliding: In m, > 0.
+        bristle: How far the friction has yielded, in m.
+    """
+    stiffness = friction / presliding
+    mean = (drive - stiffness * bristle) / (impedance + 0.5 * h * stiffness)
+    yielded = bristle + h * mean
+    if abs(yielded) <= presliding:
+        return mean
+    side = math.copysign(1.0, yielded)
+    room = presliding - side * bristle
+    rest = side * drive - friction
+    slack = 0.5 * stiffness * room * room / h
+    root = math.sqrt(rest * rest + 4.0 * impedance * slack)
+    # The positive root of impedance u² - rest u - slack = 0, without cancellation.
+    return side * ((rest + root) / (2.0 * impedance) if rest > 0.0 else 2.0 * slack / (root - rest))
+
+
+def yield_by(bristle: float, dx: float, presliding: float) -> float:
+    """Return how far friction has yielded, in m, after a way ``dx``, in m."""
+    return min(max(bristle + dx, -presliding), presliding)

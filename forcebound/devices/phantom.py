@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.bounding.dissipation import PER_AXIS
+from forcebound.devices.axes import AxesBody
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated import (
     DampingOfAxes,
@@ -70,6 +71,10 @@ class PhantomPremium15(StatedImperfections):
             and not any(isinstance(getattr(self, name), tuple) for name in PER_AXIS)
             and not any((*stated, *own))
         )
+
+    def body(self, operator: Operator) -> AxesBody:
+        """Return the body; see :class:`forcebound.devices.simulated.Body`."""
+        return AxesBody(self, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
         """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""

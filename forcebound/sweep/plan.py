@@ -26,7 +26,7 @@ from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_qua
 MAX_CASES = 2_000_000
 
 KEYS = ("forcebound", "description", "launch", "duration", "set", "over", "random", "map")
-MAP_KEYS = ("x", "y", "value", "per", "limits", "title", "scale")
+MAP_KEYS = ("x", "y", "value", "leaks", "per", "limits", "title", "scale")
 
 #: What ``{ all: NAME }`` stands for: the names of a table.
 TABLES: Mapping[str, Mapping[str, object]] = {"laws": LAWS}

@@ -1,0 +1,102 @@
+"""The body of a simulated arm: joints, kinematics, a hand at the tip."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from forcebound.devices.joints import ANGLE, SPEED, arm_kernel
+from forcebound.devices.kinematics import ArmKinematics, Pose
+from forcebound.devices.plant import quantise
+from forcebound.devices.simulated import pad
+from forcebound.devices.true_values import true_axes, true_value
+from forcebound.devices.truth import Truth
+from forcebound.errors import DeviceError
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+
+if TYPE_CHECKING:
+    from forcebound.devices.stated_joints import StatedJoints
+
+
+class ArmBody:
+    """An arm in a hand; see ``Body``. Its readings are angles.
+
+    Args:
+        model: Parameters.
+        operator: The hand at its tip.
+        kinematics: Of the arm.
+        pose: Of the arm.
+        geometry: What ``pose`` takes.
+        angles: Of the joints at the hand's first target, in rad.
+    """
+
+    def __init__(
+        self,
+        model: "StatedJoints",
+        operator: Operator,
+        kinematics: ArmKinematics,
+        pose: Pose,
+        geometry: Vector,
+        angles: Vector,
+    ) -> None:
+        axes = model.axes
+        self.kinematics = kinematics
+        self.compensation: Vector = (0.0,) * axes
+        self._resolution = true_axes(model, "resolution")
+        self._lag, self._substep = true_value(model, "lag"), model.substep
+        self._plant = np.array(
+            [
+                (model.inertia,) * axes,
+                *(true_axes(model, name) for name in ("damping", "friction", "presliding")),
+            ]
+        )
+        self._hand = np.array([operator.mass, operator.stiffness, operator.damping])
+        self._geometry = np.array(geometry)
+        self._joints = np.zeros((4, axes))
+        self._joints[ANGLE] = angles
+        self._told, self._from, self._to, self._muscle = np.zeros((4, axes))
+        self._energy = 0.0
+        self._advance = arm_kernel(pose)
+        # Compile, or load from the cache, before time matters.
+        start = pad(operator.target(0.0), axes)
+        joints = self._joints.copy()
+        self.move(start, start, 1e-3, (0.0,) * axes)
+        self._joints[:], self._energy = joints, 0.0
+
+    def reading(self) -> Vector:
+        """Return the quantised angles; see ``Body``."""
+        angles = self._joints[ANGLE].tolist()
+        return tuple([quantise(x, step) for x, step in zip(angles, self._resolution, strict=True)])
+
+    def truth(self) -> Truth:
+        """Return the ground truth, at the tip; see :class:`Truth`."""
+        angles = tuple(self._joints[ANGLE].tolist())
+        jacobian = np.array(self.kinematics.jacobian(angles))
+        velocity = tuple((jacobian @ self._joints[SPEED]).tolist())
+        position = self.kinematics.position(angles)
+        return Truth(position, velocity, tuple(self._muscle.tolist()), self._energy)
+
+    def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
+        """Move the joints; see ``Body``.
+
+        Raises:
+            DeviceError: If the hand has moved the tip to where the arm cannot be held.
+        """
+        self._from[:], self._to[:], self._told[:] = target, target_end, told
+        self._energy += self._advance(
+            self._joints,
+            self._plant,
+            self._hand,
+            self._geometry,
+            self._told,
+            self._from,
+            self._to,
+            duration,
+            self._substep,
+            self._lag,
+            self._muscle,
+        )
+        angles = tuple(self._joints[ANGLE].tolist())
+        if not any(map(any, self.kinematics.jacobian(angles))):
+            where = ", ".join(f"{1e3 * x:.0f} mm" for x in self.kinematics.position(angles))
+            raise DeviceError(f"the hand has moved the arm to a singular pose, its tip at {where}")

@@ -1,0 +1,83 @@
+"""Kinematics of arms: the position of the tip, and torques for a force there.
+
+The geometry of a kind of arm is one function, which the simulated arm calls compiled at each step,
+and a driver of a real one through :class:`ArmKinematics`.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from forcebound.compiled import jit
+from forcebound.messages.packets import Vector
+
+if TYPE_CHECKING:  # a launcher starts without numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+#: ``(angles, geometry, tip, jacobian) -> None``: fills in the position of the tip, in m, and its
+#: derivatives, ``jacobian[k, j]`` that of coordinate k by joint j, in m/rad. A pose in which a
+#: torque could move no tip, or any force, has a Jacobian of zeros.
+Pose: TypeAlias = Callable[["Floats", "Floats", "Floats", "Floats"], None]
+
+
+class ArmKinematics:
+    """Kinematics of an arm with as many joints as coordinates of its tip.
+
+    Args:
+        pose: Of this kind of arm.
+        geometry: What ``pose`` takes, in m.
+        joints: Number of joints.
+        smallest: Volume of the Jacobian, in m to the number of joints, below which a pose is
+            singular.
+    """
+
+    def __init__(self, pose: Pose, geometry: Vector, joints: int, smallest: float) -> None:
+        import numpy as np
+
+        self._pose: Any = jit(pose)
+        self._smallest = smallest
+        self._angles = np.zeros(joints)
+        self._geometry = np.array(geometry)
+        self._tip = np.zeros(joints)
+        self._jacobian = np.zeros((joints, joints))
+        self.position((0.5,) * joints)  # compile before time matters
+
+    def position(self, angles: Vector) -> Vector:
+        """Return the position of the tip; see :class:`forcebound.devices.Kinematics`."""
+        self._take(angles)
+        return tuple(self._tip.tolist())
+
+    def jacobian(self, angles: Vector) -> tuple[Vector, ...]:
+        """Return the derivatives of the position by the angles, in m/rad: a row per coordinate."""
+        self._take(angles)
+        return tuple(tuple(row) for row in self._jacobian.tolist())
+
+    def torque(self, angles: Vector, force: Vector) -> Vector:
+        """Return the torques of a force; see :class:`forcebound.devices.Kinematics`.
+
+        They are zero in a pose in which the tip cannot be held.
+        """
+        rows = self.jacobian(angles)
+        return tuple(
+            [
+                math.fsum(row[joint] * f for row, f in zip(rows, force, strict=True))
+                for joint in range(len(angles))
+            ]
+        )
+
+    def is_singular(self, angles: Vector) -> bool:
+        """Return whether the tip can, in this pose, hardly move or hardly be held in a direction.
+
+        The angles need not be possible ones: where links could not meet, it is singular.
+        """
+        import numpy as np
+
+        self._take(angles)
+        return bool(abs(np.linalg.det(self._jacobian)) < self._smallest)
+
+    def _take(self, angles: Vector) -> None:
+        self._angles[:] = angles
+        self._pose(self._angles, self._geometry, self._tip, self._jacobian)

@@ -1,0 +1,173 @@
+"""A serial arm with two or three joints, simulated.
+
+Two joints move the tip in a plane: shoulder and elbow, angles counted from the x axis and from the
+upper link. A third joint, the first of the three, turns that plane about its y axis: the tip's
+coordinates are then along the arm in the plane's rest position, up, and to the side.
+
+The defaults are the PHANToM Premium's numbers at a lever of one link, so that the tip feels like
+that device.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.simulated import SimulatedDevice, pad
+from forcebound.devices.stated import Source
+from forcebound.devices.stated_joints import (
+    AngleOfJoints,
+    DampingOfJoints,
+    StatedJoints,
+    TorqueOfJoints,
+)
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
+
+if TYPE_CHECKING:
+    from forcebound.devices.arm import ArmBody
+
+
+def planar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
+    """Pose of two joints; see :data:`forcebound.devices.kinematics.Pose`.
+
+    Args:
+        angles: Of shoulder and elbow, in rad.
+        geometry: Lengths of the links, and the coordinates of the tip's origin, in m.
+        tip: Becomes the position of the tip.
+        jacobian: Becomes its derivatives.
+    """
+    upper, lower = geometry[0], geometry[1]
+    x_lower = lower * math.cos(angles[0] + angles[1])
+    y_lower = lower * math.sin(angles[0] + angles[1])
+    x = upper * math.cos(angles[0]) + x_lower
+    y = upper * math.sin(angles[0]) + y_lower
+    tip[0] = x - geometry[2]
+    tip[1] = y - geometry[3]
+    jacobian[0, 0] = -y
+    jacobian[0, 1] = -y_lower
+    jacobian[1, 0] = x
+    jacobian[1, 1] = x_lower
+
+
+def spatial_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
+    """Pose of three joints; see :data:`forcebound.devices.kinematics.Pose`.
+
+    Args:
+        angles: Of base, shoulder and elbow, in rad.
+        geometry: Lengths of the links, and the coordinates of the tip's origin, in m.
+        tip: Becomes the position of the tip.
+        jacobian: Becomes its derivatives.
+    """
+    upper, lower = geometry[0], geometry[1]
+    cosine, sine = math.cos(angles[0]), math.sin(angles[0])
+    out_lower = lower * math.cos(angles[1] + angles[2])
+    up_lower = lower * math.sin(angles[1] + angles[2])
+    out = upper * math.cos(angles[1]) + out_lower
+    up = upper * math.sin(angles[1]) + up_lower
+    tip[0] = out * cosine - geometry[2]
+    tip[1] = up - geometry[3]
+    tip[2] = out * sine - geometry[4]
+    jacobian[0, 0] = -out * sine
+    jacobian[0, 1] = -up * cosine
+    jacobian[0, 2] = -up_lower * cosine
+    jacobian[1, 0] = 0.0
+    jacobian[1, 1] = out
+    jacobian[1, 2] = out_lower
+    jacobian[2, 0] = out * cosine
+    jacobian[2, 1] = -up * sine
+    jacobian[2, 2] = -up_lower * sine
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialArm(StatedJoints):
+    """Parameters of the simulated serial arm.
+
+    Attributes:
+        joints: Two, in a plane, or three.
+        upper: Length of the link at the shoulder.
+        lower: Length of the link at the tip.
+        origin: Where the tip is at 0 m: along the arm and up, from the shoulder.
+    """
+
+    joints: Annotated[int, Range(at_least=2, at_most=3)] = 2
+    inertia: Annotated[Inertia, POSITIVE] = 1.5e-3  # 75 g at 0.14 m
+    damping: DampingOfJoints = 5.3e-3  # 0.27 N s/m at 0.14 m
+    friction: TorqueOfJoints = 0.0168  # 0.12 N at 0.14 m
+    resolution: AngleOfJoints = 2.1e-4  # 30 um at 0.14 m
+    saturation: Annotated[Torque, POSITIVE] = 1.2  # 8.5 N at 0.14 m
+    upper: Annotated[Length, POSITIVE] = 0.14
+    lower: Annotated[Length, POSITIVE] = 0.14
+    origin: tuple[Length, Length] = (0.14, -0.14)  # upper link level, lower one down
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: dict.fromkeys(
+            ("damping", "friction", "resolution", "saturation", "inertia"), "assumed"
+        ),
+        hash=False,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.angles((0.0,) * self.joints) is None:
+            raise ConfigError(
+                f"origin: the arm does not reach {self.origin} m with links of {self.upper} m"
+                f" and {self.lower} m",
+                field="origin",
+            )
+
+    @property
+    def axes(self) -> int:
+        """Number of joints, and of coordinates of the tip."""
+        return self.joints
+
+    @property
+    def geometry(self) -> Vector:
+        """What the pose takes, in m."""
+        return (self.upper, self.lower, *self.origin, 0.0)
+
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of this geometry."""
+        pose = planar_pose if self.joints == 2 else spatial_pose
+        volume = (self.upper * self.lower) if self.joints == 2 else self.upper**2 * self.lower
+        return ArmKinematics(pose, self.geometry, self.joints, 0.1 * volume)
+
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.
+
+        The elbow is above the line from shoulder to tip.
+        """
+        out, up = position[0] + self.origin[0], position[1] + self.origin[1]
+        base: Vector = ()
+        if self.joints == 3:
+            base = (math.atan2(position[2], out),)
+            out = math.hypot(out, position[2])
+        reach = math.hypot(out, up)
+        if not abs(self.upper - self.lower) <= reach <= self.upper + self.lower or reach == 0.0:
+            return None
+        square = self.upper**2 + reach**2 - self.lower**2
+        corner = math.acos(min(1.0, square / (2.0 * self.upper * reach)))
+        shoulder = math.atan2(up, out) + corner
+        elbow_out = out - self.upper * math.cos(shoulder)
+        elbow_up = up - self.upper * math.sin(shoulder)
+        return (*base, shoulder, math.atan2(elbow_up, elbow_out) - shoulder)
+
+    def body(self, operator: Operator) -> "ArmBody":
+        """Return the body; see :class:`forcebound.devices.simulated.Body`.
+
+        Raises:
+            DeviceError: If the hand begins where the arm does not reach.
+        """
+        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
+
+        angles = self.angles(start := pad(operator.target(0.0), self.joints))
+        if angles is None:
+            raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
+        pose = planar_pose if self.joints == 2 else spatial_pose
+        return ArmBody(self, operator, self.kinematics(), pose, self.geometry, angles)
+
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
+        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
+        return SimulatedDevice(self, operator, hold_limit)

@@ -1,0 +1,237 @@
+"""Maps with two varied arguments: one panel per law, with leaks, rest and theoretical limits.
+
+A cell has the colour of its figure. Where the hand received energy (``leaks``), it is red instead,
+on a logarithmic scale; where the hand does not come to rest, it is hatched. A map of the minimum
+energy itself is light blue where nothing leaks. In a map of the displayed stiffness over that of
+the wall, a white line is where a hand begins to feel it softer than it is (Weber fraction).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from forcebound.analysis.perception import WEBER_FRACTIONS
+from forcebound.bounding import ENERGY_TOLERANCE
+from forcebound.errors import ConfigError
+from forcebound.sweep.limits import LABELS, limit_of
+from forcebound.sweep.maps import Array, column_of, label_of, numbers_of
+from forcebound.sweep.table import Table
+
+_LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
+_PASSIVE = "#d8e6f2"
+_COLUMNS = 3
+_STYLES = {
+    "colgate_schenkel": "-",
+    "abbott_okamura": "--",
+    "diolaiti": "-",
+    "with_hand": "-.",
+    "encoder": ":",
+}
+_LEAK = ENERGY_TOLERANCE * 1e3  # mJ
+
+
+@dataclass(frozen=True)
+class _Map:
+    """The numbers of a map in everyday units, one for each case, and the axes of its panels."""
+
+    table: Table
+    drawing: Mapping[str, Any]
+    x: Array
+    y: Array
+    value: Array
+    leaks: Array  # mJ, lowest energy; NaN: not asked for
+    rests: Array  # 1: the hand comes to rest, 0: it does not
+    group: Array  # name of the panel
+    is_energy: bool
+
+    @classmethod
+    def of(cls, table: Table, drawing: Mapping[str, Any]) -> "_Map":
+        x, value = numbers_of(table, drawing["x"]), numbers_of(table, drawing["value"])
+        is_energy = drawing["value"].endswith("energy_min_j")
+        leaks = np.full(x.size, math.nan)
+        if is_energy or "leaks" in drawing:
+            leaks = value if is_energy else numbers_of(table, drawing["leaks"])
+        rests = table.columns["at_rest"]
+        names = column_of(table, drawing["per"]) if "per" in drawing else [None] * x.size
+        return cls(
+            table,
+            drawing,
+            x,
+            numbers_of(table, drawing["y"]),
+            value,
+            leaks,
+            np.array([1.0 if rest is None else float(rest) for rest in rests]),
+            np.array(names, dtype=object),
+            is_energy,
+        )
+
+    def grid(self, values: Array, chosen: Array) -> Array:
+        """Return the lowest value of all cases in each cell: of repeated seeds, the worst."""
+        xs, ys = np.unique(self.x), np.unique(self.y)
+        grid = np.full((ys.size, xs.size), np.nan)
+        places = zip(
+            np.searchsorted(ys, self.y[chosen]),
+            np.searchsorted(xs, self.x[chosen]),
+            values[chosen],
+            strict=True,
+        )
+        for row, column, number in places:
+            grid[row, column] = np.fmin(grid[row, column], number)
+        return grid
+
+    @property
+    def shows_softness(self) -> bool:
+        """Whether it is a map of the displayed stiffness over that of the wall."""
+        asked = (self.drawing["value"], self.drawing["y"])
+        return asked == ("displayed_stiffness_n_per_m", "stiffness")
+
+
+def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
+    """Return the figure of a map with two varied arguments.
+
+    Raises:
+        ConfigError: If the result lacks a column of the map, or a limit is unknown.
+    """
+    shown = _Map.of(table, drawing)
+    panels = list(dict.fromkeys(shown.group))
+    columns = min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.4 * columns + 1.6, 2.6 * rows + 1.0), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
+    for axis, panel in zip(axes, panels, strict=False):
+        chosen = np.array([name == panel for name in shown.group])
+        _draw_panel(axis, shown, chosen, norm, leak_norm)
+        axis.set_title("" if panel is None else str(panel).replace("_", " "), fontsize=10)
+    for axis in axes[len(panels) :]:
+        axis.set_visible(False)
+    _arrange(axes, shown, len(panels), columns)
+    _add_keys(figure, axes, shown, norm, leak_norm)
+    return figure
+
+
+def _draw_panel(
+    axis: Axes, shown: _Map, chosen: Array, norm: Normalize, leak_norm: Normalize
+) -> None:
+    xs, ys = np.unique(shown.x), np.unique(shown.y)
+    edges = _edges(xs, ys)
+    value, leaks = shown.grid(shown.value, chosen), shown.grid(shown.leaks, chosen)
+    rest = shown.grid(shown.rests, chosen)
+    is_leak = leaks < -_LEAK
+    axis.set_facecolor("#eeeeee")
+    if shown.is_energy:
+        passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
+        axis.pcolormesh(*edges, passive, cmap=ListedColormap([_PASSIVE]))
+    else:
+        axis.pcolormesh(*edges, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
+    axis.pcolormesh(*edges, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
+    _draw_limits(axis, shown, chosen, xs)
+    if xs.size < 2 or ys.size < 2:
+        return  # a row has no areas and no contours
+    restless = (rest == 0.0) & ~is_leak
+    if restless.any():
+        axis.contourf(xs, ys, restless, levels=[0.5, 1.5], hatches=["////"], colors="none")
+    if shown.shows_softness:
+        softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
+        share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
+        if (share < softest).any() and (share > softest).any():
+            axis.contour(xs, ys, share, levels=[softest], colors="white", linewidths=1.4)
+
+
+def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
+    xs, ys = np.unique(shown.x), np.unique(shown.y)
+    if _is_log(xs):
+        axes[0].set_xscale("log")
+    if _is_log(ys):
+        axes[0].set_yscale("log")
+    axes[0].set_xlim(xs[0], xs[-1])
+    axes[0].set_ylim(ys[0], ys[-1])
+    for number in range(panels):
+        if number + columns >= panels:
+            axes[number].set_xlabel(label_of(shown.drawing["x"]))
+            axes[number].tick_params(labelbottom=True)
+        if number % columns == 0:
+            axes[number].set_ylabel(label_of(shown.drawing["y"]).replace(" (", "\n("))
+
+
+def _add_keys(
+    figure: Figure, axes: Array, shown: _Map, norm: Normalize, leak_norm: Normalize
+) -> None:
+    from matplotlib.cm import ScalarMappable
+
+    places = axes.tolist()
+    if not shown.is_energy:
+        bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=places)
+        bar.set_label(label_of(shown.drawing["value"]), fontsize=8)
+    if np.isfinite(shown.leaks).any():
+        bar = figure.colorbar(ScalarMappable(leak_norm, _LEAKS), ax=places)
+        bar.set_label("energy given to the hand (mJ)", fontsize=8)
+    handles, labels = axes[0].get_legend_handles_labels()
+    handles, labels = list(handles), list(labels)
+    if shown.is_energy:
+        handles.append(Patch(facecolor=_PASSIVE))
+        labels.append("no energy given")
+    handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
+    labels.append("no rest")
+    if shown.shows_softness:
+        handles.append(Patch(facecolor="white", edgecolor="#808080"))
+        labels.append("white line: where a wall begins to feel softer than it is")
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+
+
+def _scale(shown: _Map) -> Normalize:
+    known = shown.value[np.isfinite(shown.value) & ~(shown.leaks < -_LEAK)]
+    if shown.drawing.get("scale") == "log" and (known > 0.0).any():
+        return LogNorm(known[known > 0.0].min(), known.max())
+    return Normalize(known.min(initial=0.0), known.max(initial=1.0))
+
+
+def _leak_scale(leaks: Array) -> Normalize:
+    given = -leaks[leaks < -_LEAK]
+    return LogNorm(max(given.min(initial=1.0), 1e-4), max(given.max(initial=1.0), 1e-3))
+
+
+def _is_log(values: Array) -> bool:
+    if values.size < 3 or values[0] <= 0:
+        return False
+    ratios = values[1:] / values[:-1]
+    return bool(ratios.max() < 1.05 * ratios.min())
+
+
+def _edges(xs: Array, ys: Array) -> tuple[Array, Array]:
+    def between(values: Array) -> Array:
+        if values.size == 1:
+            return np.array([values[0] - 0.5, values[0] + 0.5])
+        is_log = _is_log(values)
+        v = np.log(values) if is_log else values
+        middle = (v[1:] + v[:-1]) / 2
+        edges = np.concatenate(([2 * v[0] - middle[0]], middle, [2 * v[-1] - middle[-1]]))
+        return np.exp(edges) if is_log else edges
+
+    return between(xs), between(ys)
+
+
+def _draw_limits(axis: Axes, shown: _Map, chosen: Array, xs: Array) -> None:
+    if shown.drawing["y"] != "stiffness":
+        return
+    columns = shown.table.columns
+    ran = np.array([error is None for error in columns["error"]])
+    for name in shown.drawing.get("limits", ()):
+        if name not in LABELS:
+            raise ConfigError(f"unknown limit {name!r}; known are {', '.join(sorted(LABELS))}")
+        if name == "with_hand" and not any(columns.get("operator.damping", ())):
+            continue  # the same line as without it
+        line = []
+        for position in xs:
+            rows = np.flatnonzero(chosen & (shown.x == position) & ran)
+            row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
+            line.append(limit_of(row, name) * 1e-3 if row else math.nan)
+        steps = "steps-mid" if shown.drawing["x"] == "delay" else "default"
+        axis.plot(xs, line, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps, label=LABELS[name])
