@@ -148,22 +148,26 @@ def content_of(name: object) -> Iterator[None]:
 
 
 def check_writable(path: Path, what: str) -> None:
-    """Raise before the work begins if a file cannot be written.
+    """Try before the work begins whether a file can be written; leaves it as it is.
 
     Args:
         path: File to write; it need not exist.
         what: Name of the file for the message, such as "the recording".
 
     Raises:
-        ConfigError: If the folder is missing, the file is a folder, or it may not be written.
+        ConfigError: If it cannot be written; says why.
     """
-    folder = path.absolute().parent
-    if not folder.is_dir():
-        raise ConfigError(f"cannot write {what} {path}: there is no folder {folder}")
     if path.is_dir():
         raise ConfigError(f"cannot write {what} {path}: it is a folder")
-    if not os.access(path if path.exists() else folder, os.W_OK):
-        raise ConfigError(f"cannot write {what} {path}: no permission")
+    is_new = not os.path.lexists(path)
+    try:
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666))
+        if is_new:
+            path.unlink()
+    except OSError as error:
+        folder = path.absolute().parent
+        why = error.strerror if folder.is_dir() else f"there is no folder {folder}"
+        raise ConfigError(f"cannot write {what} {path}: {why}") from error
 
 
 def reason(error: Exception) -> str:

@@ -21,7 +21,7 @@ from forcebound.cli.common import (
     reports_errors,
     show,
 )
-from forcebound.files import content_of
+from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
@@ -82,11 +82,13 @@ def simulate(
     as_json: bool,
 ) -> None:
     """Run a launch file in virtual time: deterministic, faster than real time."""
+    from forcebound.launch.virtual import run_virtual
+
+    if record is not None:
+        check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
-    from forcebound.launch.virtual import run_virtual
-
     result = run_virtual(config, duration, record, may_end_early=True)
     show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
@@ -201,7 +203,10 @@ def _configuration(
         config = replace(config, seed=seed)
     if not check:
         return config
+    from forcebound.launch.trial import try_ticks
+
     also(config)
+    try_ticks(config)
     print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
 
