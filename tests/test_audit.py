@@ -30,7 +30,6 @@ from forcebound.bounding import (
     DeviceConstants,
     ForceBounder,
     Sample,
-    Write,
 )
 from forcebound.bounding.law import State
 from forcebound.cli import main
@@ -267,17 +266,7 @@ def without_watchdog_price() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
     def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
-        sample = Sample(
-            sample.commanded,
-            min(sample.dt, device.hold_limit),
-            sample.distance,
-            sample.squared_velocity_integral,
-            sample.path,
-            sample.work,
-            sample.held,
-            sample.held_sum,
-        )
-        return limit(state, sample, device)
+        return limit(state + sample.penalty, sample, device)
 
     return {"limit": patched}
 
@@ -286,37 +275,31 @@ def with_nominal_period() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
     def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
-        ledger, largest, added = limit(state, sample, device)
-        excess = (largest - device.friction) * (device.hold_limit / device.period) ** 0.5
-        return ledger, device.friction + excess, added
+        ledger, _, added = limit(state, sample, device)
+        available = max(ledger - sample.held_price, 0.0)
+        largest = device.friction + 2.0 * (device.damping / device.period * available) ** 0.5
+        return ledger, largest, added
 
-    return {"limit": patched}
+    return {"limit": patched, "limits_holds": False}
 
 
 def with_quantisation_taken_for_travel() -> dict[str, Any]:
     limit = LAWS["certified"].limit
 
     def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
-        sample = Sample(
-            sample.commanded,
-            sample.dt,
-            sample.distance,
-            sample.squared_velocity_integral,
-            sample.distance,
-            sample.work,
-            sample.held,
-            sample.held_sum,
-        )
-        return limit(state, sample, device)
+        credit = device.friction * sample.distance - sample.friction_loss
+        return limit(state + credit, sample, device)
 
     return {"limit": patched}
 
 
 def without_price_of_change() -> dict[str, Any]:
-    def patched(state: State, write: Write, device: DeviceConstants) -> State:
-        return state
+    limit = LAWS["certified"].limit
 
-    return {"settle": patched}
+    def patched(state: State, sample: Sample, device: DeviceConstants) -> Limit:
+        return limit(state + sample.change_price, sample, device)
+
+    return {"limit": patched}
 
 
 @pytest.fixture(

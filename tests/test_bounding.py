@@ -114,7 +114,7 @@ def test_the_functions_of_a_law_hide_no_state(
     state = chosen.start(device)
     for elapsed_ns, position, asked in trace:
         dt = elapsed_ns / 1e9
-        sample = Sample(abs(asked[0]), dt, abs(position[0]), 0.0, 0.0, 0.0, 0.0, 0.0)
+        sample = Sample(abs(asked[0]), dt, abs(position[0]), *[0.0] * 7)
         first = chosen.limit(state, sample, device)
         assert chosen.limit(state, sample, device) == first
         state = first[0]

@@ -19,6 +19,7 @@ from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.true_values import TrueAxes
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
+from forcebound.sweep.engine import run_all
 
 H = 5e-5  # s
 
@@ -324,3 +325,18 @@ def test_a_launch_file_states_true_values() -> None:
     config = from_document(document | {"controller": {"kind": "direct"}})
     assert config.device.model == PhantomPremium15(friction=(0.1,), truth=TrueAxes(gain=1.03))
     assert restore(to_document(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("changed", "engine"),
+    [({}, "kernel"), ({"truth": {"lag": "1 ms"}}, "graph"), ({"friction": [0.12]}, "graph")],
+)
+def test_a_sweep_runs_a_device_with_imperfections_in_the_graph(
+    changed: dict[str, Any], engine: str
+) -> None:
+    document = {"forcebound": 1, "seed": 1, "duration": 0.01, "operator": {"kind": "pressing"}}
+    parts = {"environment": {"kind": "wall"}, "controller": {"kind": "direct"}}
+    device = {"kind": "phantom_premium_1_5", **changed}
+    (ran,) = run_all([from_document({**document, **parts, "device": device})])
+    assert ran.error is None
+    assert ran.engine == engine

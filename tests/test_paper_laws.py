@@ -98,11 +98,13 @@ def test_more_conservative_satisfies_its_condition_21_at_every_sample(
             commanded=abs(asked),
             dt=1e-3,
             distance=abs(move),
-            squared_velocity_integral=0.0,
-            path=0.0,
             work=held * move,
             held=abs(held),
-            held_sum=abs(held),
+            viscous_loss=0.0,
+            friction_loss=0.0,
+            penalty=0.0,
+            change_price=0.0,
+            held_price=0.0,
         )
         beta, largest, _ = LAWS["more_conservative"].limit(beta, sample, device)
         force = math.copysign(min(abs(asked), largest), asked)
@@ -122,7 +124,7 @@ def test_more_conservative_forgets_what_no_force_needed() -> None:
     free = run("more_conservative", PHANTOM, steady([1e-3, 2e-3, 2e-3], [0.0, 0.0, 8.0]))
     assert forces(free) == [0.0, 0.0, 0.0]
     device = LAWS["more_conservative"].device(PHANTOM)
-    sample = Sample(0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sample = Sample(0.0, 1e-3, 1e-3, *[0.0] * 7)
     state = LAWS["more_conservative"].limit(17.0, sample, device)
     assert state == (B, 0.0, 0.0)
 

@@ -278,6 +278,13 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
     assert {"displayed stiffness (N/mm)", "energy given to the hand (mJ)"} <= bars
 
 
+def test_a_map_for_one_law_has_one_panel(tmp_path: Path) -> None:
+    result, picture = tmp_path / "map.parquet", tmp_path / "map.svg"
+    run_sweep(load_sweep(written(tmp_path, GRID), ["law:=certified"]), result, AtOnce())
+    draw(result, picture)
+    assert picture.read_text().startswith("<?xml")
+
+
 def test_a_map_of_energy_has_one_scale(tmp_path: Path) -> None:
     text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
     result = tmp_path / "map.parquet"

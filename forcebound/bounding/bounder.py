@@ -1,60 +1,61 @@
-"""The bounder: a law, its memory and the vectors, as the device node calls it at each sample.
-
-What happens to numbers is compiled, one call for :meth:`ForceBounder.bound` and one for
-:meth:`ForceBounder.settle`: a tick runs once a millisecond, with cold caches, and there interpreted
-arithmetic costs several times more than compiled. The memory lies in an array, which such a call
-takes over without copying.
-"""
+"""The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import Any, TypeAlias
 
+from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled
+from forcebound.bounding.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.bounding.dissipation import Dissipation
-from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS
-from forcebound.bounding.sample import (
-    AXIS_ROWS,
-    DEVICE_ROWS,
-    MEMORY_ROWS,
-    NO_MEMORY,
-    NO_MOTION,
-    NO_WRITE,
-    Floats,
-    load_axis,
-    load_device,
-    load_memory,
-    observe,
-    observe_axis,
-    start_axis,
-    store_axis,
-    store_memory,
-    write_axis,
+from forcebound.bounding.sample import DeviceConstants, Floats
+from forcebound.bounding.timeline import (
+    ALLOWANCE,
+    AXES,
+    BLOCK,
+    CONSTANT_ROWS,
+    CONSTANTS,
+    DEVICE,
+    ENDS,
+    GAIN,
+    IS_ALONG_PATH,
+    IS_RIGID,
+    IS_UNSURE,
+    LAG,
+    LARGEST_LEAK,
+    MEMORY,
+    NONE,
+    PATH_ERROR,
+    PLANNED_LIMIT,
+    REPORTING,
+    RESOLUTION,
+    SATURATION,
+    SILENT,
+    TOLERANCE,
+    WATCHDOG,
+    WATCHDOG_LIMIT,
+    WRITE_DELAY,
+    drop,
 )
-from forcebound.compiled import allow_in_kernels, jit
+from forcebound.compiled import jit
 from forcebound.errors import ConfigError
 
 Vector: TypeAlias = tuple[float, ...]
 
-ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SHORTEST_INTERVAL = 1e-6  # s; a reading sooner after the last proves nothing
 LARGEST_READING = 1e6  # m; a reading beyond is none
+ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
 
-# Places in the array of a bounder.
-STATE, SATURATION, DEVICE = 0, 1, 2
-MEMORY = DEVICE + DEVICE_ROWS
-AXES = MEMORY + MEMORY_ROWS  # one block for each axis
+_WATCHDOG_ROWS = {"silent": SILENT, "reporting": REPORTING, "none": NONE}
+_CAP = DEVICE + DeviceConstants._fields.index("energy_cap")
+_LIMIT = DEVICE + DeviceConstants._fields.index("hold_limit")
 
 
 class ForceBounder:
     """Bounds the force vector of a device with one law; one ledger for all axes.
 
-    Call :meth:`start` once, then at each sample :meth:`bound` and :meth:`settle`. Damping and
-    friction are those of the worst axis: every axis must dissipate at least this much, and friction
-    must act along the path or on each axis by itself. Axes that differ much are better served by a
-    bounder each.
+    Call :meth:`start` once, then at each sample :meth:`bound` and :meth:`settle`. Coordinates may
+    be joints: then positions are angles, in rad, and forces torques, in N m.
 
     Args:
         law: A key of :data:`forcebound.bounding.LAWS`.
@@ -62,17 +63,18 @@ class ForceBounder:
         axes: Length of the vectors, at least 1.
 
     Attributes:
-        limit: Largest magnitude allowed at the last sample, in N: the law's or the saturation.
+        limit: Largest magnitude allowed at the last sample, in the direction of the commanded
+            force, in N: the law's or the saturation.
         estimated_energy: Energy that the law believes in after the last sample, in J; its meaning
             is the law's.
         overruns: Holds that lasted longer than the hold limit.
         refused_readings: Readings that were not believed: not finite, too soon after the last, or
             faster than the device's largest speed.
-        largest_allowance: Most energy that a late hold can have given the hand, in J.
-        allowance_repaid: Whether the ledger has that back.
+        late_writes: Forces that took effect later after their reading than the device states.
 
     Raises:
-        ConfigError: If the law is not known or there is no axis.
+        ConfigError: If the law is not known, there is no axis, or the description of the device
+            does not fit this number of axes.
     """
 
     def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
@@ -80,21 +82,53 @@ class ForceBounder:
             raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
         if axes < 1:
             raise ConfigError(f"axes must be >= 1, got {axes}")
-        _refuse_unsupported(dissipation)
         import numpy as np  # not in the launcher
 
-        self._start_law, self._limit_force, self._settle_force = _compiled(LAWS[law])
+        self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
+        self._drop = jit(drop)
         self._axes = axes
         self._dissipation = dissipation
-        self._vector = np.zeros(axes)  # what a compiled call takes in
-        self._view: Any = self._vector.data  # numpy takes longer to set a number
-        self._rows = np.zeros(AXES + AXIS_ROWS * axes)
-        self._rows[SATURATION] = dissipation.saturation
+        self._rows = np.zeros(AXES + BLOCK * axes)
+        self._numbers: Any = self._rows.data  # numpy takes longer to get or set a number
+        self._positions, self._forces = np.zeros(axes), np.zeros(axes)
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
+        self._fill_settings(LAWS[law].limits_holds)
+        self._longest_limit = self._limit_s = dissipation.hold_limit
+        self._slack = self._rows[RESOLUTION] = math.hypot(*dissipation.of_axes("resolution", axes))
         # Compile, or load from the cache, before time matters.
-        self.start(0, (0.0,) * axes)
-        self.settle(self.bound(1_000_000, self._position, self._position))
-        self.start(0, self._position)
+        rest = (0.0,) * axes
+        self.start(0, rest)
+        self.settle(self.bound(1_000_000, rest, rest))
+        self.report_cut(2_000_000, rest)
+        self.start(0, rest)
+
+    def _fill_settings(self, limits_holds: bool) -> None:
+        d, rows, axes = self._dissipation, self._rows, self._axes
+        constants = axis_constants(d, axes)
+        along_path = acts_along_path(d, axes)
+        has_presliding = any(one.presliding > 0.0 for one in constants)
+        rows[SATURATION], rows[LAG], rows[WRITE_DELAY] = d.saturation, d.lag, d.write_delay
+        rows[GAIN] = d.gain_error if limits_holds else 0.0
+        rows[ENDS] = 2.0 if rows[GAIN] > 0.0 else 1.0
+        rows[WATCHDOG], rows[TOLERANCE] = _WATCHDOG_ROWS[d.watchdog], d.watchdog_tolerance
+        rows[WATCHDOG_LIMIT], rows[ALLOWANCE] = d.watchdog_limit, d.allowance
+        rows[IS_ALONG_PATH] = float(along_path)
+        rows[IS_RIGID] = float((axes == 1 or along_path) and not has_presliding and d.lag == 0.0)
+        rows[PLANNED_LIMIT] = d.hold_limit
+        rows[PATH_ERROR] = math.hypot(*[one.weight_error for one in constants])
+        for axis, one in enumerate(constants):
+            first = AXES + axis * BLOCK + CONSTANTS
+            rows[first : first + CONSTANT_ROWS] = one
+
+    @property
+    def largest_allowance(self) -> float:
+        """Most energy that a late hold can have given the hand, in J."""
+        return float(self._numbers[LARGEST_LEAK])
+
+    @property
+    def allowance_repaid(self) -> bool:
+        """Whether the ledger has back what late holds can have given."""
+        return self.largest_allowance == 0.0 or self.estimated_energy >= 0.0
 
     def start(self, time_ns: int, position: Vector) -> None:
         """Begin with the first reading and no force; forget everything before.
@@ -108,14 +142,14 @@ class ForceBounder:
         Raises:
             ValueError: If ``position`` does not have as many entries as there are axes.
         """
-        self._time_ns = time_ns
+        self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
-        self._is_cut = False
+        self._candidate: tuple[int, Vector] | None = None
+        self._held_limit_ns = round(self._limit_s * 1e9)
         self.limit = 0.0
-        self.overruns = self.refused_readings = 0
-        self.largest_allowance, self.allowance_repaid = 0.0, True
+        self.overruns = self.refused_readings = self.late_writes = 0
         self.estimated_energy: float = self._start_law(
-            self._rows, self._take_in(position, "positions")
+            self._rows, _fill(self._positions, position, "positions")
         )
 
     def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
@@ -137,45 +171,20 @@ class ForceBounder:
             ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
                 caller, since the safety chain has rejected such forces before.
         """
-        if len(commanded) != self._axes:
-            raise ValueError(f"expected {self._axes} forces, got {len(commanded)}")
+        forces = _fill(self._forces, commanded, "forces")
         magnitude = math.hypot(*commanded)
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
-        readings = self._take_in(position, "positions")
-        dt = (read_ns - self._time_ns) / 1e9
-        if dt < SHORTEST_INTERVAL or not math.hypot(*position) < LARGEST_READING:
-            self.refused_readings += 1
-            self._is_cut = True
-            self.limit = 0.0
-            return (0.0,) * self._axes
-        limit_s = self._dissipation.hold_limit
-        if dt > limit_s or self._is_cut:
-            self.overruns += 1
-            dt = max(dt, limit_s * (1.0 + 1e-9))
-        self._is_cut = False
-        limit, damping = self._limit_force(self._rows, readings, magnitude, dt)
+        before = self._position
+        limit, damping, dt = self._sample(read_ns, position, forces, magnitude)
         force = commanded
         if damping > 0.0:
             rate = damping / dt
-            moved = zip(force, position, self._position, strict=True)
-            force = tuple([f + rate * (now - before) for f, now, before in moved])
+            moved = zip(force, position, before, strict=True)
+            force = tuple([f + rate * (now - then) for f, now, then in moved])
             magnitude = math.hypot(*force)
-        self._time_ns = read_ns
-        self._position = position
         self.limit = limit
         return shorten(force, magnitude, limit)
-
-    def set_hold_limit(self, seconds: float) -> None:
-        """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
-
-        The device must have been given it before it gets such a force.
-        """
-        if seconds != self._dissipation.hold_limit:
-            raise ConfigError("a hold limit that changes is not supported yet")
-
-    def report_cut(self, time_ns: int, position: Vector) -> None:
-        """Take in where and when the watchdog dropped the force; before the next :meth:`bound`."""
 
     def settle(self, applied: Vector, write_ns: int | None = None) -> None:
         """Close the sample with the force that was really written.
@@ -187,81 +196,101 @@ class ForceBounder:
         Raises:
             ValueError: If the length is wrong.
         """
-        self.estimated_energy = self._settle_force(self._rows, self._take_in(applied, "forces"))
+        now = self._now_ns
+        write_ns = now if write_ns is None or write_ns < now else write_ns
+        delay = (write_ns - now) / 1e9
+        if write_ns - self._written_ns > self._held_limit_ns:
+            self.overruns += 1
+        if delay > self._dissipation.write_delay:
+            self.late_writes += 1
+        self._written_ns = write_ns
+        self._held_limit_ns = round(self._limit_s * 1e9)
+        self.estimated_energy = self._settle_force(
+            self._rows, _fill(self._forces, applied, "forces"), delay
+        )
 
-    def _take_in(self, values: Vector, what: str) -> Floats:
-        if len(values) != self._axes:
-            raise ValueError(f"expected {self._axes} {what}, got {len(values)}")
-        view = self._view
-        for axis, value in enumerate(values):
-            view[axis] = value
-        return self._vector
+    def set_hold_limit(self, seconds: float) -> None:
+        """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
+
+        The device must have been given it before it gets such a force.
+        """
+        if seconds == self._limit_s:
+            return
+        self._limit_s = seconds
+        self._numbers[PLANNED_LIMIT] = self._numbers[_LIMIT] = seconds
+        if seconds > self._longest_limit:
+            self._longest_limit = seconds
+            self._numbers[_CAP] = energy_cap(self._dissipation, self._axes, seconds)
+
+    def report_cut(self, time_ns: int, position: Vector) -> None:
+        """Take in where and when the watchdog dropped the force; before the next :meth:`bound`.
+
+        Args:
+            time_ns: When it dropped the force, in ns.
+            position: Reading of each axis then, in m.
+        """
+        if time_ns >= self._now_ns:
+            for axis in range(self._axes):
+                self._forces[axis] = 0.0
+            self._sample(time_ns, position, self._forces, 0.0, is_cut=True)
+        self._drop(self._rows, self._axes)
+
+    def _sample(
+        self, read_ns: int, position: Vector, forces: Floats, magnitude: float, is_cut: bool = False
+    ) -> tuple[float, float, float]:
+        """Let time pass up to a reading and take it in; return force, added damping and dt."""
+        closing = self._judge(read_ns, position)
+        if closing == REFUSED:
+            if not is_cut:
+                self.refused_readings += 1
+            readings = self._positions  # of no meaning
+        else:
+            readings = _fill(self._positions, position, "positions")
+        if is_cut:
+            self._numbers[IS_UNSURE] = 0.0
+        duration = max(read_ns - self._now_ns, 0) / 1e9
+        dt = (read_ns - self._taken_ns) / 1e9
+        limit, damping, closing = self._limit_force(
+            self._rows, readings, forces, magnitude, duration, dt, closing
+        )
+        self._now_ns = max(read_ns, self._now_ns)
+        if closing != REFUSED:
+            self._taken_ns, self._position = read_ns, position
+        return limit, damping, dt
+
+    def _judge(self, read_ns: int, position: Vector) -> int:
+        """Return whether a reading can be."""
+        if len(position) != self._axes:
+            raise ValueError(f"expected {self._axes} positions, got {len(position)}")
+        taken_ns = max(self._taken_ns, self._now_ns)
+        dt = (read_ns - self._taken_ns) / 1e9
+        if read_ns < taken_ns or dt < SHORTEST_INTERVAL:
+            return REFUSED
+        if not math.hypot(*position) < LARGEST_READING:
+            return REFUSED
+        if self._dissipation.largest_speed == math.inf:
+            return TAKEN
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None and self._is_credible(candidate, read_ns, position):
+            return RESTART  # it really is there: begin anew, with the price of not knowing how
+        if self._is_credible((self._taken_ns, self._position), read_ns, position):
+            return TAKEN
+        self._candidate = read_ns, position
+        return REFUSED
+
+    def _is_credible(self, before: tuple[int, Vector], read_ns: int, position: Vector) -> bool:
+        way = math.dist(before[1], position)
+        dt = (read_ns - before[0]) / 1e9
+        return way <= self._dissipation.largest_speed * dt + self._slack
 
 
-def _refuse_unsupported(dissipation: Dissipation) -> None:
-    for name in ("presliding", "weight", "weight_error"):
-        if any(dissipation.of_axes(name, 1)):
-            raise ConfigError(f"{name} is not supported yet")
-    for name in ("gain_error", "lag", "write_delay", "allowance", "watchdog_tolerance"):
-        if getattr(dissipation, name):
-            raise ConfigError(f"{name} is not supported yet")
-    if dissipation.largest_speed < math.inf or dissipation.energy_cap is not None:
-        raise ConfigError("largest_speed and energy_cap are not supported yet")
-    if dissipation.watchdog == "none":
-        raise ConfigError("watchdog 'none' is not supported yet")
-
-
-_Start: TypeAlias = Callable[[Floats, Floats], float]
-_Limit: TypeAlias = Callable[[Floats, Floats, float, float], tuple[float, float]]
-_Settle: TypeAlias = Callable[[Floats, Floats], float]
-
-
-@cache
-def _compiled(law: BoundingLaw) -> tuple[_Start, _Limit, _Settle]:
-    """Return what a bounder does with its array and a vector, compiled.
-
-    ``start(rows, position) -> estimated energy``, ``limit(rows, position, commanded force, dt) ->
-    (largest force, added damping)`` and
-    ``settle(rows, applied) -> estimated energy``.
-    """
-    start_law, limit_force, settle_law, energy = law.start, law.limit, law.settle, law.energy
-
-    def start(rows: Floats, position: Floats) -> float:
-        device = load_device(rows, DEVICE, 1)
-        for axis in range(position.size):
-            store_axis(rows, AXES + axis * AXIS_ROWS, 1, start_axis(position[axis]))
-        store_memory(rows, MEMORY, 1, NO_MEMORY)
-        rows[STATE] = start_law(device)
-        return energy(rows[STATE], NO_WRITE, device)
-
-    def limit(rows: Floats, position: Floats, commanded: float, dt: float) -> tuple[float, float]:
-        device = load_device(rows, DEVICE, 1)
-        memory = load_memory(rows, MEMORY, 1)
-        motion = NO_MOTION
-        for axis in range(position.size):
-            first = AXES + axis * AXIS_ROWS
-            one, motion = observe_axis(
-                load_axis(rows, first, 1), memory, position[axis], motion, dt, device
-            )
-            store_axis(rows, first, 1, one)
-        saturation = rows[SATURATION]
-        memory, sample = observe(memory, motion, min(commanded, saturation), dt, device)
-        store_memory(rows, MEMORY, 1, memory)
-        rows[STATE], largest, added_damping = limit_force(rows[STATE], sample, device)
-        return min(largest, saturation), added_damping
-
-    def settle(rows: Floats, applied: Floats) -> float:
-        device = load_device(rows, DEVICE, 1)
-        write = NO_WRITE
-        for axis in range(applied.size):
-            first = AXES + axis * AXIS_ROWS
-            one, write = write_axis(load_axis(rows, first, 1), applied[axis], write)
-            store_axis(rows, first, 1, one)
-        rows[STATE] = settle_law(rows[STATE], write, device)
-        return energy(rows[STATE], write, device)
-
-    allow_in_kernels([start_law, limit_force, settle_law, energy])
-    return jit(start), jit(limit), jit(settle)
+def _fill(vector: Floats, values: Vector, what: str) -> Floats:
+    view: Any = vector.data
+    if len(values) != len(view):
+        raise ValueError(f"expected {len(view)} {what}, got {len(values)}")
+    for axis, value in enumerate(values):
+        view[axis] = value
+    return vector
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from forcebound.bounding.constants import device_constants
 from forcebound.bounding.dissipation import Dissipation
 from forcebound.bounding.sample import DeviceConstants, Sample, Write
 
@@ -42,6 +43,9 @@ class BoundingLaw:
         settle: ``(state, write, device) -> state`` once the force of this sample is written.
         energy: ``(state, write, device) -> J``: the energy that the law believes in after
             ``settle``.
+        limits_holds: The next hold may cost at most the law's ``energy``; the bounder finds the
+            largest force for which it does (:mod:`forcebound.bounding.hold_cost`). The state is an
+            energy, in J.
         uses_friction: False: the law counts viscous damping alone, f_c = 0.
         is_certified: The bound holds for the physical energy (``docs/theory.md``).
         adds_damping: The law may add a force of its own, so it may exceed the commanded force.
@@ -52,20 +56,15 @@ class BoundingLaw:
     start: Callable[[DeviceConstants], State] = zero_energy
     settle: Callable[[State, Write, DeviceConstants], State] = settle_nothing
     energy: Callable[[State, Write, DeviceConstants], float] = state_is_energy
+    limits_holds: bool = False
     uses_friction: bool = True
     is_certified: bool = False
     adds_damping: bool = False
 
     def device(self, dissipation: Dissipation, axes: int = 1) -> DeviceConstants:
         """Return the constants that the functions of this law take."""
-        return DeviceConstants(
-            dissipation.least_damping,
-            dissipation.least_friction if self.uses_friction else 0.0,
-            dissipation.coarsest_resolution / 2.0,
-            dissipation.period,
-            dissipation.hold_limit,
-            float(axes),
-        )
+        device = device_constants(dissipation, axes)
+        return device if self.uses_friction else device._replace(friction=0.0)
 
 
 def observe_energy(state: State, sample: Sample, device: DeviceConstants) -> State:

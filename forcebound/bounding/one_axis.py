@@ -1,21 +1,27 @@
-"""The bounder of one axis as one function, to be compiled into sweeps, audits and fits."""
+"""The bounder of one axis as one function, to be compiled into sweeps, audits and fits.
+
+It does what :class:`forcebound.bounding.ForceBounder` does, for a device that reads and writes at
+one instant, drops a force exactly at the hold limit, and has none of the numbers that are off by
+default.
+"""
 
 from collections.abc import Callable
 from functools import cache
 from typing import TypeAlias
 
+from forcebound.bounding.hold_cost import rigid_cost, rigid_force
 from forcebound.bounding.law import BoundingLaw, State
 from forcebound.bounding.sample import (
     NO_MOTION,
-    NO_WRITE,
+    AxisConstants,
     AxisMemory,
     DeviceConstants,
     Memory,
     Write,
     observe,
     observe_axis,
-    write_axis,
 )
+from forcebound.bounding.waveform import NO_FORCE, mean_force, penalty, retarget, run
 
 Step: TypeAlias = Callable[
     [AxisMemory, Memory, State, float, float, float, float, DeviceConstants],
@@ -27,12 +33,18 @@ which is then ``axis.force``."""
 
 
 @cache
-def one_axis(law: BoundingLaw) -> Step:
+def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
     """Return what :class:`forcebound.bounding.ForceBounder` does at a sample, for one axis.
 
     A device is taken to apply what the bounder returns.
+
+    Args:
+        law: The law.
+        overruns: Whether a sample interval may be longer than the hold limit; code without is
+            faster.
     """
-    limit, settle = law.limit, law.settle
+    limit, settle, energy = law.limit, law.settle, law.energy
+    limits_holds = law.limits_holds
 
     def step(
         axis: AxisMemory,
@@ -44,13 +56,30 @@ def one_axis(law: BoundingLaw) -> Step:
         dt: float,
         device: DeviceConstants,
     ) -> tuple[AxisMemory, Memory, State, Write]:
+        r, friction = device.half_resolution, device.friction
+        constants = AxisConstants(device.damping, friction, r, r, 0.0, 0.0, 0.0)
         move = reading - axis.reading
-        axis, motion = observe_axis(axis, memory, reading, NO_MOTION, dt, device)
+        mean, cost = axis.force, 0.0
+        if overruns and dt > device.hold_limit:
+            motor = run(retarget(NO_FORCE, axis.force, 0.0, True), device.hold_limit, 0.0)
+            motor = run(retarget(motor, 0.0, 0.0, False), dt - device.hold_limit, 0.0)
+            mean, cost = mean_force(motor, dt, 0.0), penalty(motor, dt, 0.0, 1.0, move, constants)
+        axis, motion = observe_axis(axis, memory, reading, mean, cost, NO_MOTION, constants)
         memory, sample = observe(memory, motion, min(abs(commanded), saturation), dt, device)
         state, largest, added_damping = limit(state, sample, device)
+        price, available = sample.held_price, 0.0
+        if limits_holds:
+            available = energy(state, Write(0.0, price, 0.0), device)
+            most = rigid_force(available, friction, device.damping, device.hold_limit)
+            largest = min(largest, most)
         largest = min(largest, saturation)
         wanted = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
-        axis, write = write_axis(axis, min(max(wanted, -largest), largest), NO_WRITE)
+        force = min(max(wanted, -largest), largest)
+        axis = AxisMemory(reading, force, axis.mean, axis.play, axis.path, axis.older, axis.younger)
+        surplus = available
+        if limits_holds:
+            surplus -= rigid_cost(abs(force), friction, device.damping, device.hold_limit)
+        write = Write(force * force, price, surplus)
         return axis, memory, settle(state, write, device), write
 
     return step

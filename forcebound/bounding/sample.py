@@ -9,21 +9,18 @@ One sample, for a device with any number of axes::
 
     motion = NO_MOTION
     for each axis:
-        axis_memory, motion = observe_axis(axis_memory, memory, reading, motion, dt, device)
+        axis_memory, motion = observe_axis(
+            axis_memory, memory, reading, mean, penalty, motion, constants
+        )                                     # mean, penalty: :mod:`forcebound.bounding.waveform`
     memory, sample = observe(memory, motion, commanded, dt, device)
     state, largest_force, added_damping = law.limit(state, sample, device)
     ...                                           # the force is shortened and written
-    write = NO_WRITE
-    for each axis:
-        axis_memory, write = write_axis(axis_memory, force, write)
     state = law.settle(state, write, device)
 
-Measured way. Two lower bounds of how far the true position has gone, as the proof of the certified
+Measured loss. Two lower bounds of how far the true position has gone, as the proof of the certified
 law uses them (:mod:`forcebound.bounding.certified`, steps 3 and 4): the path of the play operator
-of each axis, and the least :math:`\int |v|^2 dt` (:func:`squared_velocity_integral`), for which the
-readings at two earlier samples, the anchors, are remembered. If dt exceeds the hold limit, the
-device has dropped its force at an unknown moment; the sample still holds what was measured, and the
-memory begins anew at the reading, with no force held.
+of each axis, and the least viscous loss (:func:`viscous_loss`), for which the readings at two
+earlier samples, the anchors, are remembered.
 """
 
 import math
@@ -46,19 +43,35 @@ ANCHOR_SAMPLES = 8
 class DeviceConstants(NamedTuple):
     """What a law may rely on about a device; see :class:`forcebound.bounding.Dissipation`."""
 
-    damping: float  # b, N s/m
-    friction: float  # f_c, N; 0 for a law that counts viscous damping alone
-    half_resolution: float  # r, m
+    damping: float  # b of the worst axis, N s/m
+    friction: float  # f_c of the worst axis, N; 0 for a law that counts viscous damping alone
+    half_resolution: float  # r of the worst axis, m
     period: float  # T, s
     hold_limit: float  # T_max, s
     axes: float  # number of axes
+    path_friction: float  # N, of friction along the path; 0 if it acts on each axis by itself
+    start_price: float  # J, friction that may be credited before the first way is made
+    energy_cap: float  # J, more is of no use for a hold
+
+
+class AxisConstants(NamedTuple):
+    """What a law may rely on about one axis."""
+
+    damping: float  # b_i, N s/m
+    friction: float  # f_i, N, on this axis by itself; 0 for friction along the path
+    half_resolution: float  # r_i, m
+    half_play: float  # m, of the play operator: r_i + z_i
+    presliding: float  # 2 z_i, m: way in a hold before friction is sure
+    weight_error: float  # N
+    dropped: float  # N, force against positive motion after a cut: the weight, not compensated
 
 
 class AxisMemory(NamedTuple):
     """What is remembered of one axis."""
 
     reading: float  # q(n-1), m
-    force: float  # F(n-1), N, held since the last sample
+    force: float  # F(n-1), N, written last
+    mean: float  # N, mean force of the interval before the last reading
     play: float  # position of the play operator, m
     path: float  # way of the play operator, m
     older: float  # reading at the older anchor, m
@@ -69,8 +82,8 @@ class Memory(NamedTuple):
     """What is remembered of all axes together."""
 
     path: float  # length of the vector of the axes' paths, m
-    integral: float  # least ∫|v|² dt since the older anchor, m²/s
-    between: float  # of it, from the older anchor to the younger, m²/s
+    loss: float  # least viscous loss since the older anchor, J
+    between: float  # of it, from the older anchor to the younger, J
     older_age: float  # time since the older anchor, s
     younger_age: float  # time since the younger anchor, s
     samples: float  # since the anchors moved
@@ -80,13 +93,16 @@ class Motion(NamedTuple):
     """What has been measured in a sample, summed over the axes."""
 
     distance_square: float  # m², of the move of the reading
-    step_square: float  # m², of what of the move cannot be quantisation
-    older_square: float  # m², the same since the older anchor
-    younger_square: float  # m², the same since the younger anchor
-    path_square: float  # m², of the way of the play operator
-    work: float  # F(n-1)·Δq, J
     held_square: float  # N², of F(n-1)
-    held_sum: float  # Σ_i |F_i(n-1)|, N
+    step: float  # J s, b times the square of what of the move cannot be quantisation
+    older: float  # J s, the same since the older anchor
+    younger: float  # J s, the same since the younger anchor
+    path_square: float  # m², of the way of the play operator
+    slid: float  # J, friction of the play operators' moves
+    work: float  # J
+    penalty: float  # J
+    change_price: float  # J
+    held_price: float  # J
 
 
 class Sample(NamedTuple):
@@ -95,39 +111,41 @@ class Sample(NamedTuple):
     commanded: float  # ‖F_e(n)‖, N, already saturated
     dt: float  # measured time since the last sample, s, positive
     distance: float  # ‖Δq‖, m: how far the reading has moved since the last sample
-    squared_velocity_integral: float  # increase of the least ∫|v|² dt, m²/s
-    path: float  # increase of the length of the vector of the paths of the play operators, m
-    work: float  # F(n-1)·Δq, J
-    held: float  # ‖F(n-1)‖, N: force held since the last sample
-    held_sum: float  # Σ_i |F_i(n-1)|, N
+    work: float  # F̄·Δq, J, with the mean force since the last sample: F(n-1) if nothing changed it
+    held: float  # ‖F(n-1)‖, N: force written at the last sample
+    viscous_loss: float  # J, increase of the least viscous loss
+    friction_loss: float  # J, increase of the least friction loss
+    penalty: float  # J, what a force that changes within the interval can gain by its changes
+    change_price: float  # Σ_i r_i |F̄_i(n-1) - F̄_i(n-2)|, J
+    held_price: float  # Σ_i r_i |F̄_i(n-1)|, J
 
 
 class Write(NamedTuple):
-    """A force as it was written, summed over the axes; F(n-1) = 0 after a hold-limit overrun."""
+    """A force as it was written."""
 
     square: float  # ‖F(n)‖², N²
-    force_sum: float  # Σ_i |F_i(n)|, N
-    change_sum: float  # Σ_i |F_i(n) - F_i(n-1)|, N
-    held_sum: float  # Σ_i |F_i(n-1)|, N
+    held_price: float  # J, of the sample
+    surplus: float  # J of the law's energy that a hold of this force does not need
 
 
 NO_MEMORY = Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_MOTION = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_WRITE = Write(0.0, 0.0, 0.0, 0.0)
+NO_MOTION = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_WRITE = Write(0.0, 0.0, 0.0)
 
 
 def start_axis(reading: float) -> AxisMemory:
     """Return the memory of an axis at its first ``reading``, in m, with no force held."""
-    return AxisMemory(reading, 0.0, reading, 0.0, reading, reading)
+    return AxisMemory(reading, 0.0, 0.0, reading, 0.0, reading, reading)
 
 
 def observe_axis(
     axis: AxisMemory,
     memory: Memory,
     reading: float,
+    mean: float,
+    penalty: float,
     motion: Motion,
-    dt: float,
-    device: DeviceConstants,
+    constants: AxisConstants,
 ) -> tuple[AxisMemory, Motion]:
     """Take in the new reading of one axis.
 
@@ -135,33 +153,36 @@ def observe_axis(
         axis: What is remembered of this axis.
         memory: What is remembered of all axes, before this sample.
         reading: q(n), in m.
+        mean: Mean force since the last reading, in N.
+        penalty: What the changes of the force since then can have gained, in J.
         motion: Sums over the axes before this one; :data:`NO_MOTION` for the first.
-        dt: Time since the last sample, in s, positive.
-        device: Constants of the device.
+        constants: Of this axis.
 
     Returns:
         The memory of the axis, and the sums with this axis.
     """
-    r = device.half_resolution
+    r, b = constants.half_resolution, constants.damping
     move = reading - axis.reading
-    position = play(reading, axis.play, r)
-    path = axis.path + abs(position - axis.play)
+    position = play(reading, axis.play, constants.half_play)
+    way = abs(position - axis.play)
+    path = axis.path + way
     motion = Motion(
         motion.distance_square + move * move,
-        motion.step_square + clear_square(reading, axis.reading, r),
-        motion.older_square + clear_square(reading, axis.older, r),
-        motion.younger_square + clear_square(reading, axis.younger, r),
-        motion.path_square + path * path,
-        motion.work + axis.force * move,
         motion.held_square + axis.force * axis.force,
-        motion.held_sum + abs(axis.force),
+        motion.step + b * clear_square(reading, axis.reading, r),
+        motion.older + b * clear_square(reading, axis.older, r),
+        motion.younger + b * clear_square(reading, axis.younger, r),
+        motion.path_square + path * path,
+        motion.slid + constants.friction * way,
+        motion.work + mean * move,
+        motion.penalty + penalty,
+        motion.change_price + r * abs(mean - axis.mean),
+        motion.held_price + r * abs(mean),
     )
-    if dt > device.hold_limit:
-        return start_axis(reading), motion
     moves_anchors = memory.samples + 1.0 == ANCHOR_SAMPLES
     older = axis.younger if moves_anchors else axis.older
     younger = reading if moves_anchors else axis.younger
-    return AxisMemory(reading, axis.force, position, path, older, younger), motion
+    return AxisMemory(reading, axis.force, mean, position, path, older, younger), motion
 
 
 def observe(
@@ -182,45 +203,24 @@ def observe(
     older_age = memory.older_age + dt
     younger_age = memory.younger_age + dt
     path = math.sqrt(motion.path_square)
-    integral = squared_velocity_integral(memory, motion, dt)
+    loss = viscous_loss(memory, motion, dt)
     sample = Sample(
         commanded,
         dt,
         math.sqrt(motion.distance_square),
-        integral - memory.integral,
-        path - memory.path,
         motion.work,
         math.sqrt(motion.held_square),
-        motion.held_sum,
+        loss - memory.loss,
+        motion.slid + device.path_friction * (path - memory.path),
+        motion.penalty,
+        motion.change_price,
+        motion.held_price,
     )
-    if dt > device.hold_limit:
-        return Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), sample
     samples = memory.samples + 1.0
     if samples == ANCHOR_SAMPLES:
-        between = integral - memory.between
+        between = loss - memory.between
         return Memory(path, between, between, younger_age, 0.0, 0.0), sample
-    return Memory(path, integral, memory.between, older_age, younger_age, samples), sample
-
-
-def write_axis(axis: AxisMemory, force: float, write: Write) -> tuple[AxisMemory, Write]:
-    """Take in the force written on one axis.
-
-    Args:
-        axis: What is remembered of this axis.
-        force: F(n) on this axis, in N, as the device applies it.
-        write: Sums over the axes before this one; :data:`NO_WRITE` for the first.
-
-    Returns:
-        The memory of the axis, and the sums with this axis.
-    """
-    write = Write(
-        write.square + force * force,
-        write.force_sum + abs(force),
-        write.change_sum + abs(force - axis.force),
-        write.held_sum + abs(axis.force),
-    )
-    axis = AxisMemory(axis.reading, force, axis.play, axis.path, axis.older, axis.younger)
-    return axis, write
+    return Memory(path, loss, memory.between, older_age, younger_age, samples), sample
 
 
 def play(reading: float, position: float, half_width: float) -> float:
@@ -246,12 +246,12 @@ def clear_square(reading: float, anchor: float, half_resolution: float) -> float
     return clear * clear
 
 
-def squared_velocity_integral(memory: Memory, motion: Motion, dt: float) -> float:
-    r"""Return the least :math:`\int |v|^2 dt` since the older anchor, in m²/s.
+def viscous_loss(memory: Memory, motion: Motion, dt: float) -> float:
+    r"""Return the least viscous loss :math:`\int b |v|^2 dt` since the older anchor, in J.
 
     .. math:: V = \max\Big(V + \frac{c_1^2}{dt}, \frac{c_a^2}{t - t_a},
                            V_{ab} + \frac{c_b^2}{t - t_b}\Big),
-              \qquad c^2 = \sum_i (|q_i - q_{before,i}| - 2r)_+^2
+              \qquad c^2 = \sum_i b_i (|q_i - q_{before,i}| - 2r_i)_+^2
 
     A slow hand moves by about one step of the encoder a sample, and one step proves nothing: the
     true position may have been at one edge of the reading's cell and now be at the other. Over
@@ -259,9 +259,9 @@ def squared_velocity_integral(memory: Memory, motion: Motion, dt: float) -> floa
     so is the largest. The terms are from the last sample, the older anchor a and the younger b.
     """
     return max(
-        memory.integral + motion.step_square / dt,
-        motion.older_square / (memory.older_age + dt),
-        memory.between + motion.younger_square / (memory.younger_age + dt),
+        memory.loss + motion.step / dt,
+        motion.older / (memory.older_age + dt),
+        memory.between + motion.younger / (memory.younger_age + dt),
     )
 
 
@@ -281,6 +281,7 @@ def load_axis(rows: Floats, first: int, stride: int) -> AxisMemory:
         rows[first + 3 * stride],
         rows[first + 4 * stride],
         rows[first + 5 * stride],
+        rows[first + 6 * stride],
     )
 
 
@@ -288,10 +289,11 @@ def store_axis(rows: Floats, first: int, stride: int, axis: AxisMemory) -> None:
     """Put the memory of an axis into ``rows``."""
     rows[first] = axis.reading
     rows[first + stride] = axis.force
-    rows[first + 2 * stride] = axis.play
-    rows[first + 3 * stride] = axis.path
-    rows[first + 4 * stride] = axis.older
-    rows[first + 5 * stride] = axis.younger
+    rows[first + 2 * stride] = axis.mean
+    rows[first + 3 * stride] = axis.play
+    rows[first + 4 * stride] = axis.path
+    rows[first + 5 * stride] = axis.older
+    rows[first + 6 * stride] = axis.younger
 
 
 def load_memory(rows: Floats, first: int, stride: int) -> Memory:
@@ -309,7 +311,7 @@ def load_memory(rows: Floats, first: int, stride: int) -> Memory:
 def store_memory(rows: Floats, first: int, stride: int, memory: Memory) -> None:
     """Put the memory of all axes into ``rows``."""
     rows[first] = memory.path
-    rows[first + stride] = memory.integral
+    rows[first + stride] = memory.loss
     rows[first + 2 * stride] = memory.between
     rows[first + 3 * stride] = memory.older_age
     rows[first + 4 * stride] = memory.younger_age
@@ -325,4 +327,7 @@ def load_device(rows: Floats, first: int, stride: int) -> DeviceConstants:
         rows[first + 3 * stride],
         rows[first + 4 * stride],
         rows[first + 5 * stride],
+        rows[first + 6 * stride],
+        rows[first + 7 * stride],
+        rows[first + 8 * stride],
     )

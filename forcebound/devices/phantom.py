@@ -1,6 +1,7 @@
 """PHANToM Premium 1.5, simulated: the device of the paper's experiments."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.bounding.dissipation import PER_AXIS
@@ -11,6 +12,7 @@ from forcebound.devices.stated import (
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
+    Source,
     StatedImperfections,
     check_count,
 )
@@ -53,6 +55,15 @@ class PhantomPremium15(StatedImperfections):
     weight: ForceOfAxes = 0.0
     weight_error: FrictionOfAxes = 0.0
     truth: TrueAxes | None = None
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: {
+            "damping": "measured",  # of the real device, by the paper's authors
+            "friction": "measured",
+            "resolution": "data sheet",
+            "saturation": "data sheet",
+        },
+        hash=False,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

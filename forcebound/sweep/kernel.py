@@ -35,7 +35,6 @@ from forcebound.bounding.sample import (
     start_axis,
     store_axis,
     store_memory,
-    write_axis,
 )
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import count_steps, quantise, step, step_impedance
@@ -288,19 +287,18 @@ def _starter(law: str) -> Callable[..., None]:
         for i in range(WIDTH):
             device = load_device(s, LAW * WIDTH + i, WIDTH)
             axis = start_axis(quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i]))
-            axis, write = write_axis(axis, 0.0, NO_WRITE)
-            state = settle(start(device), write, device)
+            state = settle(start(device), NO_WRITE, device)
             store_axis(s, AXIS * WIDTH + i, WIDTH, axis)
             store_memory(s, MEMORY * WIDTH + i, WIDTH, NO_MEMORY)
             s[STATE * WIDTH + i] = state
-            s[ENERGY * WIDTH + i] = energy(state, write, device)
+            s[ENERGY * WIDTH + i] = energy(state, NO_WRITE, device)
 
     return start_law
 
 
 def _bounder(law: str) -> Callable[..., None]:
     """Return the function that reads, bounds and writes, for every lane."""
-    bound, energy = one_axis(LAWS[law]), LAWS[law].energy
+    bound, energy = one_axis(LAWS[law], overruns=False), LAWS[law].energy
 
     def bound_lanes(s: Floats, dt: float, commanded: Floats) -> None:
         for i in range(WIDTH):

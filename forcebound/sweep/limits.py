@@ -14,8 +14,9 @@ is due to the law.
     and ``tests/test_limits.py``): K T / b = 1 / (1/2 + d); a sufficient condition with B. No
     quantisation. The velocity's low-pass is not in it.
 ``with_hand``
-    The same with the damping of the simulated hand added to that of the device. It holds for this
-    hand alone: a person who lets go takes it away.
+    The same with the damping of the simulated hand added to that of the device: a limit of
+    stability for this hand alone, not of passivity. Below it the hand comes to rest, since its own
+    damping takes up the energy that the device gives it.
 ``encoder``
     :math:`K \le 2 f_c / \Delta`: a cycle over two edges of an encoder of resolution Δ gives
     :math:`(K \Delta - 2 f_c) \epsilon`, however small ε.

@@ -6,12 +6,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from forcebound.analysis.plots import save
+from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
 from forcebound.sweep.table import Table, read_table
 
@@ -54,8 +56,11 @@ def draw(result: Path, picture: Path) -> None:
     drawing = table.about.get("map") or {}
     if not drawing:
         raise ConfigError(f"{result}: its sweep file has no section map")
+    if f"over.{drawing.get('per')}" not in table.columns:  # held constant on the command line
+        drawing = {key: value for key, value in drawing.items() if key != "per"}
     figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
-    figure.suptitle(drawing.get("title") or table.about.get("description", ""))
+    title = drawing.get("title") or table.about.get("description", "")
+    figure.suptitle(fill(title, round(10 * figure.get_figwidth())))
     figure.set_dpi(130)
     save(figure, picture)
 
@@ -74,7 +79,7 @@ def column_of(table: Table, name: str) -> list[Any]:
     for key in (f"over.{name}", name):
         if key in table.columns:
             return table.columns[key]
-    raise ConfigError(f"the result has no column {name!r}; it has {', '.join(table.columns)}")
+    raise ConfigError(unknown("column of the result", name, table.columns))
 
 
 def numbers_of(table: Table, name: str) -> Array:

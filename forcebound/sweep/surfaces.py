@@ -103,7 +103,9 @@ def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
     panels = list(dict.fromkeys(shown.group))
     columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.4 * columns + 1.6, 2.6 * rows + 1.0), layout="constrained")
+    figure = Figure(
+        figsize=(max(3.4 * columns + 1.6, 7.0), max(2.6 * rows + 1.0, 4.6)), layout="constrained"
+    )
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
     for axis, panel in zip(axes, panels, strict=False):
@@ -183,7 +185,14 @@ def _add_keys(
     if shown.shows_softness:
         handles.append(Patch(facecolor="white", edgecolor="#808080"))
         labels.append("white line: where a wall begins to feel softer than it is")
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=3 if figure.get_figwidth() > 10.0 else 2,
+        frameon=False,
+        fontsize=8,
+    )
 
 
 def _scale(shown: _Map) -> Normalize:
