@@ -17,6 +17,8 @@ from forcebound.cli.common import (
 )
 from forcebound.errors import ConfigError, RunError
 
+OUTPUT = ("-o", "--output", "--out", "out")  # as with every command; --out is the older name
+
 
 @click.command(short_help="Measure against a reference implementation.")
 @click.argument("name")
@@ -69,7 +71,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-@file_option("--out", metavar="REPORT.md", help="Write the report to this file.")
+@file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
 @json_option
 @click.pass_context
 @reports_errors
@@ -106,25 +108,30 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@file_option("--out", metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
+@file_option(
+    *OUTPUT,
+    metavar="RUN.png",
+    help="Draw the run to this file, .png or .svg.",
+)
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
     """Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate."""
     from forcebound.audit.command import run_again
+    from forcebound.audit.report import replay_lines
 
     document = run_again(law, case, duration, out)
     if as_json:
         print_json(document)
         return
-    for name, value in [*document.pop("case").items(), *document.items()]:
-        show(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
+    for line in replay_lines(document):
+        show(line)
 
 
 @click.command(short_help="Repeat the paper's experiments.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(
-    "--out",
+    *OUTPUT,
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/reproduce"),
     show_default=True,
