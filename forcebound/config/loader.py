@@ -48,6 +48,7 @@ from forcebound.config.user_parts import (
     find_class,
     find_law,
     user_files,
+    warn_far,
     warn_uncertified,
 )
 from forcebound.errors import ConfigError
@@ -90,6 +91,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
         run_in_sandbox(try_out, [str(path), list(overrides)], files)
     config = _build(filled, problems, asks=not files)
     warn_uncertified(config)
+    warn_far(config)
     return config
 
 
