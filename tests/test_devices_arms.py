@@ -256,3 +256,47 @@ def test_an_arm_without_a_force_only_takes_energy(arm: FiveBar | SerialArm) -> N
     assert min(energies) >= 0.0
     kinetic = 0.5 * arm.inertia * 400.0  # more than it ever has: 20 rad/s
     assert all(b >= a - kinetic for a, b in pairwise(energies))
+
+
+@given(
+    torques=st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3), min_size=5, max_size=40),
+    friction=st.floats(0.0, 0.02),
+    presliding=st.sampled_from([0.0, 1e-3]),
+)
+@settings(max_examples=25)
+@pytest.mark.parametrize("name", ["five_bar", "planar", "spatial"])
+def test_the_energy_balance_holds_to_rounding(
+    name: str, torques: list[Vector], friction: float, presliding: float
+) -> None:
+    """The energy is kinetic, stored, lost or given to the motors, counted from the angles alone."""
+    h = 5e-5
+    arm = replace(
+        ARMS[name], friction=friction, presliding=presliding, resolution=0.0, saturation=1.0
+    )
+    damping, inertia = arm.damping, arm.inertia
+    assert isinstance(damping, float)
+    device = arm.open(CirclingHand(stiffness=3000.0), hold_limit=1.0)
+    angles = device.read(0)
+    device.engage(0)
+    speeds, bristles, spent = [0.0] * arm.axes, [0.0] * arm.axes, 0.0
+    for k, torque in enumerate(torques):
+        held = device.write(50_000 * k, torque[: arm.axes])
+        turned = device.read(50_000 * (k + 1))
+        for j, (after, before) in enumerate(zip(turned, angles, strict=True)):
+            way = after - before
+            spent += (damping * way / h + held[j]) * way
+            end = 2.0 * way / h - speeds[j]
+            if presliding:
+                bristle = min(max(bristles[j] + way, -presliding), presliding)
+                spent += friction * abs(way - (bristle - bristles[j]))
+                bristles[j] = bristle
+            else:
+                spent += friction * abs(way)
+                if end * way <= 0.0:  # it stops, and loses what it still had
+                    spent += 0.5 * inertia * end * end
+                    end = 0.0
+            speeds[j] = end
+        angles = turned
+    stored = sum(0.5 * friction / (presliding or 1.0) * z * z for z in bristles)
+    kinetic = 0.5 * inertia * dot(speeds, speeds)
+    assert device.truth().energy == pytest.approx(kinetic + stored + spent, rel=1e-9, abs=1e-13)

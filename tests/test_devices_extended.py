@@ -210,6 +210,11 @@ def test_the_motor_is_at_the_upper_end_of_its_gain_or_where_it_truly_is(
     assert speeds(model) == pytest.approx((gain * 0.1,))
 
 
+def test_each_motor_may_have_a_gain_of_its_own() -> None:
+    model = replace(PUSHED, axes=2, truth=TrueAxes(gain=(0.9, 1.1)))
+    assert speeds(model) == pytest.approx((0.09, 0.11))
+
+
 @pytest.mark.parametrize(
     ("stated", "truth", "lag"),
     [({"lag": 1e-3}, None, 1e-3), ({"lag": 1e-3}, TrueAxes(lag=2e-3), 2e-3)],
@@ -297,6 +302,7 @@ def test_a_watchdog_may_truly_be_early_or_late(share: float) -> None:
     ("changed", "message"),
     [
         ({"truth": TrueAxes(damping=(1.0, 2.0))}, "truth: damping must be one number, or 1"),
+        ({"truth": TrueAxes(gain=(1.0, 1.1))}, "truth: gain must be one number, or 1"),
         ({"friction": (0.1, 0.2, 0.3)}, "friction must be one number, or 1"),
     ],
 )

@@ -104,11 +104,11 @@ def write_delay(draft: Draft) -> None:
 def presliding(draft: Draft) -> None:
     """Friction yields elastically."""
     axes = draft.axes
-    if isinstance(draft.fields["friction"], tuple):
-        ways = tuple(_log(draft.random, 1e-6, 3e-4) for _ in range(axes))
-        draft.fields["presliding"] = ways
-    else:
-        draft.fields["presliding"] = _log(draft.random, 1e-6, 3e-4)
+    ways = tuple(_log(draft.random, 1e-6, 3e-4) for _ in range(axes))
+    draft.fields["presliding"] = ways if axes > 1 else ways[0]
+    if axes > 1:
+        draft.fields["friction"] = draft.per_axis("friction")
+        draft.numbers[ALONG_PATH] = 0.0
     draft.device[PRESLIDING, :axes] = draft.per_axis("presliding")
 
 
@@ -206,7 +206,12 @@ def glitches(draft: Draft) -> None:
     """Readings that imply more than the largest speed; the hand never exceeds it."""
     draft.case["refused"] = _log(draft.random, 0.02, 0.5)
     draft.fields["largest_speed"] = draft.case["glitch"] = _log(draft.random, 0.05, 5.0)
-    draft.numbers[FASTEST] = draft.fields["largest_speed"]
+    draft.numbers[FASTEST] = 0.999 * draft.fields["largest_speed"]  # no true reading is refused
+
+
+def too_fast(draft: Draft) -> None:
+    """A hand that exceeds the stated largest speed: readings that are true are refused."""
+    draft.fields["largest_speed"] = _log(draft.random, 0.001, 0.5)
 
 
 def cap(draft: Draft) -> None:
@@ -215,21 +220,32 @@ def cap(draft: Draft) -> None:
 
 
 def weight(draft: Draft) -> None:
-    """A weight on each axis that the device compensates, with an error."""
+    """A weight on each axis that the device compensates, with an error; no hold is cut."""
     axes, random = draft.axes, draft.random
     heavy = random.normal(size=axes)
-    error = _log(random, 1e-3, 0.3)
-    draft.fields["weight"] = tuple(heavy.tolist())
-    draft.fields["weight_error"] = error
-    draft.device[WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes) / math.sqrt(axes)
+    # More than friction holds by itself would let the hand have gravity's energy.
+    error = min(draft.per_axis("friction")) * _log(random, 0.01, 0.95) / math.sqrt(axes)
+    uncertain = draft.fields.get("gain_error", 0.0)  # the motors carry the weight, too
+    if uncertain > 0.0:
+        heavy = np.clip(heavy, -0.5 * error / uncertain, 0.5 * error / uncertain)
+        error *= 0.5
+    draft.fields["weight"], draft.fields["weight_error"] = tuple(heavy.tolist()), error
+    draft.device[WEIGHT, :axes] = heavy + error * random.choice([-1.0, 1.0], axes)
     draft.device[COMPENSATION, :axes] = heavy
+    draft.case["punctual_only"] = True
+
+
+def weight_cut(draft: Draft) -> None:
+    """A compensated weight that acts whenever the force is cut."""
+    weight(draft)
+    draft.case["punctual_only"], draft.case["ledger_only"] = False, True
 
 
 EFFECTS: dict[str, Callable[[Draft], None]] = {
     effect.__name__: effect
     for effect in (
         pooled, joints, write_delay, presliding, gain, gain_of_axes, lag, tolerance, reporting,
-        none, none_punctual, changing, refused, glitches, cap, weight,
+        none, none_punctual, changing, refused, glitches, too_fast, cap, weight, weight_cut,
     )
 }  # fmt: skip
 
@@ -240,6 +256,9 @@ CERTIFICATES = {
     ),
     "presliding": Certificate("elastic friction", ("presliding",), {"presliding": 0.0}),
     "gain": Certificate("gain error to 20 %", ("gain",), {"gain_error": 0.0}),
+    "gain_of_axes": Certificate(
+        "gain error to 20 %, another in each motor", ("gain_of_axes",), {}, axes=(2, 3)
+    ),
     "lag": Certificate("first-order amplifier, to T", ("lag",), {"lag": 0.0}),
     "pooled": Certificate(
         "numbers of each axis", ("pooled",), {"resolution": 0.0}, axes=(1, 2, 2, 3)
@@ -248,14 +267,32 @@ CERTIFICATES = {
     "tolerance": Certificate(
         "silent watchdog in a range", ("tolerance",), {"watchdog_tolerance": 0.0}
     ),
-    "reporting": Certificate("reporting watchdog", ("reporting",), {"resolution": 0.0}),
-    "none": Certificate("no watchdog, late holds leak the allowance", ("none",), {}),
-    "none_punctual": Certificate("no watchdog, punctual", ("none_punctual",), {"resolution": 0.0}),
-    "changing": Certificate("changing hold limits", ("changing",), {"resolution": 0.0}),
-    "refused": Certificate("refused readings", ("refused",), {"resolution": 0.0}),
-    "glitches": Certificate("glitches beyond the largest speed", ("glitches",), {}),
-    "cap": Certificate("capped ledger", ("cap",), {"resolution": 0.0}),
+    "reporting": Certificate("reporting watchdog", ("reporting",), {}),
+    "none": Certificate(
+        "no watchdog, late holds leak the allowance", ("none",), {"watchdog": "silent"}
+    ),
+    "none_punctual": Certificate("no watchdog, punctual", ("none_punctual",), {}),
+    "changing": Certificate("changing hold limits", ("changing",), {}),
+    "refused": Certificate("refused readings", ("refused",), {}),
+    "glitches": Certificate(
+        "glitches beyond the largest speed", ("glitches",), {"largest_speed": math.inf}
+    ),
+    "too_fast": Certificate("a hand faster than stated", ("too_fast",), {}),
+    "cap": Certificate("capped ledger", ("cap",), {}),
+    "delay_and_speed": Certificate(
+        "writes late, with a largest speed", ("write_delay", "glitches"), {"write_delay": 0.0}
+    ),
+    "late_writes": Certificate(
+        "writes late and a silent watchdog in a range", ("write_delay", "tolerance"), {}
+    ),
+    "lag_and_presliding": Certificate(
+        "a lag and elastic friction", ("lag", "presliding"), {"lag": 0.0}
+    ),
     "weight": Certificate("compensated weight", ("weight",), {"weight_error": 0.0}),
+    "weight_cut": Certificate("compensated weight, cuts: the ledger alone", ("weight_cut",), {}),
+    "gain_and_weight": Certificate(
+        "gain error and compensated weight", ("gain", "weight"), {"gain_error": 0.0}
+    ),
     "all": Certificate("a random choice of all of these", (), {}),
 }
 
@@ -286,6 +323,8 @@ def _some(random: Random, axes: int) -> list[str]:
             chosen.append(effect)
     if random.random() < 0.4:
         chosen.append("gain")
+    if random.random() < 0.2:
+        chosen.append("weight")
     watchdogs = ["", "tolerance", "reporting", "none", "none_punctual"]
     chosen.append(watchdogs[random.integers(len(watchdogs))])
     return [effect for effect in chosen if effect]
@@ -293,12 +332,11 @@ def _some(random: Random, axes: int) -> list[str]:
 
 def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
     random, axes = draft.random, draft.axes
-    clock = int(random.integers(4))
+    clock = 3 if draft.case.get("ledger_only") else int(random.choice([0, 1, 2, 3, 3]))
     longest = 50.0 * stated.period
     if draft.case.get("watchdog") == "none":
         longest = draft.case["late"]
-    if draft.case.pop("punctual_only", False) and clock == 3:
-        clock = 2
+    punctual = draft.case.pop("punctual_only", False)
     manner = Manner(
         int(random.integers(len(READINGS))),
         int(random.integers(len(COMMANDS))),
@@ -306,6 +344,7 @@ def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
         _log(random, 1e-3, 1.0),
         max(longest, stated.hold_limit),
         stated.saturation,
+        punctual,
     )
     if math.isfinite(stated.largest_speed):
         manner = replace(manner, speed=min(manner.speed, stated.largest_speed))

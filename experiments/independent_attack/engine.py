@@ -12,6 +12,7 @@ from experiments.independent_attack.paths import (
     CUT_AFTER,
     CUT_TIME,
     DURATION,
+    ENERGY,
     LATE_STRUCK,
     LEFT,
     LOWEST,
@@ -31,9 +32,13 @@ from experiments.independent_attack.truth import (
     AXES,
     BODY_ROWS,
     BRISTLE,
+    COMPENSATION,
     ERROR,
+    OUTPUT,
     PRESLIDING,
+    TARGET,
     Floats,
+    stored_energy,
 )
 from forcebound.bounding import Dissipation, ForceBounder
 
@@ -56,6 +61,8 @@ class Case:
         late: Hold of a late tick, s; 0: none is tried.
         allowance: Energy that a late hold may leak, J.
         hold_limits: Among which the hold limit changes, s.
+        ledger_only: What the law believes is compared with the truth, and nothing else: for a
+            weight that acts after a cut, which no law can prevent.
         refused: Share of readings that are wrong by more than r.
         glitch: Largest speed, m/s; such readings imply more. 0: they are not finite.
     """
@@ -72,8 +79,14 @@ class Case:
     allowance: float = 0.0
     write_delay: float = 0.0
     hold_limits: tuple[float, ...] = ()
+    ledger_only: bool = False
     refused: float = 0.0
     glitch: float = 0.0
+
+    @property
+    def is_unsure(self) -> bool:
+        """Whether it may not be known when the watchdog has dropped a force."""
+        return self.watchdog == "reporting" or self.tolerance > 0.0
 
 
 @dataclass
@@ -86,6 +99,7 @@ class Outcome:
         peak: Largest energy, J.
         share: Lowest energy over the peak before it, once that exceeds ``SMALLEST_PEAK``.
         left: Lowest energy after a peak of ``LARGE_PEAK``, J.
+        excess: Most that the law believed in beyond the truth, at a reading that it took, J.
         steps: Samples.
     """
 
@@ -94,6 +108,7 @@ class Outcome:
     peak: float
     share: float
     left: float
+    excess: float
     steps: int
 
 
@@ -112,9 +127,11 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
     plan = plan_of(genes, case.manner, stated.period, limits, case.write_delay, way)
     body = np.zeros((BODY_ROWS, AXES))
     body[BRISTLE] = _bristle(case, start)
+    body[TARGET] = body[OUTPUT] = -case.device[COMPENSATION]
     record, seen = np.zeros(RECORD), np.zeros((SEEN_ROWS, AXES))
     record[SHARE] = record[LEFT] = record[CUT_AFTER] = math.inf
     record[CUT_TIME] = -1.0
+    record[ENERGY] = stored_energy(body, case.device)  # a hand may have that back
     modes = np.array([case.manner.reading, case.manner.command], dtype=float)
     reading: Vector = tuple((case.device[ERROR] * plan[0, MISREAD : MISREAD + AXES])[:axes])
     command: Vector = (0.0,) * axes
@@ -125,7 +142,7 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
     force: Vector = (0.0,) * axes
     holds = np.array([math.inf, stated.hold_limit, 0.0])
     padding = (0.0,) * (AXES - axes)
-    time_ns = 0
+    time_ns, excess = 0, -math.inf
     for index in range(len(plan)):
         if index > 0:
             watch.before(index, time_ns, record, seen)
@@ -134,6 +151,8 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
             if applied[index] < 1.0:
                 force = tuple([applied[index] * f for f in force])
             watch.settle(index, time_ns, force)
+            if watch.is_taken:
+                excess = max(excess, bounder.estimated_energy - float(record[ENERGY]))
             watch.set_holds(index, holds)
         found = tick(
             body, case.device, case.numbers, plan, index, modes, holds, record, seen,
@@ -144,11 +163,12 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
     lowest = min(float(record[STRUCK]), float(record[LOWEST]))
     late = case.late > 0.0  # then any hold so far may have been late
     return Outcome(
-        0.0 if late else lowest,
+        0.0 if late or case.ledger_only else lowest,
         min(float(record[LATE_STRUCK]), lowest) + case.allowance if late else math.inf,
         float(record[PEAK]),
         float(record[SHARE]),
         float(record[LEFT]),
+        excess,
         len(plan),
     )
 
@@ -177,6 +197,7 @@ class _Watch:
     def believed(self, time_ns: int, reading: Vector) -> None:
         """Remember the last reading that the bounder can have believed."""
         self.good_ns, self.good = time_ns, reading
+        self.side = 1.0
 
     def before(self, index: int, time_ns: int, record: Floats, seen: Floats) -> None:
         """Report a cut in the interval that has just ended; set the hold limit of the next."""
@@ -192,7 +213,10 @@ class _Watch:
     def shown(self, index: int, time_ns: int, reading: Vector) -> Vector:
         """Return what the encoder shows: the reading, or a glitch that must be refused."""
         case = self.case
-        if self.chances[index] >= case.refused:
+        is_good = self.chances[index] >= case.refused
+        # With a delay, the law waits with readings of which it does not know what force acted.
+        self.is_taken = is_good and not (case.write_delay > 0.0 and case.is_unsure)
+        if is_good:
             self.believed(time_ns, reading)
             return reading
         kind = int(self.chances[index] / case.refused * 1e4) % 8
@@ -202,12 +226,12 @@ class _Watch:
         elapsed = (time_ns - self.good_ns) / 1e9
         gate = case.glitch * elapsed + 2.0 * float(np.linalg.norm(case.device[ERROR]))
         jump = gate * (1.0 + 1e-6 + (0.0, 0.0, 0.01, 0.1, 1.0, 10.0, 100.0, 1e3)[kind])
-        sign = 1.0 if int(self.chances[index] / case.refused * 1e7) % 2 else -1.0
-        return (self.good[0] + sign * jump, *self.good[1:])
+        self.side = -self.side  # two glitches in a row that agree are believed
+        return (self.good[0] + self.side * jump, *self.good[1:])
 
     def settle(self, index: int, time_ns: int, force: Vector) -> None:
         """Settle, with the time of the write if it differs from that of the reading."""
-        if self.case.write_delay > 0.0:
+        if self.case.stated.write_delay > 0.0:
             self.bounder.settle(force, time_ns + self.writes[index])
         else:
             self.bounder.settle(force)

@@ -17,6 +17,7 @@ from experiments.independent_attack.truth import (
     ALONG_PATH,
     AT_TIP,
     AXES,
+    COMPENSATION,
     DAMPING,
     ERROR,
     FASTEST,
@@ -27,6 +28,7 @@ from experiments.independent_attack.truth import (
     POSITION,
     TARGET,
     USED_AXES,
+    WEIGHT,
     Floats,
     no_faster,
     strike,
@@ -67,6 +69,7 @@ class Manner:
         speed: Of the hand, m/s, for a gene of 1.
         longest: Longest interval, s.
         saturation: Largest command, N.
+        punctual: No hold lasts longer than the hold limit, from write to write.
     """
 
     reading: int
@@ -75,6 +78,7 @@ class Manner:
     speed: float
     longest: float
     saturation: float
+    punctual: bool = False
 
 
 def plan_of(
@@ -109,6 +113,8 @@ def plan_of(
         long = np.maximum(exact + 1.0, exact * (up / hold_limit) ** ((shape - 1.0) / 2.0))
         nanoseconds = np.where(shape < 1.0, short, long if manner.clock == 3 else exact)
         nanoseconds = np.floor(np.clip(nanoseconds, 1000.0, np.maximum(up * 1e9, exact)))
+    if manner.punctual:
+        nanoseconds = np.minimum(nanoseconds, exact - math.ceil(write_delay * 1e9))
     plan[:, DURATION] = nanoseconds
     share = np.clip(np.abs(genes[:, WRITE]), 0.0, 1.0)
     plan[:, WRITE] = np.floor(np.minimum(share * write_delay * 1e9, nanoseconds))
@@ -133,7 +139,7 @@ def misread(
 ) -> float:
     """Return a reading that is wrong by at most r, in m."""
     position, error = body[POSITION, axis], device[ERROR, axis]
-    force = body[TARGET, axis]
+    force = body[TARGET, axis] + device[WEIGHT, axis]
     if mode == 1:
         return float(min(max(seen[READING, axis], position - error), position + error))
     if mode == 2:
@@ -218,7 +224,7 @@ def through(
         end = now + left
         while True:
             if write <= now and write >= 0.0:
-                body[TARGET] = force
+                body[TARGET] = force - device[COMPENSATION]
                 cut, write = now + hold, -1.0
             if cut <= now:
                 body[TARGET] = 0.0
@@ -248,7 +254,7 @@ def through(
             if now >= end:
                 left = 0.0
     if write >= 0.0:  # at the very end of the interval, to rounding
-        body[TARGET] = force
+        body[TARGET] = force - device[COMPENSATION]
         cut = now + hold
     record[CUT_AFTER] = cut - now
 
@@ -306,7 +312,7 @@ def tick(
     held = min(duration - before, holds[0])
     times[0], times[1] = before, held * row[SPLIT]
     times[2], times[3] = held - times[1], duration - before - held
-    worst_way(device, numbers, body[TARGET], max(before, 1e-9), moves[0])
+    worst_way(device, numbers, body[TARGET] + device[WEIGHT], max(before, 1e-9), moves[0])
     worst_way(device, numbers, force, max(held, 1e-9), moves[1])
     for axis in range(int(numbers[USED_AXES])):
         old, new = row[STRIKE_OLD] * moves[0, axis], row[STRIKE] * moves[1, axis]

@@ -63,6 +63,7 @@ class Restart:
         lowest: Lowest punctual energy, J.
         late_margin: Lowest energy of late holds plus the allowance, J.
         left: Lowest energy after a peak of 0.1 mJ, J.
+        excess: Most that the law believed in beyond the truth, J.
     """
 
     runs: int = 0
@@ -70,6 +71,7 @@ class Restart:
     lowest: float = math.inf
     late_margin: float = math.inf
     left: float = math.inf
+    excess: float = -math.inf
 
     def add(self, outcome: Outcome, to_zero: bool = False) -> float:
         """Count a run; return what the search minimises.
@@ -81,8 +83,9 @@ class Restart:
         self.steps += outcome.steps
         self.lowest = min(self.lowest, outcome.lowest)
         self.late_margin = min(self.late_margin, outcome.late_margin)
+        self.excess = max(self.excess, outcome.excess)
         self.left = min(self.left, outcome.left)
-        lowest = min(outcome.lowest, outcome.late_margin)
+        lowest = min(outcome.lowest, outcome.late_margin, -outcome.excess)
         if lowest < -ENERGY_TOLERANCE / 10.0:
             return lowest / 1e-6
         if to_zero and outcome.left < math.inf:
@@ -91,8 +94,8 @@ class Restart:
 
     @property
     def worst(self) -> float:
-        """Lowest energy, J; of late holds what is above the allowance."""
-        return min(self.lowest, self.late_margin)
+        """Lowest energy, J; of late holds above the allowance, of the truth above the ledger."""
+        return min(self.lowest, self.late_margin, -self.excess)
 
     @property
     def is_tight(self) -> bool:

@@ -121,6 +121,12 @@ def work_along_path(body: Floats, device: Floats, axes: int, move: Floats) -> fl
     return float(work + friction * (length - slide))
 
 
+def stored_energy(body: Floats, device: Floats) -> float:
+    """Return the energy of the bent bristles, in J."""
+    widths = np.maximum(device[PRESLIDING], 1e-300)
+    return float(np.sum(device[FRICTION] / widths * body[BRISTLE] ** 2) / 2.0)
+
+
 @numba.njit(cache=True, error_model="numpy")
 def walk(body: Floats, device: Floats, numbers: Floats, duration: float, move: Floats) -> float:
     """Move straight and uniformly by ``move`` in ``duration``; return the energy put in, in J."""
@@ -278,9 +284,9 @@ def strike(
                         state[OUTPUT] = 0.0
                 duration = write_after - first
             elif phase == 2:
-                state[TARGET] = force
+                state[TARGET] = force - device[COMPENSATION]
                 if lag <= 0.0:
-                    state[OUTPUT] = force
+                    state[OUTPUT] = state[TARGET]
                 duration = hold
             elif lag > 0.0:
                 state[TARGET] = 0.0

@@ -70,6 +70,7 @@ class PhantomPremium15(StatedImperfections):
         for name in PER_AXIS:
             check_count(getattr(self, name), name, self.axes)
             check_count(getattr(self.truth, name, None), f"truth: {name}", self.axes)
+        check_count(getattr(self.truth, "gain", None), "truth: gain", self.axes)
 
     @property
     def is_plain(self) -> bool:

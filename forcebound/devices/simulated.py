@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from forcebound.devices import Kinematics
 from forcebound.devices.motor import Motor
-from forcebound.devices.stated import StatedImperfections
+from forcebound.devices.stated import StatedImperfections, per_axis
 from forcebound.devices.true_values import TrueMotor
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
@@ -85,9 +85,10 @@ class SimulatedDevice:
         self._axes, self._saturation = parameters.axes, parameters.saturation
         self._body = parameters.body(operator)
         self.kinematics = self._body.kinematics
-        self._gain = 1.0 + stated.gain_error if truth.gain is None else truth.gain
+        gain = 1.0 + stated.gain_error if truth.gain is None else truth.gain
+        self._gain = per_axis(gain, self._axes)
         self._compensation = self._body.compensation
-        self._scales = self._gain != 1.0 or any(self._compensation)
+        self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
         self._motor = Motor(stated, truth, hold_limit, self._told((0.0,) * self.axes))
         self._reports_cuts = stated.watchdog == "reporting"
         self._reading_at_cut = self._body.reading()
@@ -147,8 +148,8 @@ class SimulatedDevice:
         """What the motor gives for a force of a write, in N, once its lag has passed."""
         if not self._scales:
             return force
-        total = zip(force, self._compensation, strict=True)
-        return tuple([self._gain * (f + c) for f, c in total])
+        total = zip(self._gain, force, self._compensation, strict=True)
+        return tuple([g * (f + c) for g, f, c in total])
 
     def _target_at(self, elapsed: float) -> Vector:
         return pad(self._operator.target(elapsed), self._axes)

@@ -83,3 +83,4 @@ class StatedJoints(StatedImperfections):
         for name in PER_JOINT:
             check_count(getattr(self, name), name, self.axes)
             check_count(getattr(self.truth, name, None), f"truth: {name}", self.axes)
+        check_count(getattr(self.truth, "gain", None), "truth: gain", self.axes)

@@ -7,7 +7,7 @@ an experiment that asks what a wrong statement costs changes one number here.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from forcebound.devices.stated import (
     DampingOfAxes,
@@ -26,13 +26,17 @@ from forcebound.quantities import (
     check_ranges,
 )
 
+RatioOfMotors: TypeAlias = (
+    Annotated[Ratio, NOT_NEGATIVE] | tuple[Annotated[Ratio, NOT_NEGATIVE], ...]
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrueMotor:
     """True values of the motor and its watchdog; null: as stated.
 
     Attributes:
-        gain: The motor gives so many times what it is told.
+        gain: The motor gives so many times what it is told; one number, or one of each motor.
         lag: Time constant of the amplifier, first order.
         write_delay: From a write to the moment when its force acts.
         watchdog: The watchdog drops a force after so many hold limits.
@@ -41,7 +45,7 @@ class TrueMotor:
         seed: Of these draws.
     """
 
-    gain: Annotated[Ratio, NOT_NEGATIVE] | None = None
+    gain: RatioOfMotors | None = None
     lag: Annotated[Time, NOT_NEGATIVE] | None = None
     write_delay: Annotated[Time, NOT_NEGATIVE] | None = None
     watchdog: Annotated[Ratio, POSITIVE] | None = None
