@@ -136,7 +136,7 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
         read_trace(path)
     result = CliRunner().invoke(main, ["delay", str(path)])
     assert result.exit_code == 2
-    assert "is not a recording" in result.stderr
+    assert "is not an MCAP file" in result.stderr
 
 
 def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> None:
