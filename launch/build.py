@@ -15,9 +15,10 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode, dissipation_of
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
+from forcebound.nodes.servo import dissipation_of
 from forcebound.parts.user_module import describe_user_error
 from forcebound.processes import NODES
 

@@ -23,8 +23,6 @@ from forcebound.devices import Device
 from forcebound.messages.packets import Vector
 from forcebound.nodes.hold_limit import FIXED, HoldLimit
 
-LEARNS = False  # until the bounder takes another hold limit in a run
-
 
 class Written(NamedTuple):
     """What one write did, at the tip."""
@@ -59,7 +57,7 @@ class BoundedDevice:
     ) -> None:
         self._device = device
         self._clock = clock
-        self._saturation = dissipation.saturation
+        self._dissipation = dissipation
         self._kinematics: Any = getattr(device, "kinematics", None)
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
@@ -69,8 +67,7 @@ class BoundedDevice:
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._use_limit = dissipation.hold_limit
-        if learns and (not self.learns or (clock is not None and not LEARNS)):
-            self.learns = False
+        if learns and not self.learns:
             self._use_limit = FIXED * dissipation.period
         dissipation = replace(dissipation, hold_limit=self._use_limit)
         self.bounder = ForceBounder(law, dissipation, device.axes)
@@ -117,7 +114,7 @@ class BoundedDevice:
             cut = None if self._cut is None else self._cut()
             if cut is not None:
                 bounder.report_cut(*cut)
-            if LEARNS and self.learns and self._hold_limit.observe(read_ns - self._read_ns):
+            if self.learns and self._hold_limit.observe(read_ns - self._read_ns):
                 self._change_limit(self._hold_limit.limit_ns * 1e-9)
             bounded = bounder.bound(read_ns, reading, force)
         self._read_ns = read_ns
@@ -134,6 +131,19 @@ class BoundedDevice:
         scale = _length(commanded) / (_length(force) or math.inf)
         share = scale * _length(applied) / (_length(commanded) or math.inf)
         return Written(position, tuple([share * f for f in commanded]), scale * bounder.limit)
+
+    def describe(self) -> str:
+        """Return how long a force is held, and what ends it, in words."""
+        dissipation = self._dissipation
+        limit = f"hold limit {self._use_limit * 1e3:.3g} ms"
+        if self.learns:
+            limit += " or longer, as late as ticks are"
+        if dissipation.watchdog != "none":
+            return f"{limit}; {dissipation.watchdog} watchdog"
+        last = f"no watchdog until {dissipation.watchdog_limit * 1e3:.3g} ms"
+        if dissipation.allowance:
+            return f"{limit}; {last}: late holds may leak {dissipation.allowance:.2g} J"
+        return f"{limit}; {last}: strict, so every force is planned for that time"
 
     def report(self) -> dict[str, Any]:
         """Return what the bounder has met since :meth:`begin`, as plain values.
@@ -164,7 +174,7 @@ class BoundedDevice:
         The saturation of the safety chain is one of the force at the tip, so this is the place for
         that of the joints; as there, the engage ramp comes after it.
         """
-        magnitude, largest = _length(torque), self._saturation * engagement
+        magnitude, largest = _length(torque), self._dissipation.saturation * engagement
         if magnitude <= largest:
             return torque
         if not math.isfinite(magnitude):

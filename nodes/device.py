@@ -14,11 +14,10 @@ import json
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from forcebound.bounding import Dissipation
-from forcebound.devices import Device, DeviceModel
+from forcebound.devices import Device
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
     DeviceState,
@@ -31,21 +30,11 @@ from forcebound.messages.packets import (
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import BOUNDER_REPORTED, STATE_INTERVAL_NS, EventLog
-from forcebound.nodes.hold_limit import FIXED, FLOOR
-from forcebound.nodes.late_ticks import Lateness, LateTicks
+from forcebound.nodes.late_ticks import Lateness
 from forcebound.nodes.overload import Overload
 from forcebound.nodes.safety import SafetyChain
+from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Energy,
-    Frequency,
-    Range,
-    Ratio,
-    Time,
-    check_ranges,
-)
 
 _logger = logging.getLogger(__name__)
 
@@ -61,97 +50,7 @@ class _Unknown(NamedTuple):
 _UNKNOWN = _Unknown()
 
 
-SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
-LONGEST_HOLD = 1e6  # periods
-
-
-@dataclass(frozen=True)
-class ServoSettings:
-    """Settings of the servo of the device node.
-
-    Attributes:
-        law: Bounding law, a key of ``forcebound.bounding.LAWS``.
-        rate: Of the servo.
-        reply_wait: Share of the period between reading and writing.
-        hold_limit: Periods that a force may be held: T_max; auto: as short as the lateness of the
-            ticks allows, or 1.25 for a device that cannot be given another one.
-        allowance: Energy that the hand may get out of holds longer than the hold limit, which is
-            paid back before more force comes; 0: none.
-        energy_cap: Most energy that the law keeps for later; auto: what the saturation can use.
-        age_limit: An answer to an older state gives no force.
-        engage_time: From no force to full force.
-        velocity_cutoff: Of the low-pass on the backward difference.
-        late_ticks: Late ticks on purpose, for experiments.
-    """
-
-    law: str = "certified"
-    rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
-    reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
-    hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"
-    allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
-    energy_cap: Literal["auto"] | Annotated[Energy, POSITIVE] = "auto"
-    age_limit: Annotated[Time, POSITIVE] = 0.1
-    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
-    velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
-    late_ticks: LateTicks | None = None
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-    @property
-    def period_ns(self) -> int:
-        """Sampling period, in ns."""
-        return round(1e9 / self.rate)
-
-    @property
-    def longest_hold(self) -> float:
-        """Longest time that a force may be held, T_max, in s; with auto that of punctual ticks."""
-        return self._periods(FLOOR)
-
-    @property
-    def opening_hold(self) -> float:
-        """The hold limit with which a device is opened, in s: it may know no other one."""
-        return self._periods(FIXED)
-
-    def _periods(self, learned: float) -> float:
-        periods = learned if self.hold_limit == "auto" else self.hold_limit
-        return round(periods * self.period_ns) * 1e-9
-
-
-# Numbers that a model of a device may state, too; without one, it has none of that effect.
-STATED = (
-    "presliding",
-    "gain_error",
-    "lag",
-    "write_delay",
-    "largest_speed",
-    "watchdog",
-    "watchdog_tolerance",
-    "watchdog_limit",
-    "weight",
-    "weight_error",
-    "sources",
-)
-
-
-def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
-    """Return what laws rely on, for this device at this rate.
-
-    Raises:
-        ConfigError: If the numbers are out of range or do not go together.
-    """
-    stated = {name: getattr(model, name, None) for name in STATED}
-    return Dissipation(
-        damping=model.damping,
-        friction=model.friction,
-        resolution=model.resolution,
-        period=servo.period_ns * 1e-9,
-        hold_limit=servo.longest_hold,
-        saturation=model.saturation,
-        allowance=servo.allowance,
-        energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
-        **{name: value for name, value in stated.items() if value is not None},
-    )
+REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceNode:
@@ -179,8 +78,8 @@ class DeviceNode:
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
-        if learns and not self._bounded.learns:
-            _logger.info("hold limit %g periods: the device can be given no other one", FIXED)
+        if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
+            _logger.info("%s", self._bounded.describe())
         is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,
@@ -202,6 +101,8 @@ class DeviceNode:
         self._read_ns = 0
         self._is_answered = False
         self._next_event_ns = 0
+        self._refused_readings = 0
+        self._next_refusal_ns = 0
         late = servo.late_ticks
         self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
         self._overload = Overload(servo.period_ns)
@@ -267,6 +168,9 @@ class DeviceNode:
             f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
             f" {report['refused_readings']} refused readings"
         )
+        if report["largest_allowance"]:
+            repaid = "repaid" if report["allowance_repaid"] else "not repaid"
+            message += f", late holds can have leaked {report['largest_allowance']:.2g} J, {repaid}"
         data = {name: json.dumps(value) for name, value in report.items()}
         return [self.events.emit(time_ns, BOUNDER_REPORTED, message, data)]
 
@@ -360,10 +264,23 @@ class DeviceNode:
         is_answered = self._chain.answered_tick is not None
         if self._is_answered != is_answered and time_ns >= self._next_event_ns:
             events.append(self._describe_answers(time_ns))
+        refused = self._bounded.bounder.refused_readings
+        if refused > self._refused_readings and time_ns >= self._next_refusal_ns:
+            self._refused_readings = refused
+            self._next_refusal_ns = time_ns + REFUSAL_INTERVAL_NS
+            events.append(self._describe_refusals(time_ns, refused))
         warning = self._overload.observe(time_ns, self.deadline_misses)
         if warning is not None:
             events.append(self.events.emit(time_ns, "ticks_missed", warning, is_fault=True))
         return events
+
+    def _describe_refusals(self, time_ns: int, refused: int) -> Event:
+        message = (
+            f"refused readings so far: {refused}; they are not finite, too soon after another, or"
+            " faster than device.largest_speed: look at the encoder and its cable"
+        )
+        data = {"refused": str(refused)}
+        return self.events.emit(time_ns, "readings_refused", message, data, is_fault=True)
 
     def _describe_answers(self, time_ns: int) -> Event:
         """Return an event when the force goes to zero or returns; limited in rate."""

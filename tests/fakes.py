@@ -14,8 +14,9 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.simulation import Simulation
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.messages.packets import Packet, Telemetry
-from forcebound.nodes.device import ServoSettings
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.overload import Overload
+from forcebound.nodes.servo import ServoSettings
 
 WATCHDOGS = sorted(PRICES)
 
@@ -119,7 +119,7 @@ def test_old_lateness_is_forgotten(watchdog: str) -> None:
     for _ in range(300):
         limit.observe(4 * MS)
     longest = limit.limit_ns
-    for _ in range(90_000):
+    for _ in range(200_000):
         limit.observe(MS)
     assert limit.limit_ns == round(FLOOR * MS)
     assert longest > limit.limit_ns or watchdog == "none"

@@ -17,7 +17,7 @@ from forcebound.config.schema import json_schema
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 
 # --- what ships ----------------------------------------------------------------------------------
 

@@ -28,9 +28,10 @@ from forcebound.messages.packets import (
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
+from forcebound.nodes.servo import ServoSettings
 
 
 def sample(node: DeviceNode, time_ns: int) -> DeviceState:
@@ -221,6 +222,21 @@ def test_stopping_writes_zero_at_once_and_for_ever() -> None:
     node.stop(600_000)
     assert device.written[-1] == (600_000, (0.0,))
     assert tick(node, 1 * MS, (2.0,)).applied_force == (0.0,)
+
+
+def test_a_reading_that_cannot_be_is_counted_and_told_once_a_second() -> None:
+    node, device = device_node()
+    node.engage()
+    tick(node, 0, (2.0,))
+    events = []
+    for k in range(1, 1200):
+        device.position = (math.nan,) if k % 2 else (0.0,)
+        state = sample(node, k * MS)
+        _, *told = node.step(k * MS + 400_000, [answer(state, (2.0,))])
+        events += [event for event in told if isinstance(event, Event)]
+    counts = [event.data["refused"] for event in events if event.event == "readings_refused"]
+    assert counts == ["1", "501"]
+    assert node.status()["bounder"]["refused_readings"] == 600
 
 
 def test_a_packet_refused_by_the_codec_is_counted_too() -> None:

@@ -9,9 +9,11 @@ import pytest
 from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators.chirp import ChirpHand
+from forcebound.operators.palpating import PalpatingHand
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.operators.trembling import TremblingHand
 
 
 @pytest.fixture
@@ -66,6 +68,35 @@ def test_the_sinusoidal_hand_swings_about_its_centre() -> None:
     assert hand.target(0.0)[0] == pytest.approx(0.006)
     assert hand.target(0.25)[0] == pytest.approx(0.014)
     assert hand.target(0.125)[0] == pytest.approx(0.010)
+
+
+def test_the_palpating_hand_moves_in_and_then_swings_about_its_centre() -> None:
+    hand = PalpatingHand(
+        start=0.0, centre=0.0125, amplitude=0.002, frequency=2.0, approach_speed=0.05
+    )
+    assert hand.target(0.0) == (0.0,)
+    assert hand.target(0.1)[0] == pytest.approx(0.005)
+    assert hand.target(0.25)[0] == pytest.approx(0.0125)
+    assert hand.target(0.25 + 0.125)[0] == pytest.approx(0.0145)
+    assert hand.target(0.25 + 0.375)[0] == pytest.approx(0.0105)
+
+
+def test_the_palpating_hand_may_come_from_the_other_side() -> None:
+    hand = PalpatingHand(start=0.02, centre=0.0, amplitude=0.001, approach_speed=0.1)
+    assert hand.target(0.0)[0] == pytest.approx(0.02)
+    assert hand.target(0.1)[0] == pytest.approx(0.01)
+    assert hand.target(0.2)[0] == pytest.approx(0.0)
+
+
+def test_the_tremor_is_a_force_of_the_spring_about_the_path() -> None:
+    calm = PressingHand(start=0.0, end=0.1, approach_speed=0.2)
+    hand = TremblingHand(
+        stiffness=50.0, start=0.0, end=0.1, approach_speed=0.2, tremor=0.5, tremor_frequency=5.0
+    )
+    assert hand.target(0.0) == (0.0,)
+    for time, share in ((0.05, 1.0), (0.1, 0.0), (0.15, -1.0), (2.05, 1.0)):
+        force = hand.stiffness * (hand.target(time)[0] - calm.target(time)[0])
+        assert force == pytest.approx(0.5 * share, abs=1e-9)
 
 
 @pytest.mark.parametrize(("time", "frequency"), [(0.0, 1.0), (5.0, 10.0), (9.9, 95.5), (12.0, 100)])

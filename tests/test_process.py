@@ -30,9 +30,10 @@ from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import DeviceNode, ServoSettings
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
+from forcebound.nodes.servo import ServoSettings
 from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
 
 

@@ -17,7 +17,7 @@ from forcebound.messages.packets import DeviceState, Telemetry
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.controller import ControllerNode
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 from forcebound.simulation import Simulation
 from forcebound.telemetry import TelemetryColumns
 

@@ -133,7 +133,7 @@ def causes_of_little_force(
         return []
     causes = [*_of_the_loop(columns, device)]
     if LAWS.is_shipped(law) and LAWS[law].is_certified:
-        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device, report)]
+        causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
     else:
         causes.append(Cause("law_not_certified", {"law": law}))
     return causes or [Cause("dissipation", {})]
@@ -165,18 +165,18 @@ def _of_holds(
             yield Cause("late_ticks" if is_learned else "long_hold_limit", {"periods": periods})
 
 
-def _of_the_ledger(
-    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
-) -> Iterator[Cause]:
+def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
     limited, _ = limited_ticks(columns)
-    cap = report.get("energy_cap")
-    if cap is not None and device.get("energy_cap", "auto") != "auto":
+    cap = device.get("energy_cap", "auto")
+    if cap != "auto":
         full = columns.estimated_energy[limited] > FULL_SHARE * cap
         if full.mean() > DEAR_SHARE:
             yield Cause("energy_cap", {"cap": cap})
     costly = [name for name in COSTLY if np.any(device.get(name) or 0.0)]
     if costly:
         yield Cause("imperfections", {"names": ", ".join(f"device.{name}" for name in costly)})
+    if "inertia" in device:
+        return  # of joints: telemetry has no torques to judge their encoders by
     price = 0.5 * np.max(device["resolution"]) * _path(columns.applied_force)
     if price > DEAR_SHARE * _needed(columns, device):
         yield Cause("resolution", {"price": float(price)})

@@ -7,7 +7,7 @@ figure of the same data is the same file, byte by byte.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -285,11 +285,12 @@ def _share_time(panels: Sequence[str], column: list[Axes]) -> None:
         for name, axes in zip(panels, column, strict=True)
         if PANELS[name].x_label == PANELS["position"].x_label
     ]
-    for name, axes in zip(panels, column, strict=True):
-        if axes not in over_time or axes is over_time[-1]:
-            axes.set_xlabel(PANELS[name].x_label, fontsize=9)
-        else:
+    for axes, below in zip_longest(column, column[1:]):
+        if axes in over_time and below in over_time:  # which has the same numbers
             axes.tick_params(labelbottom=False)
+    for name, axes in zip(panels, column, strict=True):
+        if axes not in over_time[:-1]:
+            axes.set_xlabel(PANELS[name].x_label, fontsize=9)
     for axes in over_time[1:]:
         axes.sharex(over_time[0])
 

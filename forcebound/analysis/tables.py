@@ -93,8 +93,9 @@ def _bounder_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if used:
         repaid = "repaid" if summary["allowance_repaid"] else "not repaid"
         rows.append(("largest allowance used", f"{_quantity(used, 'mJ', 1e3, 3)}, {repaid}"))
-    if cap is not None:
-        rows.append(("energy cap", _quantity(cap, "mJ", 1e3, 2)))
+    if cap is not None or limits is not None:
+        words = "of the saturation" if cap is None else _quantity(cap, "mJ", 1e3, 2)
+        rows.append(("energy cap", words))
     if sources:
         words = ", ".join(f"{count} {source}" for source, count in sources)
         rows.append(("numbers of the device", words))

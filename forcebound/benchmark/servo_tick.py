@@ -23,8 +23,9 @@ from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
-from forcebound.nodes.device import DeviceNode, ServoSettings, dissipation_of
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.events import EventLog
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until

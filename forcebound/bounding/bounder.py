@@ -146,6 +146,7 @@ class ForceBounder:
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
         self._held_limit_ns = round(self._limit_s * 1e9)
+        self._cut_ns = time_ns - 1_000_000_000  # none yet
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
         self.estimated_energy: float = self._start_law(
@@ -229,6 +230,7 @@ class ForceBounder:
             time_ns: When it dropped the force, in ns.
             position: Reading of each axis then, in m.
         """
+        self._cut_ns = time_ns
         if time_ns >= self._now_ns:
             for axis in range(self._axes):
                 self._forces[axis] = 0.0
@@ -241,7 +243,8 @@ class ForceBounder:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
         closing = self._judge(read_ns, position)
         if closing == REFUSED:
-            if not is_cut:
+            # Too soon after the reading at a cut is no fault of this one.
+            if not is_cut and (read_ns - self._cut_ns) / 1e9 >= SHORTEST_INTERVAL:
                 self.refused_readings += 1
             readings = self._positions  # of no meaning
         else:

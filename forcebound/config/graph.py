@@ -15,7 +15,7 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 from forcebound.operators import OPERATORS, Operator
 from forcebound.parts import Table
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges

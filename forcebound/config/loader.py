@@ -55,7 +55,7 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 

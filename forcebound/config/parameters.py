@@ -13,7 +13,7 @@ from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig
 from forcebound.config.resolved import plain, to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 

@@ -27,7 +27,7 @@ from forcebound.config.graph import (
 )
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.device import ServoSettings
+from forcebound.nodes.servo import ServoSettings
 
 ALL_CODE = frozenset(KINDS)
 _STAND_INS = {"controller": "direct", "environment": "wall", "device": "phantom_premium_1_5"}

@@ -26,8 +26,8 @@ from forcebound.config.graph import (
 from forcebound.config.phases import PhaseHead
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
-from forcebound.nodes.device import ServoSettings
 from forcebound.nodes.late_ticks import LateTicks
+from forcebound.nodes.servo import ServoSettings
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # of the user's own

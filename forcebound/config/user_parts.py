@@ -21,7 +21,7 @@ from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Vector
-from forcebound.nodes.device import dissipation_of
+from forcebound.nodes.servo import dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts import Table
 from forcebound.parts.contract import vector_fault

@@ -12,7 +12,14 @@ from matplotlib.figure import Figure
 from forcebound.analysis.panels import NEUTRAL
 from forcebound.analysis.surface import Floats
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito
+# One colour for each law, in every figure. Source: Okabe, Ito, Color universal design, 2008.
+LAW_COLOURS = {
+    "less_conservative": "#0072B2",
+    "aol": "#56B4E9",
+    "more_conservative": "#E69F00",
+    "certified": "#009E73",
+    "certified_memoryless": "#CC79A7",
+}
 
 LOG_TICKS = (0.5, 1.0, 2.0, 5.0, 10.0)
 
@@ -25,8 +32,13 @@ class Line:
     x: Floats
     y: Floats
     style: str = "-"
-    colour: str | None = None  # None: the next of COLOURS
+    colour: str = "black"
     is_wide: bool = False  # a broad pale line under the others
+
+
+def law_line(law: str, x: Floats, y: Floats, note: str = "", style: str = "-") -> Line:
+    """Return the curve of a law, in its colour; ``note`` follows its name in the legend."""
+    return Line(f"{law.replace('_', ' ')}{note}", x, y, style, LAW_COLOURS[law])
 
 
 @dataclass(frozen=True)
@@ -52,13 +64,12 @@ def draw_rows(rows: Sequence[Row], height: float = 2.1) -> Figure:
 
 def draw_row(axes: Axes, row: Row) -> None:
     """Draw one panel."""
-    colours = iter(COLOURS)
     for line in row.lines:
         x, y = line.x, line.y
         if row.window is not None:  # scale to the visible part
             seen = (x >= row.window[0]) & (x <= row.window[1])
             x, y = x[seen], y[seen]
-        style: dict[str, Any] = {"color": line.colour or next(colours), "linestyle": line.style}
+        style: dict[str, Any] = {"color": line.colour, "linestyle": line.style}
         width, alpha = (3.5, 0.4) if line.is_wide else (1.1, 1.0)
         axes.plot(x, y, label=line.label, linewidth=width, alpha=alpha, **style)
     if row.window is not None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 
 from forcebound.experiments.outcome import Number, Outcome, label
-from forcebound.experiments.setup import HAND, SPEEDS
+from forcebound.experiments.setup import HAND, PAPER_SURFACE, SPEEDS, SURFACE
 from forcebound.experiments.table1 import COLUMNS, WORDS, Row
 
 STYLE = """
@@ -25,7 +25,6 @@ th, td { padding: .22rem .8rem .22rem 0; text-align: left; border-bottom: 1px so
 th { font-weight: 600; }
 th, td { vertical-align: top; }
 .number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.fitted { color: #0072B2; }
 .quiet { color: #5a5a5a; }
 code, pre { font: .85rem/1.45 ui-monospace, monospace; }
 pre { background: #f6f6f6; padding: .7rem .9rem; overflow-x: auto; }
@@ -42,7 +41,11 @@ PARAMETERS = (
         "0.27 N s/m, Coulomb friction 0.12 N, resolution 0.03 mm, largest force 8.5 N (paper 4.1)",
     ),
     ("loop", "1 kHz, no delay between reading and writing, steady clock: T_max = T"),
-    ("wall", "10 N/mm behind 10 mm, unless stated otherwise (paper 4.1)"),
+    (
+        "wall",
+        "10 N/mm behind 10 mm, unless stated otherwise (paper 4.1), "
+        f"{(PAPER_SURFACE - SURFACE) * 1e6:.1f} µm before a step of the encoder",
+    ),
 )
 
 
@@ -70,13 +73,12 @@ def _head(outcomes: Mapping[str, Outcome], command: str) -> str:
         f'<li><a href="#{name}">{_text(label(name))}: {_text(outcome.title)}</a></li>'
         for name, outcome in outcomes.items()
     )
-    hand = f"{HAND.mass:g} kg, {HAND.stiffness:g} N/m, {HAND.damping:g} N s/m (not Fig. 19)"
-    rows = [*PARAMETERS, ("hand", hand)]
+    rows = [*PARAMETERS, ("hand", f"{HAND} (not Fig. 19)")]
     rows += [
         (
             f"{name} speed",
-            f"approach {approach.speed * 1e3:g} mm/s, {approach.way * 1e3:g} mm to the wall, "
-            f"target {approach.target * 1e3:g} mm behind its surface",
+            f"the hand's target moves at {approach.speed * 1e3:g} mm/s, {approach.way * 1e3:g} mm "
+            f"to the wall, to {approach.target * 1e3:g} mm behind its surface",
         )
         for name, approach in SPEEDS.items()
     ]
@@ -164,15 +166,14 @@ def _table1(rows: list[Row]) -> str:
     return (
         f"<table><tr><th>law</th>{head}</tr>\n"
         + "\n".join(lines)
-        + '</table><p class="quiet">N/mm, ours / paper. <span class="fitted">Blue</span>: used to '
-        "fit the hand. Black: predicted.</p>"
+        + '</table><p class="quiet">N/mm, ours / paper. The hand was fitted to all cells of the '
+        "paper.</p>"
     )
 
 
 def _cell(row: Row) -> str:
-    kind = "number fitted" if row.fitted else "number"
     paper = "" if row.paper is None else f" / {row.paper:.2f}"
-    return f'<td class="{kind}">{row.ours:.2f}{paper}</td>'
+    return f'<td class="number">{row.ours:.2f}{paper}</td>'
 
 
 def _unit(number: Number) -> str:

@@ -10,17 +10,22 @@ import numpy as np
 
 from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation
-from forcebound.experiments.drawing import Line, Row, draw_rows
+from forcebound.experiments.drawing import Line, Row, draw_rows, law_line
 from forcebound.experiments.outcome import Number, Outcome
-from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
+from forcebound.experiments.setup import (
+    CERTIFIED,
+    HIGH,
+    SPEEDS,
+    USER_STUDY,
+    Contact,
+    Runs,
+    wall_command,
+)
 from forcebound.experiments.traces import dissipation
 
 LAW = "more_conservative"
 
 SHALLOWEST = 0.1e-3  # m; three encoder steps: at smaller depths rounding dominates the ratio
-
-# Mean depth (m) and displayed stiffness (N/mm) of the paper's user study, section 5.3.
-USER_STUDY = {"high": (3.94e-3, 0.68), "low": (1.52e-3, 0.80)}
 
 
 def next_force(force: float, move: float, relied_on: Dissipation) -> float:
@@ -99,7 +104,7 @@ def _numbers(runs: Runs, speed: str) -> list[Number]:
     where, forces = recursion(contact, relied_on)
     difference = float(np.abs(forces - contact.applied[where]).max())
     over = f"largest difference over {forces.size} samples"
-    depth, paper = USER_STUDY[speed]
+    depth, paper = USER_STUDY[speed].depth, USER_STUDY[speed].stiffness
     move = contact.contact_speed * relied_on.period
     steps = f"in even steps of {move * 1e3:.3f} mm (paper: mean of its user study)"
     stiffness = stiffness_at(depth, move, relied_on)
@@ -124,10 +129,14 @@ def _lines(runs: Runs, speed: str) -> list[Line]:
     depths = np.arange(np.ceil(SHALLOWEST / move), 5e-3 / move) * move
     lines = [
         replace(
-            _over_depth(f"{LAW}, run", contact.depth[where], contact.applied[where], "-"),
-            is_wide=True,
+            _over_depth(LAW, contact.depth[where], contact.applied[where], ", run"), is_wide=True
         ),
-        _over_depth("Eq. 41 on its readings", contact.depth[where], forces, ":"),
+        replace(
+            _over_depth(LAW, contact.depth[where], forces),
+            label="Eq. 41 on its readings",
+            style=":",
+            colour="black",
+        ),
         Line(
             "Eq. 42, even steps",
             depths * 1e3,
@@ -138,12 +147,12 @@ def _lines(runs: Runs, speed: str) -> list[Line]:
     for law in CERTIFIED:
         other = runs.wall(law, approach)
         first = int(np.argmax(other.in_contact))
-        lines.append(_over_depth(f"{law}, run", other.depth[first:], other.applied[first:], "-"))
+        lines.append(_over_depth(law, other.depth[first:], other.applied[first:], ", run"))
     two_b = 2.0 * relied_on.least_damping / relied_on.period * 1e-3
     lines.append(Line("2B", np.array([0.1, 5.0]), np.array([two_b] * 2), ":", "#7F7F7F"))
     return lines
 
 
-def _over_depth(label: str, depth: Floats, force: Floats, style: str) -> Line:
+def _over_depth(law: str, depth: Floats, force: Floats, note: str = "") -> Line:
     deep = depth >= SHALLOWEST
-    return Line(label, depth[deep] * 1e3, force[deep] / depth[deep] * 1e-3, style)
+    return law_line(law, depth[deep] * 1e3, force[deep] / depth[deep] * 1e-3, note)

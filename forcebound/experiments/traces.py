@@ -16,10 +16,10 @@ from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal
 from forcebound.config.loader import from_document
-from forcebound.experiments.drawing import Line, Row, draw_rows
+from forcebound.experiments.drawing import Line, Row, draw_rows, law_line
 from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
-from forcebound.nodes.device import dissipation_of
+from forcebound.nodes.servo import dissipation_of
 
 NonCausal = Callable[[Sequence[float], Sequence[float], Dissipation], list[float]]
 
@@ -69,8 +69,10 @@ def run_fig18(runs: Runs) -> Outcome:
         Number("trace repeated, largest difference", "N", repeated, 0.0, "less_conservative"),
     ]
     mean_force = float(contact.applied[where].mean())
-    lines = [Line("less conservative (the run)", contact.time, contact.applied)]
-    lines += [Line(f"{law} on its trace", contact.time, forces[law]) for law in ("aol", *CERTIFIED)]
+    lines = [law_line("less_conservative", contact.time, contact.applied, " (the run)")]
+    lines += [
+        law_line(law, contact.time, forces[law], " on its trace") for law in ("aol", *CERTIFIED)
+    ]
     return Outcome(
         title="AOL computed on the position trace of Fig. 10",
         paper="The AOL gives slightly more force, 5.9 %.",
@@ -118,7 +120,7 @@ class CausalAgainstOriginal:
             positions, commanded = contact.position.tolist(), contact.commanded.tolist()
             original = np.array(self.original(positions, commanded, dissipation(contact)))
             numbers += self._numbers(speed, contact, original - contact.applied)
-            rows += _rows(name, contact, original)
+            rows += self._rows(name, contact, original)
         shares = [number.ours for number in numbers if number.unit == "%"]
         return Outcome(
             title=f"{self.law.replace('_', ' ')} law against its non-causal original",
@@ -145,21 +147,21 @@ class CausalAgainstOriginal:
             Number(early_label, "N", _rms(difference[early]), None, self.law),
         ]
 
+    def _rows(self, name: str, contact: Contact, original: Floats) -> list[Row]:
+        time = contact.time
+        lines = [
+            *(law_line(law, time, on_trace(law, contact), " on the trace") for law in CERTIFIED),
+            law_line(self.law, time, contact.applied, ", causal (the run)"),
+            Line("non-causal original", time, original, "--"),
+        ]
+        return [
+            Row(f"force (N)\ntrace of {name}", lines),
+            Row(f"force (N)\n{name}, contact", lines, window=around_contact(contact)),
+        ]
+
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _rows(name: str, contact: Contact, original: Floats) -> list[Row]:
-    lines = [
-        Line("causal law (the run)", contact.time, contact.applied),
-        Line("non-causal original", contact.time, original, "--"),
-        *(Line(f"{one} on the trace", contact.time, on_trace(one, contact)) for one in CERTIFIED),
-    ]
-    return [
-        Row(f"force (N)\ntrace of {name}", lines),
-        Row(f"force (N)\n{name}, contact", lines, window=around_contact(contact)),
-    ]
 
 
 LESS_CONSERVATIVE = CausalAgainstOriginal(

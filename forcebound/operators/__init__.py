@@ -45,9 +45,11 @@ OPERATORS: Table[type[Operator]] = Table(
     "operators",
     {
         "chirp": "forcebound.operators.chirp:ChirpHand",
+        "palpating": "forcebound.operators.palpating:PalpatingHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
         "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
+        "trembling": "forcebound.operators.trembling:TremblingHand",
     },
     Form(methods={"target": 1}),
 )

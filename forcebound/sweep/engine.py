@@ -15,7 +15,7 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import RunError
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
-from forcebound.nodes.device import dissipation_of
+from forcebound.nodes.servo import dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.sweep import kernel as lanes

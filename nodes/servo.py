@@ -1,0 +1,111 @@
+"""Settings of a servo, and what a law relies on for a device at its rate."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from forcebound.bounding import Dissipation
+from forcebound.devices import DeviceModel
+from forcebound.nodes.hold_limit import FIXED, FLOOR
+from forcebound.nodes.late_ticks import LateTicks
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Energy,
+    Frequency,
+    Range,
+    Ratio,
+    Time,
+    check_ranges,
+)
+
+SLOWEST, FASTEST = 0.1, 1e6  # Hz; beyond, a period in whole ns is coarse, or no servo
+LONGEST_HOLD = 1e6  # periods
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """Settings of the servo of the device node.
+
+    Attributes:
+        law: Bounding law, a key of ``forcebound.bounding.LAWS``.
+        rate: Of the servo.
+        reply_wait: Share of the period between reading and writing.
+        hold_limit: Periods that a force may be held: T_max; auto: as short as the lateness of the
+            ticks allows, or 1.25 for a device that cannot be given another one.
+        allowance: Energy that the hand may get out of holds longer than the hold limit, which is
+            paid back before more force comes; 0: none.
+        energy_cap: Most energy that the law keeps for later; auto: what the saturation can use.
+        age_limit: An answer to an older state gives no force.
+        engage_time: From no force to full force.
+        velocity_cutoff: Of the low-pass on the backward difference.
+        late_ticks: Late ticks on purpose, for experiments.
+    """
+
+    law: str = "certified"
+    rate: Annotated[Frequency, Range(at_least=SLOWEST, at_most=FASTEST)] = 1000.0
+    reply_wait: Annotated[Ratio, Range(at_least=0, below=1)] = 0.4
+    hold_limit: Literal["auto"] | Annotated[Ratio, Range(at_least=1, at_most=LONGEST_HOLD)] = "auto"
+    allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
+    energy_cap: Literal["auto"] | Annotated[Energy, POSITIVE] = "auto"
+    age_limit: Annotated[Time, POSITIVE] = 0.1
+    engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
+    velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
+    late_ticks: LateTicks | None = None
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period, in ns."""
+        return round(1e9 / self.rate)
+
+    @property
+    def longest_hold(self) -> float:
+        """Longest time that a force may be held, T_max, in s; with auto that of punctual ticks."""
+        return self._periods(FLOOR)
+
+    @property
+    def opening_hold(self) -> float:
+        """The hold limit with which a device is opened, in s: it may know no other one."""
+        return self._periods(FIXED)
+
+    def _periods(self, learned: float) -> float:
+        periods = learned if self.hold_limit == "auto" else self.hold_limit
+        return round(periods * self.period_ns) * 1e-9
+
+
+# Numbers that a model of a device may state, too; without one, it has none of that effect.
+STATED = (
+    "presliding",
+    "gain_error",
+    "lag",
+    "write_delay",
+    "largest_speed",
+    "watchdog",
+    "watchdog_tolerance",
+    "watchdog_limit",
+    "weight",
+    "weight_error",
+    "sources",
+)
+
+
+def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
+    """Return what laws rely on, for this device at this rate.
+
+    Raises:
+        ConfigError: If the numbers are out of range or do not go together.
+    """
+    stated = {name: getattr(model, name, None) for name in STATED}
+    return Dissipation(
+        damping=model.damping,
+        friction=model.friction,
+        resolution=model.resolution,
+        period=servo.period_ns * 1e-9,
+        hold_limit=servo.longest_hold,
+        saturation=model.saturation,
+        allowance=servo.allowance,
+        energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
+        **{name: value for name, value in stated.items() if value is not None},
+    )

@@ -1,0 +1,147 @@
+"""Why a law gives little force, from telemetry and the report of a bounder, case by case."""
+
+import json
+from typing import Any
+
+import pytest
+from builders import MS, telemetry_packet
+
+from forcebound.analysis.bounder import causes_of_little_force, summarize_bounder
+from forcebound.analysis.tables import summary_rows
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import BOUNDER_REPORTED, EventLog
+from forcebound.telemetry import TelemetryColumns
+
+DEVICE: dict[str, Any] = {
+    "law": "certified",
+    "rate": 1000.0,
+    "hold_limit": "auto",
+    "damping": 0.27,
+    "friction": 0.12,
+    "resolution": 3e-5,
+    "watchdog": "silent",
+}
+PUNCTUAL = {"overruns": 0, "hold_limit": 1.02e-3}
+TICKS = 1000
+
+
+def pressed(applied: float = 2.0, **fields: Any) -> TelemetryColumns:
+    """Return a second in which 8 N are commanded."""
+    forces = {"commanded_force": (8.0,), "applied_force": (applied,)}
+    return TelemetryColumns.from_packets(
+        [telemetry_packet(k, **forces | fields) for k in range(TICKS)]
+    )
+
+
+def causes(columns: TelemetryColumns, report: Any = PUNCTUAL, **device: Any) -> list[str]:
+    return [cause.code for cause in causes_of_little_force(columns, DEVICE | device, report)]
+
+
+def test_a_force_that_is_not_limited_needs_no_cause() -> None:
+    assert causes(pressed(applied=8.0)) == []
+    assert causes(pressed(), law="none") == []
+
+
+def test_where_all_is_well_it_is_the_dissipation() -> None:
+    assert causes(pressed()) == ["dissipation"]
+
+
+def test_an_answer_of_another_tick_is_a_delay() -> None:
+    assert causes(pressed(loop_delay=0.9e-3)) == ["dissipation"]
+    assert causes(pressed(loop_delay=5e-3)) == ["delay"]
+
+
+def test_missed_ticks_are_a_cause_from_one_in_a_hundred_on() -> None:
+    def missing(every: int) -> TelemetryColumns:
+        return TelemetryColumns.from_packets(
+            [
+                telemetry_packet(
+                    k, commanded_force=(8.0,), applied_force=(2.0,), deadline_misses=k // every
+                )
+                for k in range(TICKS)
+            ]
+        )
+
+    assert causes(missing(200)) == ["dissipation"]
+    assert causes(missing(50)) == ["missed_ticks"]
+
+
+def test_an_overrun_a_second_matters_with_a_silent_watchdog_and_not_with_another() -> None:
+    report = PUNCTUAL | {"overruns": 1}
+    assert causes(pressed(), report) == ["overruns"]
+    assert causes(pressed(), report, watchdog="reporting") == ["dissipation"]
+    assert causes(pressed(), report, watchdog="none") == ["dissipation"]
+    assert causes(pressed(), PUNCTUAL | {"overruns": 9}, watchdog="reporting") == ["overruns"]
+
+
+def test_a_long_hold_limit_is_set_or_learned_from_late_ticks() -> None:
+    report = PUNCTUAL | {"hold_limit": 4e-3}
+    assert causes(pressed(), report) == ["late_ticks"]
+    assert causes(pressed(), report, hold_limit=4.0) == ["long_hold_limit"]
+
+
+def test_a_full_ledger_is_a_cause_if_the_launch_file_has_a_cap() -> None:
+    full = pressed(estimated_energy=1e-3)
+    assert causes(full) == ["dissipation"]
+    assert causes(full, energy_cap=1e-3) == ["energy_cap"]
+    assert causes(pressed(estimated_energy=1e-4), energy_cap=1e-3) == ["dissipation"]
+
+
+def test_imperfections_and_a_coarse_encoder_are_causes() -> None:
+    assert causes(pressed(), write_delay=1e-4, lag=1e-4) == ["imperfections"]
+    restless = TelemetryColumns.from_packets(
+        [
+            telemetry_packet(k, commanded_force=(8.0,), applied_force=(2.0 * (k % 2),))
+            for k in range(TICKS)
+        ]
+    )
+    assert causes(restless) == ["resolution"]
+    assert causes(restless, resolution=0.0) == ["dissipation"]
+
+
+def test_a_law_that_is_not_certified_has_no_ledger_to_look_at() -> None:
+    assert causes(pressed(), PUNCTUAL | {"hold_limit": 4e-3}, law="tdpa") == ["law_not_certified"]
+
+
+def reported(**report: Any) -> list[Event]:
+    data = {name: json.dumps(value) for name, value in report.items()}
+    return [EventLog("device").emit(9 * MS, BOUNDER_REPORTED, "", data)]
+
+
+def test_the_report_of_the_bounder_is_in_the_summary() -> None:
+    events = reported(
+        overruns=3,
+        hold_limit=1.1e-3,
+        longest_hold_limit=4e-3,
+        refused_readings=2,
+        largest_allowance=5e-4,
+        allowance_repaid=True,
+    )
+    sources = {"damping": "measured", "friction": "measured", "lag": "assumed"}
+    device = DEVICE | {"energy_cap": 0.02, "sources": sources}
+    added = summarize_bounder(pressed(), events, {"device": device})
+    assert added["hold_limit_overruns"] == 3
+    assert added["hold_limit_ms"] == pytest.approx({"mean": 1.1, "longest": 4.0})
+    run = run_virtual(load("stiff_wall"), 0.01).summary
+    rows = dict(summary_rows({**run, **added}))
+    assert rows["hold limit mean/longest"] == "1.10/4.00 ms"
+    assert rows["refused readings"] == "2"
+    assert rows["largest allowance used"] == "0.500 mJ, repaid"
+    assert rows["energy cap"] == "20.00 mJ"
+    assert rows["numbers of the device"] == "1 assumed, 2 measured"
+
+
+def test_a_run_without_a_report_says_nothing_of_it() -> None:
+    added = summarize_bounder(pressed(), [], {"device": DEVICE})
+    assert "hold_limit_overruns" not in added
+    assert added["refused_readings"] is None
+    assert added["hold_limit_ms"] == {"mean": None, "longest": None}
+
+
+def test_a_punctual_run_reports_its_bounder_and_names_the_dissipation() -> None:
+    summary = run_virtual(load("stiff_wall"), 1.0).summary
+    assert summary["hold_limit_overruns"] == 0
+    assert summary["hold_limit_ms"] == pytest.approx({"mean": 1.02, "longest": 1.02})
+    assert [cause["cause"] for cause in summary["little_force"]] == ["dissipation"]
