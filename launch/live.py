@@ -48,6 +48,8 @@ from forcebound.process import (
 )
 from forcebound.processes import LAUNCHER, PROCESSES
 
+FASTEST = 5000.0  # Hz; a tick of the servo and its partners is longer than a shorter period
+
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
@@ -173,10 +175,17 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         record: Where the recording is to be kept; None: nowhere.
 
     Raises:
-        ConfigError: If the chain cannot be placed, the recording not be written, a key be missing,
-            the address not be ours or a port be in use; the message names all that is wrong.
+        ConfigError: If the rate is too high, the chain cannot be placed, the recording not be
+            written, a key be missing, the address not be ours or a port be in use; the message
+            names all that is wrong.
     """
     problems = []
+    rate = config.device.servo.rate
+    if rate > FASTEST:
+        problems.append(
+            f"device.rate: a live run keeps at most {FASTEST / 1e3:g} kHz, got {rate / 1e3:g} kHz;"
+            " virtual time keeps any: `forcebound simulate`"
+        )
     checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from launch_texts import written
 from waiting import PATIENCE, until
 
 from forcebound.bounding import LAWS
@@ -198,6 +199,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.bag"), "must end in .mcap,"),
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run"), "no folder /nowhere"),
+        (("simulate", "stiff_wall", "--check", "--record", "/nowhere/run.mcap"), "/nowhere"),
+        (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
         (("bench", "nothing"), "nothing"),
         (("sweep", "audit", "--plot"), "sweep audit takes"),
         (("sweep", "nowhere"), "nowhere"),
@@ -219,6 +222,46 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
     assert "Traceback" not in result.stderr
     assert "left:" not in result.stderr, "no progress of what does not begin"
     assert "environment: environment" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("device: {mass: 1e-320 kg}", "expected a mass in kg, for example 75 g, 0 or 1e-30 to"),
+        ("device: {saturation: 1e-320}", "expected a force in N"),
+        ("device: {resolution: 1e-320}", "expected a length in m"),
+        ("operator: {kind: sinusoidal, amplitude: 1e300}", "expected a length in m"),
+        ("device: {rate: 1 Hz}", "an answer takes at least 400 ms (reply_wait over rate)"),
+        ("device: {rate: 20 kHz}", "a live run keeps at most 5 kHz, got 20 kHz"),
+        ("device: {damping: 0}", "damping must be > 0"),
+    ],
+)
+def test_what_would_not_start_is_not_called_correct(
+    tmp_path: Path, line: str, message: str
+) -> None:
+    path = written(tmp_path, f"include: stiff_wall.yaml\n{line}\n")
+    result = invoke("launch", str(path), "--check")
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert "correct" not in result.stdout
+
+
+def test_a_map_of_a_figure_that_is_none_is_refused_before_the_sweep(tmp_path: Path) -> None:
+    text = "forcebound: 1\nlaunch: stiff_wall\nduration: 20 ms\nover: {law: [none, certified]}\n"
+    path = written(tmp_path, text + "map: {x: law, value: peak_force}\n", "sweep.yaml")
+    result = invoke("sweep", str(path), "-o", str(tmp_path / "out.parquet"))
+    assert result.exit_code == 2
+    assert "unknown figure for value: 'peak_force'; did you mean 'peak_force_n'" in result.stderr
+    assert [one.name for one in tmp_path.iterdir()] == ["sweep.yaml"]
+
+
+def test_an_audit_without_its_package_is_refused_before_the_random_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "cma", None)
+    result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
+    assert result.exit_code == 2
+    assert "pip install 'forcebound[audit]'" in result.stderr
 
 
 def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:

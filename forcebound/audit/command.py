@@ -14,6 +14,7 @@ from forcebound.audit.path_run import replay_path
 from forcebound.audit.paths import SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
+from forcebound.audit.search import optimiser
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
@@ -44,6 +45,8 @@ def run(
         raise ConfigError(f"the page must end in .md, got {out.name!r}")
     if out is not None:
         check_writable(out, "the page")
+    if searched:
+        optimiser()  # its absence would show only after the random runs
     document: dict[str, Any] = {"runs": 0}
     for name, campaign in _campaigns(laws, certificates).items():
         with progress_bar(f"audit of the {name}") as show:

@@ -10,9 +10,11 @@ from typing import Any, ParamSpec
 import click
 
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.files import printable
 
 P = ParamSpec("P")
 
+LONGEST_CELL = 500  # characters
 ARGUMENTS = "[NAME:=VALUE]..."
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
@@ -25,7 +27,7 @@ def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
         try:
             command(*args, **kwargs)
         except ForceboundError as error:
-            click.echo(f"forcebound: {error}", err=True)
+            show(f"forcebound: {error}", err=True)
             sys.exit(2 if isinstance(error, ConfigError) else 1)
 
     return wrapper
@@ -101,6 +103,11 @@ run_option = click.option(
 )
 
 
+def show(text: str, err: bool = False) -> None:
+    """Print a text that may hold names from outside: none of them reaches the terminal as it is."""
+    click.echo(printable(text), err=err)
+
+
 def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     """Print the key figures of some runs, one column each, headed by labels or their laws."""
     from forcebound.analysis.tables import summary_rows
@@ -117,12 +124,17 @@ def print_rows(
     """Print a table whose first column is flush left."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(head[0], title=title, title_justify="left", box=None, pad_edge=False)
+    def cell(text: str) -> Text:  # no markup: a name may hold brackets
+        return Text(printable(text, LONGEST_CELL))
+
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column(cell(head[0]))
     for name in head[1:]:
-        table.add_column(name, justify="right", overflow="fold")
+        table.add_column(cell(name), justify="right", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(cell, row))
     Console().print(table)
 
 

@@ -19,10 +19,13 @@ from forcebound.cli.common import (
     print_table,
     record_option,
     reports_errors,
+    show,
 )
+from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
+    from forcebound.launch.results import RunResult
 
 
 _OPTIONS = (
@@ -79,13 +82,15 @@ def simulate(
     as_json: bool,
 ) -> None:
     """Run a launch file in virtual time: deterministic, faster than real time."""
+    from forcebound.launch.virtual import run_virtual
+
+    if record is not None:
+        check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
-    from forcebound.launch.virtual import run_virtual
-
     result = run_virtual(config, duration, record, may_end_early=True)
-    click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
 
 
@@ -127,7 +132,6 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
     Says whether a hand feels the difference between the first run and each other.
     """
-    from forcebound.analysis.perception import differences
     from forcebound.analysis.plots import figure, save
     from forcebound.launch.results import RunResult
 
@@ -137,20 +141,29 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
-    drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-    save(figure(drawn, events=[r.events for r in results]), output)
+    for run, result in zip(runs, results, strict=True):
+        with content_of(run):
+            result.summary  # noqa: B018 - kept for what follows
+    with content_of(" and ".join(runs)):
+        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
+        save(figure(drawn, events=[r.events for r in results]), output)
+        _show_runs(results, labels, output, as_json)
+
+
+def _show_runs(results: "list[RunResult]", labels: list[str], picture: Path, as_json: bool) -> None:
+    from forcebound.analysis.perception import differences
+    from forcebound.analysis.tables import difference_text
+
     first, *others = [result.summary for result in results]
     compared = [differences(first, other) for other in others]
     if as_json:
-        print_json({"picture": str(output), "runs": [first, *others], "differences": compared})
+        print_json({"picture": str(picture), "runs": [first, *others], "differences": compared})
         return
     print_table(results, labels)
-    from forcebound.analysis.tables import difference_text
-
     for label, found in zip(labels[1:], compared, strict=True):
         for difference in found:
-            click.echo(f"{label} against {labels[0]}: {difference_text(difference)}")
-    click.echo(f"picture: {output}")
+            show(f"{label} against {labels[0]}: {difference_text(difference)}")
+    show(f"picture: {picture}")
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
@@ -190,8 +203,11 @@ def _configuration(
         config = replace(config, seed=seed)
     if not check:
         return config
+    from forcebound.launch.trial import try_ticks
+
     also(config)
-    print_json(to_document(config)) if as_json else click.echo(f"{file}: correct")
+    try_ticks(config)
+    print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
 
 
@@ -205,7 +221,7 @@ def _show_arguments(file: str, as_json: bool) -> None:
     for argument in arguments:
         default = "(required)" if argument.default is None else _as_written(argument.default)
         choices = f" [{', '.join(map(_as_written, argument.choices))}]" if argument.choices else ""
-        click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
+        show(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
 
 
 def _as_written(value: object) -> str:
@@ -214,10 +230,10 @@ def _as_written(value: object) -> str:
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
-        click.echo("forcebound: interrupted; result up to here", err=True)
+        show("forcebound: interrupted; result up to here", err=True)
     if not result.summary["samples"]:
         never = "no command younger than the age limit reached the device"
-        click.echo(f"forcebound: the force never engaged: {never}", err=True)
+        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return
@@ -230,7 +246,7 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         click.echo()
         print_rows(head, rows)
     if record is not None:
-        click.echo(f"recording: {record}")
+        show(f"recording: {record}")
 
 
 def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
@@ -241,4 +257,4 @@ def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
     from forcebound.monitor.wording import remedy
 
     for cause in causes:
-        click.echo(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")
+        show(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")
