@@ -15,6 +15,7 @@ from forcebound.audit.paths import SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.audit.search import optimiser
+from forcebound.audit.sensitivity import run_sensitivity
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
@@ -111,3 +112,13 @@ def _run_path_again(
         **result.case.numbers,
     }
     return document
+
+
+def run_mistakes(kind: str, runs: int, workers: int | None) -> dict[str, Any]:
+    """Search for the lowest energy with each wrong number; arguments as on the command line.
+
+    Raises:
+        ConfigError: If there is no such device.
+    """
+    with progress_bar("sensitivity") as show:
+        return run_sensitivity(kind, runs, workers, show)
