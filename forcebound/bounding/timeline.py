@@ -49,7 +49,8 @@ CONSTANT_ROWS = len(AxisConstants._fields)
 PENDING = CONSTANTS + CONSTANT_ROWS  # N, force that was written
 WANTED = PENDING + 1  # N, or a direction: what a cost is asked of
 ORIGIN = PENDING + 2  # m, reading at the start
-BLOCK = PENDING + 3
+WORK = PENDING + 3  # J, in the ledger, of this axis: less the prices that grow with the gain
+BLOCK = PENDING + 4
 
 
 def load_constants(rows: Floats, axis: int) -> AxisConstants:
