@@ -232,7 +232,8 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
         ("device: {resolution: 1e-320}", "expected a length in m"),
         ("operator: {kind: sinusoidal, amplitude: 1e300}", "expected a length in m"),
         ("device: {rate: 1 Hz}", "an answer takes at least 400 ms (reply_wait over rate)"),
-        ("device: {rate: 20 kHz}", "a live run keeps at most 5 kHz, got 20 kHz"),
+        ("device: {rate: 20 kHz}", "a live run keeps 10 Hz to 5000 Hz, got 20000 Hz"),
+        ("device: {rate: 0.1 Hz, age_limit: 20 s}", "a live run keeps 10 Hz to 5000 Hz, got 0.1"),
         ("device: {damping: 0}", "damping must be > 0"),
     ],
 )
@@ -262,6 +263,33 @@ def test_an_audit_without_its_package_is_refused_before_the_random_runs(
     result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
     assert result.exit_code == 2
     assert "pip install 'forcebound[audit]'" in result.stderr
+
+
+def test_a_picture_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    for words in (("audit", "replay", "certified", "3"), ("plot", str(tmp_path / "none.mcap"))):
+        result = invoke(*words, "-o", str(tmp_path / "none" / "run.png"))
+        assert result.exit_code == 2
+        assert "cannot write the picture" in result.stderr
+        assert not result.stdout
+
+
+def test_a_reader_that_goes_away_is_no_damaged_recording(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mcap"
+    invoke("simulate", "stiff_wall", *QUICK, "--record", str(recording))
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        result = subprocess.run(
+            [sys.executable, "-m", "forcebound", "plot", str(recording)],
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+    finally:
+        os.close(writer)
+    assert result.returncode == 1
+    assert result.stderr == b""
+    assert recording.with_suffix(".png").exists()
 
 
 def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:

@@ -130,6 +130,24 @@ def test_every_panel_says_its_quantity_and_unit() -> None:
     assert drawing.axes[-1].get_xlabel() == "time since the force engaged (s)"
 
 
+def test_a_time_axis_with_numbers_says_its_unit() -> None:
+    drawing = figure([run_of(telemetry())], ("position", "force", "contact", "energy"))
+    drawing.draw_without_rendering()
+    words = [axes.get_xlabel() for axes in drawing.axes]
+    assert words == [
+        "",  # those of the panel below
+        "time since the force engaged (s)",
+        "time since first contact (ms)",
+        "time since the force engaged (s)",
+    ]
+    assert [any(t.get_text() for t in a.get_xticklabels()) for a in drawing.axes] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+
+
 @pytest.mark.parametrize(
     ("label", "title"),
     [

@@ -7,7 +7,7 @@ figure of the same data is the same file, byte by byte.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from forcebound.analysis.panels import (
 from forcebound.analysis.summary import law
 from forcebound.analysis.surface import Floats
 from forcebound.errors import ConfigError
+from forcebound.files import check_writable
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS
 
@@ -280,19 +281,27 @@ def _label_outer(row: list[Axes]) -> None:
 
 
 def _share_time(panels: Sequence[str], column: list[Axes]) -> None:
-    over_time = [
-        axes
-        for name, axes in zip(panels, column, strict=True)
-        if PANELS[name].x_label == PANELS["position"].x_label
-    ]
-    for axes, below in zip_longest(column, column[1:]):
-        if axes in over_time and below in over_time:  # which has the same numbers
+    """Leave numbers and label of the time axis to the last of the panels that stand together."""
+    labels = [PANELS[name].x_label for name in panels]
+    for axes, label, below in zip(column, labels, [*labels[1:], None], strict=True):
+        if label == below == Panel.x_label:
             axes.tick_params(labelbottom=False)
-    for name, axes in zip(panels, column, strict=True):
-        if axes not in over_time[:-1]:
-            axes.set_xlabel(PANELS[name].x_label, fontsize=9)
+        else:
+            axes.set_xlabel(label, fontsize=9)
+    over_time = [a for a, label in zip(column, labels, strict=True) if label == Panel.x_label]
     for axes in over_time[1:]:
         axes.sharex(over_time[0])
+
+
+def check_picture(path: Path) -> None:
+    """Check before the work begins that a picture can be written.
+
+    Raises:
+        ConfigError: As :func:`save`.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
+    check_writable(path, "the picture")
 
 
 def save(drawing: Figure, path: str | PathLike[str]) -> None:
@@ -304,9 +313,8 @@ def save(drawing: Figure, path: str | PathLike[str]) -> None:
     import matplotlib
 
     path = Path(path)
+    check_picture(path)
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
     try:
         with matplotlib.rc_context({"svg.hashsalt": "forcebound"}):
             drawing.savefig(path, format=suffix[1:], metadata=FORMATS[suffix])

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from forcebound.analysis.plots import check_picture
 from forcebound.audit.campaign import run_campaign
 from forcebound.audit.cases import ADVERSARIES
 from forcebound.audit.cases import SENSORS as PLANT_SENSORS
@@ -82,6 +83,8 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
     Raises:
         ConfigError: If the law or the case is not known, or the case has a length of its own.
     """
+    if picture is not None:
+        check_picture(picture)
     if ":" in case:
         return _run_path_again(law, case, seconds, picture)
     result, trace = replay(law, case, seconds or 2.0)

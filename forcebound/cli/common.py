@@ -110,12 +110,19 @@ def show(text: str, err: bool = False) -> None:
 
 def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     """Print the key figures of some runs, one column each, headed by labels or their laws."""
+    print_rows(*table_of(results, labels))
+
+
+def table_of(
+    results: list[Any], labels: Sequence[str] = ()
+) -> tuple[Sequence[str], list[Sequence[str]]]:
+    """Return head and rows of the table of some runs; see :func:`print_table`."""
     from forcebound.analysis.tables import summary_rows
 
     columns = [dict(summary_rows(result.summary)) for result in results]
     labels_of_rows = dict.fromkeys(label for column in columns for label in column)
     rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
-    print_rows(("", *(labels or [result.label for result in results])), rows)
+    return ("", *(labels or [result.label for result in results])), list(rows)
 
 
 def print_rows(
@@ -140,4 +147,9 @@ def print_rows(
 
 def print_json(document: Any) -> None:
     """Print one JSON document."""
-    click.echo(json.dumps(document, indent=2, allow_nan=False))
+    click.echo(json_text(document))
+
+
+def json_text(document: Any) -> str:
+    """Return a document as :func:`print_json` prints it."""
+    return json.dumps(document, indent=2, allow_nan=False)

@@ -1,7 +1,7 @@
 """Commands that run a graph and show the result."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,12 +14,14 @@ from forcebound.cli.common import (
     duration_option,
     file_option,
     json_option,
+    json_text,
     print_json,
     print_rows,
     print_table,
     record_option,
     reports_errors,
     show,
+    table_of,
 )
 from forcebound.files import check_writable, content_of
 
@@ -132,12 +134,12 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
     Says whether a hand feels the difference between the first run and each other.
     """
-    from forcebound.analysis.plots import figure, save
+    from forcebound.analysis.plots import check_picture, figure, save
     from forcebound.launch.results import RunResult
 
+    output = Path(runs[0]).with_suffix(".png") if output is None else output
+    check_picture(output)
     results = [RunResult.from_recording(Path(run)) for run in runs]
-    if output is None:
-        output = Path(runs[0]).with_suffix(".png")
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
@@ -147,23 +149,32 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     with content_of(" and ".join(runs)):
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
         save(figure(drawn, events=[r.events for r in results]), output)
-        _show_runs(results, labels, output, as_json)
+        found = _found(results)
+        document = json_text({"picture": str(output), **found}) if as_json else ""
+        head, rows = table_of(results, labels)
+        differing = list(_in_words(found["differences"], labels))
+    if as_json:  # what cannot be printed is no matter of the recordings
+        click.echo(document)
+        return
+    print_rows(head, rows)
+    for line in differing:
+        show(line)
+    show(f"picture: {output}")
 
 
-def _show_runs(results: "list[RunResult]", labels: list[str], picture: Path, as_json: bool) -> None:
+def _found(results: "list[RunResult]") -> dict[str, Any]:
     from forcebound.analysis.perception import differences
+
+    first, *others = summaries = [result.summary for result in results]
+    return {"runs": summaries, "differences": [differences(first, other) for other in others]}
+
+
+def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]) -> Iterator[str]:
     from forcebound.analysis.tables import difference_text
 
-    first, *others = [result.summary for result in results]
-    compared = [differences(first, other) for other in others]
-    if as_json:
-        print_json({"picture": str(picture), "runs": [first, *others], "differences": compared})
-        return
-    print_table(results, labels)
     for label, found in zip(labels[1:], compared, strict=True):
         for difference in found:
-            show(f"{label} against {labels[0]}: {difference_text(difference)}")
-    show(f"picture: {picture}")
+            yield f"{label} against {labels[0]}: {difference_text(difference)}"
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
