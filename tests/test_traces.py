@@ -202,7 +202,7 @@ def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
     link.accept(0, TimedPacket(0, 0))
     link.change(NAMED, wifi())
     link.accept(5 * MS, TimedPacket(1, 0))
-    link.accept(15 * MS, TimedPacket(2, 0))  # lost: outages and traces count from the first packet
+    link.accept(15 * MS, TimedPacket(2, 0))  # lost: a trace counts from the first packet
     link.change(Impairment(delay=0.001))
     link.accept(16 * MS, TimedPacket(3, 0))
     assert [packet.seq for packet in link.due(9 * MS)] == [0, 1]

@@ -76,7 +76,10 @@ class Slot:
 
 @dataclass(frozen=True)
 class Outage:
-    """A time in which every packet that arrives is lost, counted from the link's first packet."""
+    """A time in which every packet that arrives is lost.
+
+    Counted from the first packet that the link gets after the outages were set.
+    """
 
     start: Annotated[Time, NOT_NEGATIVE]
     duration: Annotated[Time, NOT_NEGATIVE]
