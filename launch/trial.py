@@ -31,11 +31,10 @@ def try_ticks(config: GraphConfig) -> None:
     kinds = {name: kind_of(name, part) for name, part in parts.items() if part is not None}
     if not all(KINDS[name].is_shipped(kind) for name, kind in kinds.items()):
         return
+    some_ticks = (TICKS + 1.0) / config.device.servo.rate
     try:
         with np.errstate(all="ignore"):
-            result = run_virtual(
-                replace(config, phases=()), (TICKS + 1.0) / config.device.servo.rate
-            )
+            result = run_virtual(replace(config, phases=()), min(config.duration, some_ticks))
     except (RunError, DeviceError, ArithmeticError) as error:
         raise ConfigError(f"the graph does not start: {error}") from error
     columns = result.columns

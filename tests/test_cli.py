@@ -15,6 +15,7 @@ from waiting import PATIENCE, until
 
 from forcebound.bounding import LAWS
 from forcebound.cli import main
+from forcebound.cli.common import print_rows
 from forcebound.launch.results import RunResult
 
 QUICK = ("--duration", "200 ms")
@@ -235,6 +236,7 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
         ("device: {rate: 20 kHz}", "a live run keeps 10 Hz to 5000 Hz, got 20000 Hz"),
         ("device: {rate: 0.1 Hz, age_limit: 20 s}", "a live run keeps 10 Hz to 5000 Hz, got 0.1"),
         ("device: {damping: 0}", "damping must be > 0"),
+        ("duration: 1 us", "the run ended before its first sample"),
     ],
 )
 def test_what_would_not_start_is_not_called_correct(
@@ -263,6 +265,16 @@ def test_an_audit_without_its_package_is_refused_before_the_random_runs(
     result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
     assert result.exit_code == 2
     assert "pip install 'forcebound[audit]'" in result.stderr
+
+
+def test_a_table_that_is_wider_than_the_terminal_keeps_its_numbers_whole(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    numbers = ("135.4/247.1/249.4", "0.000123456789", "1000000.0/20000000.0", "8.50 N")
+    print_rows(("phase", *"abcd"), [("nothing comes through", *numbers)])
+    shown = capsys.readouterr().out
+    assert [number for number in numbers if number in shown] == list(numbers)
 
 
 def test_a_picture_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:

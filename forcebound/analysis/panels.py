@@ -59,6 +59,11 @@ class View:
         """Number of axes of the run."""
         return int(self.columns.position.shape[1])
 
+    @property
+    def last_axis(self) -> int:
+        """Number of the last axis."""
+        return self.axes - 1
+
     def along(self, force: Floats) -> Floats:
         """Return the shown samples of a force; of several axes its magnitude, as its limit is."""
         shown = force[self.shown]
@@ -191,7 +196,7 @@ class Panel:
     shows: str = ""  # what of a run of several axes
 
 
-_AXIS = "axis {view.axis} of {view.axes}, from 0"
+_AXIS = "axis {view.axis} (axes 0 to {view.last_axis})"
 
 PANELS: dict[str, Panel] = {
     "position": Panel(_draw_position, "position (mm)", shows=_AXIS),

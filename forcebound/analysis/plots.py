@@ -271,7 +271,9 @@ def _finite(values: Floats) -> Floats:
 
 def _note(axes: Axes, text: str, *, left: bool = False) -> None:
     x, side = (0.01, "left") if left else (0.99, "right")
-    axes.text(x, 0.95, text, transform=axes.transAxes, ha=side, va="top", fontsize=8, color=NEUTRAL)
+    words = axes.text(x, 0.95, text, transform=axes.transAxes, ha=side, va="top", fontsize=8)
+    words.set_color(NEUTRAL)
+    words.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 
 def _label_outer(row: list[Axes]) -> None:

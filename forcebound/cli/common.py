@@ -15,6 +15,7 @@ from forcebound.files import printable
 P = ParamSpec("P")
 
 LONGEST_CELL = 500  # characters
+WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 ARGUMENTS = "[NAME:=VALUE]..."
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
@@ -142,7 +143,9 @@ def print_rows(
         table.add_column(cell(name), justify="right", overflow="fold")
     for row in rows:
         table.add_row(*map(cell, row))
-    Console().print(table)
+    console = Console()
+    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    Console(width=max(console.width, needed)).print(table)
 
 
 def print_json(document: Any) -> None:
