@@ -82,6 +82,8 @@ class BoundedDevice:
             self._change_limit()
         self._overruns = self.bounder.overruns
         self._refused = self.bounder.refused_readings
+        self._late_writes = self.bounder.late_writes
+        self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
         self._longest = 0.0
 
@@ -120,6 +122,7 @@ class BoundedDevice:
         if self._stamps is not None:
             write_ns = self._stamps()[1]
         bounder.settle(applied, write_ns)
+        self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
         self._held += self._use_limit
         self._longest = max(self._longest, self._use_limit)
@@ -150,7 +153,9 @@ class BoundedDevice:
         """Return what the bounder has met since :meth:`begin`, as plain values.
 
         ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
-        ``longest_hold_limit``, in s; ``refused_readings``; ``largest_allowance``: the most that
+        ``longest_hold_limit``, in s; ``refused_readings``; ``late_writes``: forces that took effect
+        later after their reading than the device states, and ``longest_write_delay``, in s, of all;
+        ``largest_allowance``: the most that
         late holds can have leaked, in J, and ``allowance_repaid``.
         """
         bounder = self.bounder
@@ -159,6 +164,8 @@ class BoundedDevice:
             "hold_limit": self._held / self._writes if self._writes else self._use_limit,
             "longest_hold_limit": self._longest or self._use_limit,
             "refused_readings": bounder.refused_readings - self._refused,
+            "late_writes": bounder.late_writes - self._late_writes,
+            "longest_write_delay": self._longest_delay_ns * 1e-9,
             "largest_allowance": bounder.largest_allowance,
             "allowance_repaid": bounder.allowance_repaid,
         }

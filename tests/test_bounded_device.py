@@ -103,6 +103,17 @@ def test_the_limit_follows_the_time_between_writes_not_between_readings() -> Non
     assert device.limits[-1] >= 1.2e-3
 
 
+def test_writes_later_than_the_device_states_are_counted() -> None:
+    device = Stamping()
+    node = bounded(device)
+    for tick in range(10):
+        device.time_ns = tick * MS
+        device.delay_ns = 200_000 * (tick % 2)
+        node.write(device.time_ns, (0.0,), 1.0)
+    assert node.report()["late_writes"] == 5
+    assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
+
+
 def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
     node = bounded(Silent())
     assert not node.learns

@@ -19,7 +19,7 @@ from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
 
 TIGHT = 0.01  # an attack that leaves less than this share of the energy is tight
-UNINFORMED = 0.1  # share of the runs that a law without information gets
+UNINFORMED = 0.5  # share of the runs that a law without information gets
 
 
 class PathTask(NamedTuple):
@@ -119,7 +119,7 @@ def run_certificates(
         laws: Certified laws, keys of :data:`forcebound.bounding.LAWS`.
         certificates: Keys of :data:`forcebound.audit.certificates.CERTIFICATES`.
         runs: Random runs of each law with each certificate.
-        searched: Runs of each in a search; the uninformed law gets a tenth of both.
+        searched: Runs of each in a search; the uninformed law gets half of both.
         seed: Seed of the first random run, and of the search.
         workers: Processes; None: one for each core; 0: this process.
         progress: Called with the progress, in this process.

@@ -22,6 +22,9 @@ from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
 from forcebound.workers import progress_bar
 
+#: Where the part of the page begins that is not made by a campaign, and stays.
+BY_HAND = "## A second, independent attack"
+
 
 def run(
     laws: Sequence[str],
@@ -59,10 +62,18 @@ def run(
         chosen += "".join(f" --certificate {certificate}" for certificate in certificates)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
         try:
-            out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
+            text = page(document, f"{command} --out {out}") + _written_by_hand(out)
+            out.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"cannot write the page {out}: {reason(error)}") from error
     return document
+
+
+def _written_by_hand(out: Path) -> str:
+    """Return the end of the page that is there already, which no campaign makes."""
+    before = out.read_text(encoding="utf-8") if out.exists() else ""
+    _, heading, rest = before.partition(BY_HAND)
+    return heading + rest
 
 
 def _campaigns(laws: Sequence[str], certificates: Sequence[str]) -> dict[str, Any]:

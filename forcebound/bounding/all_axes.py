@@ -47,6 +47,7 @@ from forcebound.bounding.timeline import (
     ENDS,
     FORCE,
     GAIN,
+    GIVEN,
     HELD_LIMIT,
     HELD_PRICE,
     IS_ALONG_PATH,
@@ -214,7 +215,7 @@ def begin(rows: Floats, position: Floats) -> None:
         rows[block + ORIGIN] = position[axis]
     rows[HELD_PRICE] = rows[SPENT] = rows[SINCE] = rows[IS_UNSURE] = 0.0
     rows[AVAILABLE] = rows[AVAILABLE + 1] = rows[LARGEST_LEAK] = 0.0
-    rows[AGE] = rows[BUDGET] = rows[PENDING_BUDGET] = 0.0
+    rows[AGE] = rows[GIVEN] = rows[BUDGET] = rows[PENDING_BUDGET] = 0.0
     rows[HELD_LIMIT] = rows[PENDING_LIMIT] = rows[PLANNED_LIMIT]
     rows[UNTIL_CUT], rows[UNTIL_WRITE], rows[IS_DROPPED] = math.inf, -1.0, 1.0
 
