@@ -181,6 +181,7 @@ Time: TypeAlias = Annotated[float, Unit("s")]
 Torque: TypeAlias = Annotated[float, Unit("N m")]
 
 
+SMALLEST, LARGEST = 1e-30, 1e30  # SI; beyond is a slip of the pen, and its square may be 0 or inf
 LONGEST = 9e9  # s, 285 years: all that 64 bits of nanoseconds hold
 
 
@@ -208,6 +209,10 @@ def parse_quantity(value: object, unit: str) -> float:
         number = _finite(value, value, expected)
     if unit == "s" and abs(number) > LONGEST:
         raise ConfigError(f"expected {expected}, at most {LONGEST:g} s; got {_shown(value)}")
+    if number and not SMALLEST <= abs(number) <= LARGEST:
+        raise ConfigError(
+            f"expected {expected}, 0 or {SMALLEST:g} to {LARGEST:g} in size; got {_shown(value)}"
+        )
     return number
 
 

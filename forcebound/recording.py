@@ -17,23 +17,22 @@ holds the resolved launch file, the versions and the seed as text.
 
 import json
 import math
-import struct
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import cache, cached_property
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast, get_args
+from typing import Annotated, Any, Literal, Self, cast, get_args, get_origin, get_type_hints
 
-from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Channel, Chunk, Footer, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+import msgspec
 from mcap.writer import Writer
+from msgspec import UNSET, Meta, UnsetType, defstruct
 from msgspec.json import Encoder
-from zstandard import ZstdError
 
+from forcebound import mcap_file
 from forcebound.errors import ConfigError
+from forcebound.files import open_file, reason
 from forcebound.messages.codec import plain
 from forcebound.messages.packets import (
     MAX_AXES,
@@ -77,8 +76,6 @@ DESCRIPTIONS: dict[str, str] = {
     "message": "description for people",
     "data": "details for programs",
 }  # meaning and unit of the packets' fields, for the schemas
-
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
 
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 
@@ -243,11 +240,11 @@ class Recording:
             raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
         decode = _decoder(TOPICS[topic].packet)
         try:
-            return [decode(json.loads(data)) for data in self._messages.get(topic, ())]
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            return [decode(data) for data in self._messages.get(topic, ())]
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise ConfigError(
                 f"{self.path}: a message of {topic} does not match the packet of this version "
-                f"({type(error).__name__}: {error}); recorded by another version?"
+                f"({error}); recorded by another version?"
             ) from error
 
     @cached_property
@@ -255,86 +252,136 @@ class Recording:
         """The telemetry as columns.
 
         Raises:
-            ConfigError: If the recording holds none.
+            ConfigError: If the recording holds none, or the number of axes changes in it.
         """
         packets = cast("list[Telemetry]", self.packets(TOPIC_OF[Telemetry]))
         if not packets:
             raise ConfigError(
                 f"{self.path} has no telemetry: did the run end before its device node started?"
             )
+        axes = {len(vector) for packet in packets for vector in _vectors(packet)}
+        if len(axes) > 1:
+            counts = " and ".join(map(str, sorted(axes)))
+            raise ConfigError(f"{self.path}: its telemetry has {counts} axes; a run has one number")
         return TelemetryColumns.from_packets(packets)
 
+    @cached_property
+    def launch(self) -> dict[str, Any]:
+        """The launch file as resolved for the run; empty if none was recorded.
 
-def read(path: str | PathLike[str]) -> Recording:
-    """Read a recording, complete or not.
+        Raises:
+            ConfigError: If it is damaged.
+        """
+        text = self.metadata.get("launch", "{}")
+        try:
+            msgspec.json.decode(text, type=_RecordedLaunch)
+            document: dict[str, Any] = msgspec.json.decode(text)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            raise ConfigError(
+                f"{self.path}: its launch file is none of this version ({error})"
+            ) from error
+        return document
+
+
+class _RecordedDevice(msgspec.Struct):
+    """What is read of a recorded launch file's device."""
+
+    law: str = ""
+    rate: Annotated[float, Meta(ge=1e-6, le=1e9)] = 1.0  # Hz
+    reply_wait: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0  # periods
+    hold_limit: Annotated[float, Meta(ge=0.0, le=1e6)] | Literal["auto"] = "auto"  # periods
+
+
+class _RecordedPhase(msgspec.Struct):
+    set: dict[str, Any] = {}
+
+
+class _RecordedLaunch(msgspec.Struct):
+    device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
+    environment: dict[str, Any] = {}
+    phases: list[_RecordedPhase] = []
+
+
+def _vectors(packet: Telemetry) -> Iterator[Vector]:
+    yield from (packet.position, packet.commanded_force, packet.applied_force)
+    yield from (one for one in (packet.true_position, packet.hand_force) if one is not None)
+
+
+def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> Recording:
+    """Read a recording, complete or not, in memory bounded by its size.
+
+    Args:
+        path: The file.
+        topics: Of the packets that are wanted; only they are kept.
 
     Raises:
-        ConfigError: If the file is missing, is not MCAP, or was not written by forcebound.
+        ConfigError: If the file is missing, is no regular file, is not MCAP, was not written by
+            forcebound, or unpacks to more than a recording does.
     """
     path = Path(path)
     metadata: dict[str, str] | None = None
-    topics: dict[int, str] = {}
-    messages: dict[str, list[bytes]] = {topic: [] for topic in TOPICS}
-    complete = False
+    messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
+    complete = True
     try:
-        with path.open("rb") as file:
-            # A damaged record may claim any length; no real one is longer than the file.
-            size = path.stat().st_size
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=size)
-            for record in reader.records:
-                if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                    metadata = record.metadata
-                elif isinstance(record, Chunk):
-                    _collect(record, topics, messages)
-                complete = isinstance(record, Footer)
+        with open_file(path) as file:
+            if not mcap_file.is_mcap(file):
+                raise ConfigError(f"{path} is not an MCAP file")
+            for content in mcap_file.contents(file, topics):
+                if isinstance(content, tuple):
+                    messages[content[0]].append(content[1])
+                elif content.name == METADATA_NAME:
+                    metadata = content.metadata
     except OSError as error:
-        raise ConfigError(f"cannot read the recording {path}: {error.strerror}") from error
-    except InvalidMagic:
-        if metadata is None:
-            raise ConfigError(f"{path} is not an MCAP file") from None
-        complete = False  # only the closing magic is damaged
-    except _DAMAGE:
-        complete = False  # the records before the damage are good
+        raise ConfigError(f"cannot read the recording {path}: {reason(error)}") from error
+    except mcap_file.TooLargeError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    except mcap_file.DamagedError:
+        complete = False  # what came before the damage is good
     if metadata is None:
         raise ConfigError(f"{path} is not a recording of forcebound (or it was cut at its start)")
     return Recording(path, metadata, complete, messages)
 
 
-def _collect(chunk: Chunk, topics: dict[int, str], messages: Mapping[str, list[bytes]]) -> None:
-    for record in breakup_chunk(chunk, validate_crc=True):
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic.removeprefix("/")
-        elif isinstance(record, Message):
-            topic = topics.get(record.channel_id, "")
-            if topic in messages:
-                messages[topic].append(record.data)
-
-
-def _decoder(packet: type[Packet]) -> Callable[[Mapping[str, Any]], Packet]:
-    """Return a function from a JSON document to the packet."""
-    readers = [
-        (name, _reader(hint), _is_optional(hint)) for name, hint in field_types(packet).items()
-    ]
+@cache
+def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
+    """Return a function from a recorded message to the packet; raises as msgspec does."""
+    hints = get_type_hints(packet, include_extras=True)
+    names = tuple(field_types(packet))
+    fields = [_recorded_field(name, hints[name]) for name in names]
+    message: Any = defstruct(f"Recorded{packet.__name__}", fields, kw_only=True, gc=False)
+    decode, values_of = msgspec.json.Decoder(message).decode, attrgetter(*names)
+    readers = [_reader(hint) for hint in field_types(packet).values()]
     build = cast("Callable[..., Packet]", packet)
 
-    def decode(document: Mapping[str, Any]) -> Packet:
-        return build(
-            *(
-                None if optional and name not in document else reader(document[name])
-                for name, reader, optional in readers
-            )
-        )
+    def read_message(data: bytes) -> Packet:
+        values = zip(readers, values_of(decode(data)), strict=True)
+        return build(*(value if reader is None else reader(value) for reader, value in values))
 
-    return decode
+    return read_message
 
 
-def _reader(hint: Any) -> Callable[[Any], Any]:
+def _recorded_field(name: str, hint: Any) -> Any:
+    """A field as it is recorded: null stands for no number, and without a value it is left out."""
     plain = _plain_type(hint)
-    if plain == Vector:
-        return lambda value: tuple(map(_number, value))
-    readers: dict[Any, Callable[[Any], Any]] = {float: _number, int: int, str: str, bool: bool}
-    return readers.get(plain, dict)
+    if plain is float:
+        plain = float | None
+    elif get_origin(plain) is Annotated and plain.__origin__ == Vector:
+        plain = Annotated[(tuple[float | None, ...], *plain.__metadata__)]
+    return (name, plain | UnsetType, UNSET) if _is_optional(hint) else (name, plain)
+
+
+def _reader(hint: Any) -> Callable[[Any], Any] | None:
+    """A function from a recorded value to that of the packet; None: it is the same."""
+    readers: dict[Any, Callable[[Any], Any]] = {float: _number, Vector: _vector}
+    present = readers.get(_plain_type(hint))
+    if not _is_optional(hint):
+        return present
+    return lambda value: None if value is UNSET else present(value) if present else value
 
 
 def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+    return math.nan if value is None else value
+
+
+def _vector(values: tuple[float | None, ...]) -> Vector:
+    return tuple(math.nan if value is None else value for value in values)

@@ -1,4 +1,4 @@
-"""Fuzz the codec and the launch files for a while each: ``make fuzz FUZZ_SECONDS=600``.
+"""Fuzz codec, launch files, recordings and keys for a while each: ``make fuzz FUZZ_SECONDS=600``.
 
 Inputs that reach new code are kept in ``results/fuzz/TARGET/corpus`` and the next campaign goes on
 from them; inputs that broke something are kept beside it and printed. Exit status: 0 nothing was
@@ -7,18 +7,53 @@ found, 1 something was, 2 atheris is missing.
 
 import argparse
 import importlib.util
+import io
+import json
 import os
 import re
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.yaml"))
-TARGETS = ("codec", "launch_file")
+TARGETS = ("codec", "launch_file", "recording", "keys")
 
-SLOWEST = 10  # s for one input; more counts as found
+PAIR = (  # keys of nobody
+    "0vD2B}d>Ih{WK6igW}zPWdpNP(gc6vi(/#BycP/J",
+    "pjTWXhGC4O]jL]uS<J=d:l:7<Tblm(fFgJ}o-}+^",
+)
+LAUNCH = {
+    "device": {"law": "certified", "rate": 1000.0, "hold_limit": 1.25, "reply_wait": 0.4},
+    "environment": {"kind": "wall", "position": 0.01, "stiffness": 10000.0},
+}
+TELEMETRY = {
+    "elapsed": 0.001,
+    "position": [0.011],
+    "commanded_force": [8.5],
+    "applied_force": [2.5],
+    "force_limit": 2.5,
+    "estimated_energy": 0.006,
+    "true_energy": 0.007,
+    "true_position": [0.011],
+    "hand_force": [2.5],
+    "engagement": 1.0,
+    "device_seq": 1,
+    "loop_delay": 0.0004,
+    "deadline_misses": 0,
+    "rejected": {"age": 1},
+}
+EVENT = {
+    "node": "device",
+    "event": "phase",
+    "is_fault": True,
+    "message": "",
+    "data": {"name": "late", "link": "force_command", "lost": "1"},
+}
+
+SLOWEST = 30  # s for one input, on a machine under load; more counts as found
 MEMORY = 2048  # MB of the whole process; more counts as found
 
 
@@ -26,8 +61,36 @@ def seeds(target: str) -> dict[str, bytes]:
     """Return the inputs that a campaign begins with, by name."""
     if target == "launch_file":
         return {path.name: path.read_bytes() for path in LAUNCH_FILES}
+    if target == "recording":
+        return {"plain": recorded(), "cut": recorded()[:-40]}
+    if target == "keys":
+        keys = 'curve\n    public-key = "{0}"\n    secret-key = "{1}"\n'
+        return {
+            "pair": keys.format(*PAIR).encode(),
+            "wrong": keys.format("#" * 40, PAIR[1]).encode(),
+        }
     dumps = sorted((ROOT / "tests" / "golden").glob("*.hex"))
     return {d.stem: bytes.fromhex(re.sub(r"#.*", "", d.read_text())) for d in dumps}
+
+
+def recorded() -> bytes:
+    """Return a recording of a few ticks, neither compressed nor summed, so that its bytes count."""
+    from mcap.writer import CompressionType, Writer
+
+    file = io.BytesIO()
+    writer: Any = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+    writer.start()
+    writer.add_metadata("forcebound", {"launch": json.dumps(LAUNCH)})
+    topics = {"telemetry": TELEMETRY, "event": EVENT}
+    channels = {topic: writer.register_channel(f"/{topic}", "json", 0) for topic in topics}
+    for tick in range(4):
+        time_ns = 1_000_000 * tick
+        for topic, message in topics.items():
+            packet = {"seq": tick, "time_ns": time_ns, **message}
+            data = json.dumps(packet).encode()
+            writer.add_message(channels[topic], time_ns, data, time_ns, tick)
+    writer.finish()
+    return file.getvalue()
 
 
 def words(target: str) -> str:
@@ -38,6 +101,18 @@ def words(target: str) -> str:
     names = {word.decode() for word in found}
     if target == "launch_file":
         names = {word for text in texts for word in text.split() if word.isascii()}
+    if target in ("recording", "keys"):
+        names = {
+            *TELEMETRY,
+            *EVENT,
+            "public-key",
+            "secret-key",
+            *PAIR,
+            "null",
+            "1e308",
+            "[[",
+            "/b]",
+        }
     quoted = (re.sub(r'(["\\])', r"\\\1", name) for name in sorted(names))
     return "".join(f'"{name}"\n' for name in quoted)
 

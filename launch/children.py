@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from forcebound.files import printable
 from forcebound.process import SignalPipe
 from forcebound.processes import PROCESSES
 
@@ -70,7 +71,7 @@ class Child:
         if not data or len(self._partial) > MAX_LINE:
             lines, self._partial = [*lines, *filter(None, [self._partial])], b""
         for line in lines:
-            text = line.decode(errors="replace").rstrip()
+            text = printable(line.decode(errors="replace").rstrip())
             self.tail.append(text)
             self._show(self.name, text)
         return bool(data)

@@ -48,6 +48,10 @@ from forcebound.process import (
 )
 from forcebound.processes import LAUNCHER, PROCESSES
 
+# Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
+# two ticks of a slower one nothing is heard of a request to engage or to stop.
+SLOWEST, FASTEST = 10.0, 5000.0
+
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
@@ -173,10 +177,17 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         record: Where the recording is to be kept; None: nowhere.
 
     Raises:
-        ConfigError: If the chain cannot be placed, the recording not be written, a key be missing,
-            the address not be ours or a port be in use; the message names all that is wrong.
+        ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
+            be written, a key be missing, the address not be ours or a port be in use; the message
+            names all that is wrong.
     """
     problems = []
+    rate = config.device.servo.rate
+    if not SLOWEST <= rate <= FASTEST:
+        problems.append(
+            f"device.rate: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz, got {rate:g} Hz;"
+            " virtual time keeps any: `forcebound simulate`"
+        )
     checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))

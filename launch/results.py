@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,8 @@ from typing import Any, cast
 
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
-from forcebound.messages.packets import TOPIC_OF, Event
+from forcebound.files import content_of
+from forcebound.messages.packets import TOPIC_OF, Event, Telemetry
 from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
 
@@ -59,12 +61,12 @@ class RunResult:
         """
         from forcebound.recording import read  # slow to import; no node process needs it
 
-        recording = read(path)
+        recording = read(path, (TOPIC_OF[Telemetry], TOPIC_OF[Event]))
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        document = json.loads(recording.metadata.get("launch", "{}"))
-        events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-        return cls(recording.telemetry, document, events, recording.complete)
+        with content_of(path):
+            events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
+            return cls(recording.telemetry, recording.launch, events, recording.complete)
 
     @property
     def label(self) -> str:
@@ -77,16 +79,29 @@ class RunResult:
 
         An incomplete recording is a further fault, ``recording_incomplete``.
         """
+        import numpy as np  # a launcher starts without it
+
         from forcebound.analysis.bounder import summarize_bounder
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
         events = summarize_events(self.events)
         if not self.is_complete:
             events["faults"]["recording_incomplete"] = 1
-        return {
-            **summarize(self.columns, self.document),
-            **summarize_bounder(self.columns, self.events, self.document),
-            **events,
-            "phases": summarize_phases(self.columns, self.events, self.document),
-            "interrupted": self.interrupted,
-        }
+        with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e300 m
+            summary = {
+                **summarize(self.columns, self.document, self.events),
+                **summarize_bounder(self.columns, self.events, self.document),
+                **events,
+                "phases": summarize_phases(self.columns, self.events, self.document),
+                "interrupted": self.interrupted,
+            }
+        return {name: _finite(value) for name, value in summary.items()}
+
+
+def _finite(value: Any) -> Any:
+    """A value of a summary; None for a number that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _finite(entry) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -42,7 +42,7 @@ from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
-from forcebound.nodes.events import PHASE_BEGINS, EventLog
+from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS, EventLog
 from forcebound.process import control_endpoint, event_endpoint
 from forcebound.processes import LAUNCHER
 
@@ -308,7 +308,7 @@ class Supervisor:
         if changed:
             values = ", ".join(f"{name} = {value}" for name, value in changed.items())
             message = f"{node} was restarted with changed parameters: {values}"
-            event = self._events.emit(time.monotonic_ns(), "parameter_set", message, changed)
+            event = self._events.emit(time.monotonic_ns(), PARAMETERS_SET, message, changed)
             self._publish(encode(event))
 
     def _failure_message(self, lifecycle: Lifecycle) -> str:

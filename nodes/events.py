@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from forcebound.messages.packets import MAX_TEXT, Event
 
 PHASE_BEGINS = "phase"  # kind of event: a part of a scripted run begins; its data has the name
+PARAMETERS_SET = "parameter_set"  # kind of event: parameters changed; its data has the new values
 LINK_COUNTED = "link_counted"  # kind of event: packets of a link, by fate
 BOUNDER_REPORTED = "bounder_reported"  # kind of event: what the bounder has met in a run
 STATE_INTERVAL_NS = 200_000_000  # between two events about a state that each packet may change

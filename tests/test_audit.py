@@ -232,7 +232,14 @@ def test_the_command_shows_a_run_again_and_draws_it(tmp_path: Path) -> None:
     assert document["loss_and_work_min"] == replay("aol", 3, 0.2)[0].loss_and_work_min
     assert document["case"]["adversary"] in ADVERSARIES
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert "loss_and_work_min" in CliRunner().invoke(main, options).output
+    picture.unlink()
+    lines = CliRunner().invoke(main, [*options, "-o", str(picture)]).output.splitlines()
+    assert picture.exists()
+    units = {line.split()[0]: line.split()[2:] for line in lines}
+    assert units["mass"] == ["kg"]
+    assert units["damping"] == ["N", "s/m"]
+    assert units["loss_and_work_min"] == ["J"]
+    assert units["share_left"] == []
 
 
 def test_an_unknown_law_and_an_audit_without_runs_are_refused() -> None:

@@ -151,3 +151,15 @@ def test_outages_lose_what_arrives_in_them_and_nothing_else() -> None:
     arrived = [packet.seq for packet in link.due(10**15)]
     assert arrived == [*range(10), *range(17, 40)]
     assert link.lost == 7
+
+
+def test_an_outage_that_is_set_later_is_not_in_the_past() -> None:
+    link: Link[TimedPacket] = Link(Impairment(delay=0.002), 1, newest_only=False)
+    for seq in range(100):
+        if seq == 60:
+            link.change(Impairment(delay=0.002, outages=(Outage(0.010, 0.005),)))
+        if seq == 65:  # another value does not begin them anew
+            link.change(Impairment(delay=0.001, outages=(Outage(0.010, 0.005),)))
+        link.accept(seq * MS, TimedPacket(seq, 0))
+    arrived = [packet.seq for packet in link.due(10**15)]
+    assert arrived == [*range(70), *range(75, 100)]

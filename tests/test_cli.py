@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from launch_texts import written
 from waiting import PATIENCE, until
 
 from forcebound.bounding import LAWS
 from forcebound.cli import main
+from forcebound.cli.common import print_rows
 from forcebound.launch.results import RunResult
 
 QUICK = ("--duration", "200 ms")
@@ -198,6 +200,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("simulate", "stiff_wall.yaml", "--record", "/nowhere/run.bag"), "must end in .mcap,"),
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run"), "no folder /nowhere"),
+        (("simulate", "stiff_wall", "--check", "--record", "/nowhere/run.mcap"), "/nowhere"),
+        (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
         (("bench", "nothing"), "nothing"),
         (("sweep", "audit", "--plot"), "sweep audit takes"),
         (("sweep", "nowhere"), "nowhere"),
@@ -219,6 +223,87 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
     assert "Traceback" not in result.stderr
     assert "left:" not in result.stderr, "no progress of what does not begin"
     assert "environment: environment" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("device: {mass: 1e-320 kg}", "expected a mass in kg, for example 75 g, 0 or 1e-30 to"),
+        ("device: {saturation: 1e-320}", "expected a force in N"),
+        ("device: {resolution: 1e-320}", "expected a length in m"),
+        ("operator: {kind: sinusoidal, amplitude: 1e300}", "expected a length in m"),
+        ("device: {rate: 1 Hz}", "an answer takes at least 400 ms (reply_wait over rate)"),
+        ("device: {rate: 20 kHz}", "a live run keeps 10 Hz to 5000 Hz, got 20000 Hz"),
+        ("device: {rate: 0.1 Hz, age_limit: 20 s}", "a live run keeps 10 Hz to 5000 Hz, got 0.1"),
+        ("device: {damping: 0}", "damping must be > 0"),
+        ("device: {late_ticks: {longets: 3 ms}}", "late_ticks: has no key 'longets'"),
+        ("device: {truth: {mas: 60 g}}", "truth: has no key 'mas'"),
+        ("duration: 1 us", "the run ended before its first sample"),
+    ],
+)
+def test_what_would_not_start_is_not_called_correct(
+    tmp_path: Path, line: str, message: str
+) -> None:
+    path = written(tmp_path, f"include: stiff_wall.yaml\n{line}\n")
+    result = invoke("launch", str(path), "--check")
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert "correct" not in result.stdout
+
+
+def test_a_map_of_a_figure_that_is_none_is_refused_before_the_sweep(tmp_path: Path) -> None:
+    text = "forcebound: 1\nlaunch: stiff_wall\nduration: 20 ms\nover: {law: [none, certified]}\n"
+    path = written(tmp_path, text + "map: {x: law, value: peak_force}\n", "sweep.yaml")
+    result = invoke("sweep", str(path), "-o", str(tmp_path / "out.parquet"))
+    assert result.exit_code == 2
+    assert "unknown figure for value: 'peak_force'; did you mean 'peak_force_n'" in result.stderr
+    assert [one.name for one in tmp_path.iterdir()] == ["sweep.yaml"]
+
+
+def test_an_audit_without_its_package_is_refused_before_the_random_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "cma", None)
+    result = invoke("audit", "--runs", "1000000", "--search", "10", "--law", "certified")
+    assert result.exit_code == 2
+    assert "pip install 'forcebound[audit]'" in result.stderr
+
+
+def test_a_table_that_is_wider_than_the_terminal_keeps_its_numbers_whole(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    numbers = ("135.4/247.1/249.4", "0.000123456789", "1000000.0/20000000.0", "8.50 N")
+    print_rows(("phase", *"abcd"), [("nothing comes through", *numbers)])
+    shown = capsys.readouterr().out
+    assert [number for number in numbers if number in shown] == list(numbers)
+
+
+def test_a_picture_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    for words in (("audit", "replay", "certified", "3"), ("plot", str(tmp_path / "none.mcap"))):
+        result = invoke(*words, "-o", str(tmp_path / "none" / "run.png"))
+        assert result.exit_code == 2
+        assert "cannot write the picture" in result.stderr
+        assert not result.stdout
+
+
+def test_a_reader_that_goes_away_is_no_damaged_recording(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mcap"
+    invoke("simulate", "stiff_wall", *QUICK, "--record", str(recording))
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        result = subprocess.run(
+            [sys.executable, "-m", "forcebound", "plot", str(recording)],
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+    finally:
+        os.close(writer)
+    assert result.returncode == 1
+    assert result.stderr == b""
+    assert recording.with_suffix(".png").exists()
 
 
 def test_a_plot_of_another_kind_of_file_is_refused(tmp_path: Path) -> None:

@@ -132,11 +132,11 @@ def test_the_command_tells_people_the_figures(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "x", "a.mcap")
-    with pytest.raises(ConfigError, match=r"a\.mcap is not a recording"):
+    with pytest.raises(ConfigError, match=r"a\.mcap is not an MCAP file"):
         read_trace(path)
     result = CliRunner().invoke(main, ["delay", str(path)])
     assert result.exit_code == 2
-    assert "is not a recording" in result.stderr
+    assert "is not an MCAP file" in result.stderr
 
 
 def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_the_longest_table_and_the_largest_entries_are_taken(tmp_path: Path) -> 
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "bytes.dist"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match=r"cannot read the table of a distribution .*bytes\.dist"):
+    with pytest.raises(ConfigError, match=r"bytes\.dist:1:1: byte 0xff is not UTF-8"):
         read_distribution(path)
 
 

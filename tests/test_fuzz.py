@@ -24,13 +24,13 @@ def test_without_atheris_it_says_so_and_fails() -> None:
 def test_an_unknown_target_is_refused_with_the_known_ones() -> None:
     done = campaign(str(CAMPAIGN), "codecs")
     assert done.returncode == 2
-    assert "expected TARGETs of codec, launch_file" in done.stderr
+    assert "expected TARGETs of codec, launch_file, recording, keys" in done.stderr
 
 
 @pytest.mark.skipif(
     importlib.util.find_spec("atheris") is None, reason="atheris is missing: make fuzz"
 )
-@pytest.mark.parametrize("target", ["codec", "launch_file"])
+@pytest.mark.parametrize("target", ["codec", "launch_file", "recording", "keys"])
 def test_a_short_campaign_finds_nothing(target: str) -> None:
     done = campaign(str(CAMPAIGN), target, "--seconds", "2")
     assert done.returncode == 0, done.stdout + done.stderr[-3000:]

@@ -188,6 +188,39 @@ def test_a_public_key_stands_for_itself(folder: Path) -> None:
     assert not has_secret(key, folder)
 
 
+NO_KEY = "#" * 40  # characters of Z85, each group of five above 2**32
+
+
+def test_forty_characters_that_hold_no_32_bytes_are_no_key(folder: Path) -> None:
+    made = new_key("lab", folder)
+    for text in (NO_KEY, "~" * 40, "\x00" * 40, "é" * 40):
+        (folder / "other.key").write_text(f'curve\n    public-key = "{text}"\n', "utf-8")
+        with pytest.raises(ConfigError, match=r"other\.key: "):
+            public_key("other", folder)
+        (first, second) = list_keys(folder)
+        assert (first.name, first.public) == ("lab", made.public)
+        assert (second.name, second.public) == ("other", "")
+        assert key_pair(made.public, folder) == made
+        for use in (public_key, key_pair):
+            with pytest.raises(ConfigError, match="names no key"):
+                use(text, folder)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may enter every folder")
+def test_a_folder_that_may_not_be_entered_is_said(folder: Path) -> None:
+    new_key("lab", folder)
+    folder.chmod(0o600)
+    for use in (public_key, key_pair, has_secret):
+        with pytest.raises(ConfigError, match="Permission denied"):
+            use("lab", folder)
+    folder.chmod(0o700)
+
+
+def test_a_user_without_a_home_is_told_what_to_set() -> None:
+    with pytest.raises(ConfigError, match="name one in FORCEBOUND_KEYS"):
+        key_folder({"FORCEBOUND_KEYS": "~nobody_has_this_name/keys"})
+
+
 def test_keys_are_listed_with_those_of_others(folder: Path) -> None:
     assert list_keys(folder) == []
     made = new_key("lab", folder)

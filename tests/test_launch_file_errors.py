@@ -9,7 +9,7 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.document import MAX_BYTES
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load
+from forcebound.config.loader import from_document, load, load_tried
 from forcebound.config.problems import unknown
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
@@ -59,8 +59,8 @@ from forcebound.errors import ConfigError
         ("delay: 2 ms", "loss: 2", "16:29", "loss: must be 0 to 1"),
         ("  law: $", "  reply_wait: 1\n  law: $", "10:15", "reply_wait: must be >= 0 and < 1"),
         ("  law: $", "  hold_limit: 0.5\n  law: $", "10:15", "hold_limit: must be 1 to 1e+06"),
-        ("  law: $", "  rate: 1e300\n  law: $", "10:9", "rate: must be 0.1 to 1e+06 Hz"),
-        ("  law: $", "  hold_limit: 1e300\n  law: $", "10:15", "hold_limit: must be 1 to 1e+06"),
+        ("  law: $", "  rate: 1e29\n  law: $", "10:9", "rate: must be 0.1 to 1e+06 Hz"),
+        ("  law: $", "  hold_limit: 1e29\n  law: $", "10:15", "hold_limit: must be 1 to 1e+06"),
         ("6 s", "1e300 s", "7:11", "at most 9e+09 s; got '1e300 s'"),
         ("  law: $", "  rate: 0 Hz\n  law: $", "10:9", "rate: must be 0.1 to 1e+06 Hz, got 0 Hz"),
         ("  law: $", "  axes: 7\n  law: $", "10:9", "axes: must be 1 to 6"),
@@ -162,8 +162,42 @@ def test_a_missing_file_lists_those_that_ship(
         assert shipped in message or path == ""
 
 
+def test_a_slip_in_include_is_told_alone(tmp_path: Path) -> None:
+    path = written(tmp_path, "inculde: stiff_wall.yaml\ndevice: {rate: 1 kHz}\n")
+    message = problems_of(path)
+    assert message.splitlines()[0] == (
+        f"{path}:1:1: unknown key in the launch file: 'inculde'; did you mean 'include'?"
+    )
+    assert "needs" not in message
+
+
+def test_a_variable_in_braces_is_told_to_be_quoted(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD.replace("{kind: pressing}", "{kind: ${env:KIND}}"))
+    assert "within braces, write it in quotes: '${env:NAME}'" in problems_of(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("stif_wall", "stiff_wall"), ("grahp.yaml", "graph.yaml"), ("a\0b", "")]
+)
+def test_the_nearest_file_is_named(tmp_path: Path, name: str, near: str) -> None:
+    written(tmp_path, GOOD)
+    message = problems_of(tmp_path / name)
+    assert f"did you mean '{near}" in message if near else "those that come with" in message
+
+
+def test_a_target_whose_unit_is_missing_is_remarked_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    load_tried(written(tmp_path, GOOD))
+    assert not caplog.messages
+    load_tried(written(tmp_path, GOOD.replace("{kind: pressing}", "{kind: pressing, end: 14}")))
+    assert caplog.messages == ["the operator's target goes as far as 14 m: is a unit missing?"]
+
+
 def test_a_folder_is_not_a_launch_file(tmp_path: Path) -> None:
-    assert problems_of(tmp_path) == f"{tmp_path}: this is a folder, not a launch file"
+    assert problems_of(tmp_path) == (
+        f"{tmp_path}: cannot read the launch file: it is a folder, not a file"
+    )
 
 
 def test_all_problems_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from forcebound.analysis.panels import PANELS, Run
 from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Telemetry
+from forcebound.messages.packets import Event, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.telemetry import TelemetryColumns
 
@@ -130,6 +130,24 @@ def test_every_panel_says_its_quantity_and_unit() -> None:
     assert drawing.axes[-1].get_xlabel() == "time since the force engaged (s)"
 
 
+def test_a_time_axis_with_numbers_says_its_unit() -> None:
+    drawing = figure([run_of(telemetry())], ("position", "force", "contact", "energy"))
+    drawing.draw_without_rendering()
+    words = [axes.get_xlabel() for axes in drawing.axes]
+    assert words == [
+        "",  # those of the panel below
+        "time since the force engaged (s)",
+        "time since first contact (ms)",
+        "time since the force engaged (s)",
+    ]
+    assert [any(t.get_text() for t in a.get_xticklabels()) for a in drawing.axes] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+
+
 @pytest.mark.parametrize(
     ("label", "title"),
     [
@@ -209,6 +227,130 @@ def test_a_wall_that_only_pushes_hides_the_empty_half_of_the_bound() -> None:
     assert 0.0 < high < -0.1 * low
     both = [replace(p, applied_force=(-1.0,)) for p in telemetry()]
     assert panel(figure([run_of(both)]), 1).get_ylim()[0] < -1.9
+
+
+# --- What the environment was at that time -------------------------------------------------------
+
+
+def moved(values: dict[str, str], tick: int = 100) -> list[Event]:
+    return [EventLog("environment").emit(1_000_000 * tick, "parameter_set", "", values)]
+
+
+def test_a_surface_that_is_moved_is_drawn_where_it_was() -> None:
+    events = [moved({"environment.position": "0.011", "links.force_command.delay": "0.02"})]
+    drawing = figure([run_of(telemetry())], ["position", "force_over_penetration"], events)
+    surface = drawn(drawing.axes[0])["surface"]
+    assert surface[:100].tolist() == [10.0] * 100
+    assert surface[100:].tolist() == [11.0] * 100
+    _, applied = drawing.axes[1].lines
+    depth = np.asarray(applied.get_xdata(), dtype=float)
+    expected = run_of(telemetry())[1].position[:, 0] * 1e3 - surface
+    np.testing.assert_allclose(depth, expected, atol=1e-12)
+
+
+def test_a_wall_that_changes_has_a_line_for_each_of_its_stiffnesses() -> None:
+    events = [moved({"environment.stiffness": "4000.0"})]
+    wall, soft, _ = sorted(
+        figure([run_of(telemetry())], ["force_over_penetration"], events).axes[0].lines,
+        key=lambda line: str(line.get_label()),
+        reverse=True,
+    )
+    assert [wall.get_label(), soft.get_label()] == ["wall, 4 N/mm", "wall, 10 N/mm"]
+    assert [line.get_slope() for line in (wall, soft)] == [4.0, 10.0]  # type: ignore[attr-defined]
+
+
+def test_a_phase_begins_with_the_launch_file_and_sets_its_own() -> None:
+    label, columns, document = run_of(telemetry())
+    phases = [{"name": "far", "set": {"environment.position": 0.02}}, {"name": "near", "set": {}}]
+    log = EventLog("launcher")
+    events = [
+        log.emit(0, PHASE_BEGINS, "", {"name": "far"}),
+        *moved({"environment.position": "0.03"}, 20),
+        log.emit(50_000_000, PHASE_BEGINS, "", {"name": "near"}),
+    ]
+    run = (label, columns, {**document, "phases": phases})
+    surface = drawn(figure([run], ["position"], [events]).axes[0])["surface"]
+    assert surface[[0, 19, 20, 49, 50, 199]].tolist() == [20.0, 20.0, 30.0, 30.0, 10.0, 10.0]
+
+
+def test_a_wall_whose_force_is_no_multiple_of_the_depth_has_no_line() -> None:
+    label, columns, document = run_of(telemetry())
+    wall = {**document["environment"], "exponent": 1.5}
+    axes = figure([(label, columns, {"environment": wall})], ["force_over_penetration"]).axes[0]
+    assert [line.get_label() for line in axes.lines] == ["applied"]
+
+
+def test_a_wall_that_stiffens_is_drawn_at_its_softest_and_stiffest() -> None:
+    label, columns, document = run_of(telemetry())
+    wall = {**document["environment"], "stiffness_rate": 10_000.0}
+    axes = figure([(label, columns, {"environment": wall})], ["force_over_penetration"]).axes[0]
+    slopes = [line.get_slope() for line in axes.lines[:2]]  # type: ignore[attr-defined]
+    np.testing.assert_allclose(slopes, [10.5, 12.0], rtol=0.01)
+
+
+def test_a_run_of_several_axes_says_what_it_shows() -> None:
+    packets = [
+        replace(
+            p,
+            position=(*p.position, 0.5),
+            commanded_force=(3.0, 4.0),
+            applied_force=(0.6, 0.8),
+            true_position=None,
+            hand_force=None,
+        )
+        for p in telemetry()
+    ]
+    drawing = figure([run_of(packets)], list(PANELS))
+    notes = [[text.get_text() for text in axes.texts] for axes in drawing.axes]
+    axis, magnitude = "axis 0 (axes 0 to 1)", "magnitude over 2 axes"
+    assert notes == [[axis], [magnitude], [axis], [], [], [axis]]
+    forces = drawn(panel(drawing, 1))
+    assert set(forces["commanded"]) == {5.0}  # against the limit, which is one of the magnitude
+    np.testing.assert_allclose(forces["applied"], 1.0)
+    assert drawn(panel(drawing, 5))["applied"][0] == 0.6
+
+
+# --- Names and numbers from outside --------------------------------------------------------------
+
+
+def test_names_from_outside_are_drawn_as_they_are(tmp_path: Path) -> None:
+    name = r"$\frac{$ [/bold] \$"
+    label, columns, document = run_of(telemetry(), label=name)
+    log = EventLog("device")
+    events = [
+        log.emit(1_000_000, "$a_$", "", is_fault=True),
+        log.emit(2_000_000, PHASE_BEGINS, "", {"name": "$\\sum\x1b"}),
+    ]
+    drawing = figure([(label, columns, document)], events=[events])
+    save(drawing, tmp_path / "names.svg")
+    assert name in drawing.axes[0].get_title().replace(r"\$", "$").replace("\\\\", "\\")
+
+
+def test_more_events_than_a_figure_can_show_are_counted() -> None:
+    log = EventLog("device")
+    events = [log.emit(n * 10_000, f"kind_{n % 12}", "", is_fault=True) for n in range(500)]
+    axes = panel(figure([run_of(telemetry())], events=[events]), 0)
+    labels = Counter(str(line.get_label()) for line in axes.lines)
+    assert labels["kind 0"] == 17
+    assert labels["other events"] == 16 * 5 + 1  # kinds 7 to 11
+    assert [text.get_text() for text in axes.texts] == ["200 of 500 events"]
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 5e-324, math.nan])
+def test_numbers_that_are_no_motion_can_be_drawn(tmp_path: Path, value: float) -> None:
+    packets = telemetry()
+    packets[50] = replace(
+        packets[50],
+        position=(value,),
+        true_position=(value,),
+        commanded_force=(value,),
+        applied_force=(value,),
+        force_limit=value,
+        estimated_energy=value,
+        true_energy=value,
+        loop_delay=value,
+    )
+    save(figure([run_of(packets)], list(PANELS)), tmp_path / "wild.png")
 
 
 # --- Files ---------------------------------------------------------------------------------------

@@ -104,9 +104,15 @@ def test_any_text_is_a_finite_float_or_a_config_error(text: str) -> None:
     assert abs(value) < float("inf")
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False))
+@given(st.just(0.0) | st.floats(1e-30, 1e30) | st.floats(-1e30, -1e-30))
 def test_a_number_and_its_text_are_the_same_quantity(value: float) -> None:
     assert parse_quantity(value, "m") == parse_quantity(repr(value), "m") == value
+
+
+@pytest.mark.parametrize("value", [1e-320, -1e-31, 1.1e30, "1e300", "1e28 km", "1e-29 mm"])
+def test_a_number_that_no_quantity_has_is_refused(value: float | str) -> None:
+    with pytest.raises(ConfigError, match=r"expected a length .*, 0 or 1e-30 to 1e\+30 in size"):
+        parse_quantity(value, "m")
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import os
 import socket
+import threading
 from pathlib import Path
 
 import msgpack
@@ -12,8 +13,9 @@ from waiting import PATIENCE, until
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
 from forcebound.network.control import ControlClient
+from forcebound.network.keys import KeyPair
 from forcebound.network.limits import MAX_FRAME
-from forcebound.network.sockets import Network, Publisher
+from forcebound.network.sockets import Guard, Network, Publisher
 from forcebound.network.subscriber import Subscriber
 
 
@@ -300,3 +302,22 @@ def test_a_wait_ends_with_any_descriptor() -> None:
     finally:
         os.close(reading)
         os.close(writing)
+
+
+@pytest.mark.parametrize("key", ["#" * 40, "ä" * 40])
+def test_a_socket_that_fails_in_its_making_does_not_hang_the_end(key: str) -> None:
+    """In a thread, which a hang would keep; the endpoint is in nobody's way."""
+    pair = KeyPair("lab", key, key)
+    ended: list[str] = []
+
+    def make_and_close() -> None:
+        with Network() as made:
+            for guard in (Guard(key=pair, listener_key=key), Guard(domain="d", key=pair)):
+                with pytest.raises((ConfigError, ValueError)):
+                    made.guarded(zmq.SUB, "tcp://127.0.0.1:9", bind=False, guard=guard)
+        ended.append("closed")
+
+    thread = threading.Thread(target=make_and_close, daemon=True)
+    thread.start()
+    thread.join(PATIENCE)
+    assert ended == ["closed"]

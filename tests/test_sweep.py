@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 from waiting import until
 
+from forcebound.analysis.colours import LAW_COLOURS
 from forcebound.bounding import LAWS
 from forcebound.cli import main
 from forcebound.config.loader import build
@@ -244,6 +245,16 @@ def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_law_has_the_same_colour_as_in_any_other_figure(tmp_path: Path) -> None:
+    result, picture = tmp_path / "small.parquet", tmp_path / "small.svg"
+    run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce())
+    draw(result, picture)
+    text = picture.read_text().upper()
+    assert all(LAW_COLOURS[law] in text for law in ("certified", "none"))
+    assert set(LAW_COLOURS) == set(LAWS)
+    assert len(set(LAW_COLOURS.values())) == len(LAWS)
+
+
 GRID = """
 forcebound: 1
 description: a map
@@ -274,6 +285,13 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
     assert red[1] == 0
     assert {"no rest", "encoder: 2 f_c / resolution"} <= texts(figure)
     assert any("softer" in text for text in texts(figure))
+    (line,) = (line for legend in figure.legends for line in legend.get_lines()[-1:])
+    assert line.get_color() == "white"
+    assert line.get_path_effects(), "a white line on a white page needs an edge"
+    figure.draw_without_rendering()
+    numbers = [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
+    assert any(numbers)
+    assert not any("$" in number for number in numbers), "plain numbers, no powers of ten"
     bars = {axes.get_ylabel() for axes in figure.axes}
     assert {"displayed stiffness (N/mm)", "energy given to the hand (mJ)"} <= bars
 

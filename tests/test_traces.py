@@ -62,6 +62,9 @@ def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path
         ("time_s,delay_s\n0,inf\n", r"wrong.csv:2: "),
         ("time_s,delay_s\n0,nan\n", r"wrong.csv:2: "),
         ("time_s,delay_s\nnan,0\n", r"wrong.csv:2: "),
+        ("time_s,delay_s\n1e300,0\n", r"wrong.csv:2: expected .*within 4e\+09 s, got '1e300,0'"),
+        ("time_s,delay_s\n0,1e300\n", r"wrong.csv:2: expected .*within 4e\+09 s"),
+        ("time_s,delay_s\n" + "0" * 20_000, r"wrong.csv:2: more than 10000 characters"),
         ("time_s,delay_s\n0,0\n0,0\n", r"wrong.csv:3: time must increase: 0.0 after 0.0"),
         ("time_s,delay_s\n0,0\n1e-10,0\n", r"wrong.csv: times of a trace must increase"),
     ],
@@ -75,8 +78,8 @@ def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.csv", tmp_path / "missing.mcap"):
         with pytest.raises(ConfigError, match=f"cannot read the trace .*{path.name}: No such file"):
             read_trace(path)
-    with pytest.raises(ConfigError, match="cannot read the trace"):
-        read_csv(written(tmp_path, b"\xff\x00", "bytes.csv"))
+    with pytest.raises(ConfigError, match=r"bytes.csv:2:2: byte 0xff is not UTF-8"):
+        read_csv(written(tmp_path, b"time_s\n0\xff", "bytes.csv"))
     with pytest.raises(ConfigError, match=r"cannot write the trace .*no/trace\.csv"):
         wifi().write(tmp_path / "no" / "trace.csv")
 
@@ -199,7 +202,7 @@ def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
     link.accept(0, TimedPacket(0, 0))
     link.change(NAMED, wifi())
     link.accept(5 * MS, TimedPacket(1, 0))
-    link.accept(15 * MS, TimedPacket(2, 0))  # lost: outages and traces count from the first packet
+    link.accept(15 * MS, TimedPacket(2, 0))  # lost: a trace counts from the first packet
     link.change(Impairment(delay=0.001))
     link.accept(16 * MS, TimedPacket(3, 0))
     assert [packet.seq for packet in link.due(9 * MS)] == [0, 1]

@@ -113,7 +113,7 @@ def test_its_code_does_not_run_in_the_process_of_the_device(tmp_path: Path) -> N
     late, soft = config.phases
     assert dict(late.settings) == {"environment.compute_delay": 0.002}
     assert dict(soft.settings) == {}
-    with pytest.raises(ConfigError, match=r"not_read\.py does not exist"):
+    with pytest.raises(ConfigError, match=r"cannot read .*not_read\.py: No such file"):
         from_document(document)
 
 
@@ -197,8 +197,8 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         ("  stiffness: $", "  stifness: $", "'stifness'; did you mean 'stiffness'?"),
         ("$(arg stiffness)", "5 s", ":14:14: stiffness: expected a stiffness in N/m"),
         ("$(arg stiffness)", "-5", "stiffness: must be >= 0 N/m, got -5 N/m"),
-        ("my_spring.py", "mine.py", "mine.py does not exist; a relative path starts from"),
-        ("my_spring.py", "folder.py", "folder.py is not a file"),
+        ("my_spring.py", "mine.py", "mine.py: No such file or directory; a relative path starts"),
+        ("my_spring.py", "folder.py", "folder.py: it is a folder, not a file"),
         ("my_spring.py", "my_spring.py:Mine", "does not define 'Mine'; it has: MySpring"),
         ("my_spring.py", "'my_spring.py:'", "unknown environment kind 'my_spring.py:'"),
         ("my_spring.py", "my_spring.pyc", "unknown environment kind 'my_spring.pyc'"),
@@ -332,7 +332,7 @@ def test_an_environment_that_gives_no_answer_is_told_too(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["nothing.py"], "nothing.py does not exist"),
+        (["nothing.py"], "nothing.py: No such file"),
         (["wal"], "unknown environment kind 'wal'; did you mean 'wall'?"),
         (["wall", "stifness:=1"], "argument stifness:=1: unknown key in environment: 'stifness'"),
         (["wall", "stiffness=1"], "expected name:=value"),

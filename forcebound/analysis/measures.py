@@ -5,7 +5,7 @@ Each group takes the samples of a run with an engaged force and returns some key
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -24,7 +24,8 @@ from forcebound.analysis.contact import (
 )
 from forcebound.analysis.energy import largest_fall, observe, since_contact
 from forcebound.analysis.spectrum import displayed_impedance, transparency_bandwidth, vibration
-from forcebound.analysis.surface import Floats, Surface, penetration, surface
+from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
+from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -44,14 +45,16 @@ class Samples:
     rate: float  # Hz, nominal; NaN where neither the launch file nor the samples tell
 
     @classmethod
-    def of(cls, columns: TelemetryColumns, config: Mapping[str, Any]) -> "Samples":
-        """Return the samples of a run.
+    def of(
+        cls, columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+    ) -> "Samples":
+        """Return the samples of a run; its events say when the surface was moved or changed.
 
         Raises:
             ConfigError: If the launch file describes a surface that does not fit the run.
         """
         engaged = columns.slice(columns.engagement > 0.0)
-        wall = surface(config)
+        wall = surface_of_run(engaged, events, config)
         if wall is None:
             depth = np.full(engaged.time.size, np.nan)
             contact = np.linalg.norm(engaged.commanded_force, axis=1) > 0.0
@@ -140,7 +143,7 @@ def impedance_measures(run: Samples) -> dict[str, Any]:
     shown = None
     if run.wall is not None:
         shown = displayed_impedance(run.normal_force[stretch], run.path[stretch], run.rate)
-    stiffness = None if run.wall is None else run.wall.stiffness
+    stiffness = None if run.wall is None else run.wall.constant_stiffness
     return {
         "transparency_bandwidth_hz": transparency_bandwidth(shown, stiffness)
         if shown is not None and stiffness
@@ -196,7 +199,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "vibration_above_threshold_db": ("force", "surface", "contact", "mass"),
     "vibration_frequency_hz": ("force", "surface", "contact", "mass"),
     "vibration": ("force", "surface", "contact"),
-    "transparency_bandwidth_hz": ("force", "surface", "contact", "stiffness"),
+    "transparency_bandwidth_hz": ("force", "surface", "contact", "constant"),
     "displayed_impedance": ("force", "surface", "contact"),
     "true_energy_min_j": ("force", "truth"),
     "largest_energy_fall_j": ("force", "truth"),
@@ -214,6 +217,7 @@ _WITHOUT = {
     "truth": "needs ground truth, which only a simulated device has",
     "surface": "the launch file describes no surface",
     "stiffness": "the environment has no constant stiffness",
+    "constant": "the environment has no constant stiffness",
     "contact": "no contact",
     "mass": "the launch file states no mass of the device",
 }
@@ -251,6 +255,7 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
         "truth": run.has_truth,
         "surface": run.wall is not None,
         "stiffness": run.wall is not None and run.wall.stiffness is not None,
+        "constant": run.wall is not None and run.wall.constant_stiffness is not None,
         "contact": bool(run.contact.any()),
         "mass": run.mass is not None,
     }

@@ -6,14 +6,16 @@ quantity has the same colour in every panel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from forcebound.analysis.energy import largest_fall
-from forcebound.analysis.surface import Floats, Surface, penetration, surface
+from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
+from forcebound.files import printable
+from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
 
 if TYPE_CHECKING:
@@ -29,28 +31,57 @@ NOT_PASSIVE = "#D55E00"  # vermilion: not passive; faults
 PHASE = "#56B4E9"  # sky blue: every other phase
 NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
+LONGEST_NAME = 60  # characters
+MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
+
+
+LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
+
+
+def in_figure(text: str) -> str:
+    """Return a name from outside for a figure, where a dollar sign would begin a formula."""
+    return printable(text, LONGEST_NAME).replace("$", r"\$")
 
 
 @dataclass(frozen=True)
 class View:
-    """Data of a panel: the samples of a run since the force engaged, along one axis."""
+    """Data of a panel: the samples of a run since the force engaged."""
 
     time: Floats  # s
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
-    axis: int
-    wall: Surface | None
+    axis: int  # that of the surface, which the panels of a position show
+    wall: Surface | None  # as it was at each sample of the run
+
+    @property
+    def axes(self) -> int:
+        """Number of axes of the run."""
+        return int(self.columns.position.shape[1])
+
+    @property
+    def last_axis(self) -> int:
+        """Number of the last axis."""
+        return self.axes - 1
+
+    def along(self, force: Floats) -> Floats:
+        """Return the shown samples of a force; of several axes its magnitude, as its limit is."""
+        shown = force[self.shown]
+        return shown[:, 0] if self.axes == 1 else np.linalg.norm(shown, axis=1)
 
 
-def view_of(run: Run) -> View:
+def view_of(run: Run, events: Sequence[Event] = ()) -> View:
     """Return the samples of a run since the force engaged.
+
+    Args:
+        run: The run.
+        events: Of the run; they say when the surface was moved.
 
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     _, columns, config = run
-    wall = surface(config)
+    wall = surface_of_run(columns, events, config)
     if wall is not None:
         penetration(columns, wall)  # raises for an axis that the run does not have
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
@@ -59,15 +90,20 @@ def view_of(run: Run) -> View:
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
-    if np.isfinite(y).any():  # hardware has no ground truth: neither line nor legend entry
-        axes.plot(x, y, label=label, **style)
+    drawn = (np.abs(x) <= LARGEST) & (np.abs(y) <= LARGEST)
+    if drawn.any():  # hardware has no ground truth: neither line nor legend entry
+        axes.plot(x, np.where(drawn, y, np.nan), label=label, **style)
 
 
 def _draw_position(axes: Axes, view: View) -> None:
     columns, shown, axis = view.columns, view.shown, view.axis
     if view.wall is not None:
-        surface_line = view.wall.position * 1e3
-        axes.axhline(surface_line, label="surface", color=NEUTRAL, linestyle="--", linewidth=1.0)
+        wall = np.asarray(view.wall.position)[shown] * 1e3
+        style: dict[str, Any] = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
+        if np.unique(wall).size == 1 and abs(wall[0]) <= LARGEST:
+            axes.axhline(float(wall[0]), label="surface", **style)
+        else:
+            _line(axes, view.time, wall, "surface", drawstyle="steps-post", **style)
     true_position = columns.true_position[shown, axis] * 1e3
     _line(axes, view.time, true_position, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
     position = columns.position[shown, axis] * 1e3
@@ -75,14 +111,14 @@ def _draw_position(axes: Axes, view: View) -> None:
 
 
 def _draw_force(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
-    limit = columns.force_limit[shown]
+    columns = view.columns
+    limit = np.clip(columns.force_limit[view.shown], 0.0, LARGEST)
     axes.fill_between(
         view.time, -limit, limit, label="limit force", color=NEUTRAL, alpha=0.25, linewidth=0.0
     )
-    commanded = columns.commanded_force[shown, axis]
+    commanded = view.along(columns.commanded_force)
     _line(axes, view.time, commanded, "commanded", color=COMMANDED, linewidth=0.8)
-    applied = columns.applied_force[shown, axis]
+    applied = view.along(columns.applied_force)
     _line(axes, view.time, applied, "applied", color=PHYSICAL, linewidth=1.1)
 
 
@@ -107,20 +143,31 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
     if view.wall is None:
         return
     depth = penetration(view.columns, view.wall)[view.shown] * 1e3
-    if view.wall.stiffness is not None:
+    slopes = _slopes(view, depth)
+    for slope in slopes:
         axes.axline(
             (0.0, 0.0),
-            slope=view.wall.stiffness * 1e-3,
-            label="wall",
+            slope=slope,
+            label="wall" if len(slopes) == 1 else f"wall, {slope:.3g} N/mm",
             color=COMMANDED,
             linestyle="--",
             linewidth=1.0,
         )
     applied = view.columns.applied_force[view.shown, view.axis]
     _line(axes, depth, applied, "applied", color=PHYSICAL, linewidth=0.8)
-    deepest = float(depth.max()) if depth.size else 0.0
+    deepest = float(depth.max(initial=0.0, where=depth <= LARGEST))
     if deepest > 0.0:  # without the long way to the surface, on which no force acts
         axes.set_xlim(-0.2 * deepest, 1.05 * deepest)
+
+
+def _slopes(view: View, depth: Floats) -> list[float]:
+    """Return the stiffnesses of the wall in contact, in N/mm: all, or the least and the largest."""
+    if view.wall is None or view.wall.stiffness is None:
+        return []
+    stiffness = np.asarray(view.wall.stiffness)[view.shown]
+    seen = np.unique(stiffness[depth > 0.0] if (depth > 0.0).any() else stiffness[:1])
+    seen = seen[np.abs(seen) <= LARGEST] * 1e-3
+    return seen.tolist() if seen.size <= MOST_SLOPES else [float(seen[0]), float(seen[-1])]
 
 
 def _draw_contact(axes: Axes, view: View) -> None:
@@ -146,13 +193,18 @@ class Panel:
     draw: Callable[[Axes, View], None]
     label: str
     x_label: str = "time since the force engaged (s)"
+    shows: str = ""  # what of a run of several axes
 
+
+_AXIS = "axis {view.axis} (axes 0 to {view.last_axis})"
 
 PANELS: dict[str, Panel] = {
-    "position": Panel(_draw_position, "position (mm)"),
-    "force": Panel(_draw_force, "force (N)"),
-    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)"),
+    "position": Panel(_draw_position, "position (mm)", shows=_AXIS),
+    "force": Panel(_draw_force, "force (N)", shows="magnitude over {view.axes} axes"),
+    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)", shows=_AXIS),
     "energy": Panel(_draw_energy, "energy (mJ)"),
     "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
-    "force_over_penetration": Panel(_draw_force_over_penetration, "force (N)", "penetration (mm)"),
+    "force_over_penetration": Panel(
+        _draw_force_over_penetration, "force (N)", "penetration (mm)", shows=_AXIS
+    ),
 }

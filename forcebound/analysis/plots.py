@@ -7,19 +7,29 @@ figure of the same data is the same file, byte by byte.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcebound.analysis.panels import NEUTRAL, NOT_PASSIVE, PANELS, PHASE, Panel, Run, view_of
+from forcebound.analysis.panels import (
+    NEUTRAL,
+    NOT_PASSIVE,
+    PANELS,
+    PHASE,
+    Panel,
+    Run,
+    in_figure,
+    view_of,
+)
 from forcebound.analysis.summary import law
 from forcebound.analysis.surface import Floats
 from forcebound.errors import ConfigError
+from forcebound.files import check_writable
 from forcebound.messages.packets import Event
-from forcebound.nodes.events import PHASE_BEGINS
+from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,14 +37,18 @@ if TYPE_CHECKING:
 
 DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 
-CHANGES = ("parameter_set", "environment_serves")  # events that are drawn as well as faults
-MARK_STYLES = (
-    ":",
-    "--",
-    "-.",
-    (0, (1, 4)),
-    (0, (6, 3, 1, 3, 1, 3)),
-)  # by kind of event
+CHANGES = (PARAMETERS_SET, "environment_serves")  # events that are drawn as well as faults
+MARKS = (
+    (":", "v"),
+    ("--", "o"),
+    ("-.", "s"),
+    ((0, (1, 4)), "D"),
+    ((0, (6, 3, 1, 3, 1, 3)), "^"),
+    ((0, (8, 2)), "X"),
+    ((0, (3, 1, 1, 1)), "*"),
+    ("-", "P"),
+)  # line and marker at its top, by kind of event; the last is for all further kinds
+MOST_MARKS = 200  # lines of events, and phases, that a figure has; more would hide the curves
 
 SHARED_RATIO = 10.0  # of the spans of two runs: above, one scale would flatten the calmer run
 DELAY_CLIP = 3.0  # times the 99th percentile: longer delays get a note, not the scale
@@ -72,19 +86,29 @@ def figure(
     size = (1.6 + 4.4 * len(runs), 0.9 + 1.75 * len(panels))
     drawing = Figure(figsize=size, dpi=150, layout="constrained")
     grid = drawing.subplots(len(panels), len(runs), squeeze=False)
+    with np.errstate(all="ignore"):  # of what is no motion, such as a position of 1e308 m
+        _draw(grid, runs, panels, events)
+    drawing.align_ylabels(list(grid[:, 0]))
+    return drawing
+
+
+def _draw(
+    grid: Any, runs: Sequence[Run], panels: Sequence[str], events: Sequence[Sequence[Event]]
+) -> None:
+    """Draw the panels into their axes, a column for each run."""
     for column, run in enumerate(runs):
-        view = view_of(run)
+        view = view_of(run, events[column] if column < len(events) else ())
         grid[0, column].set_title(_title(run), fontsize=11)
         for row, name in enumerate(panels):
             PANELS[name].draw(grid[row, column], view)
+            if PANELS[name].shows and view.axes > 1:
+                _note(grid[row, column], PANELS[name].shows.format(view=view), left=True)
             if column < len(events) and PANELS[name].x_label == Panel.x_label:
                 _mark(grid[row, column], run, events[column], names=row == 0)
     for name, row_axes in zip(panels, grid, strict=True):
         _arrange_row(name, list(row_axes))
     for column_axes in grid.T:
         _share_time(panels, list(column_axes))
-    drawing.align_ylabels(list(grid[:, 0]))
-    return drawing
 
 
 def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None:
@@ -94,19 +118,29 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
         return
     zero_ns = int(columns.time_ns[0]) - round(float(columns.time[0]) * 1e9)
     end = float(columns.time[-1])
-    begins = [event for event in events if event.event == PHASE_BEGINS]
+    begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_MARKS]
     changes = () if begins else CHANGES  # the changes of a phase are named by it
     marked = [event for event in events if event.is_fault or event.event in changes]
-    kinds = list(dict.fromkeys(event.event for event in marked if event.time_ns >= zero_ns))
-    for event in marked:
-        if event.time_ns >= zero_ns:
-            axes.axvline(
-                (event.time_ns - zero_ns) * 1e-9,
-                color=NOT_PASSIVE if event.is_fault else NEUTRAL,
-                linestyle=MARK_STYLES[kinds.index(event.event) % len(MARK_STYLES)],
-                linewidth=0.8,
-                label=event.event.replace("_", " ") if names else None,
-            )
+    marked = [event for event in marked if event.time_ns >= zero_ns]
+    kinds = list(dict.fromkeys(event.event for event in marked))
+    for event in marked[:MOST_MARKS]:
+        number = min(kinds.index(event.event), len(MARKS) - 1)
+        line, marker = MARKS[number]
+        is_rest = number == len(MARKS) - 1 and len(kinds) > len(MARKS)
+        name = "other events" if is_rest else in_figure(event.event.replace("_", " "))
+        axes.axvline(
+            (event.time_ns - zero_ns) * 1e-9,
+            color=NOT_PASSIVE if event.is_fault else NEUTRAL,
+            linestyle=line,
+            linewidth=0.8,
+            marker=marker,
+            markersize=3.5,
+            markevery=[1],  # at its top
+            clip_on=False,
+            label=name if names else None,
+        )
+    if names and len(marked) > MOST_MARKS:
+        _note(axes, f"{MOST_MARKS} of {len(marked)} events")
     starts = [(event.time_ns - zero_ns) * 1e-9 for event in begins]
     bounds = [*starts, end]
     for start, stop in list(pairwise(bounds))[1::2]:
@@ -114,7 +148,7 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
     if names and begins:
         above = axes.secondary_xaxis("top")
         middles = [(start + stop) / 2.0 for start, stop in pairwise(bounds)]
-        words = [event.data.get("name", "") for event in begins]
+        words = [in_figure(event.data.get("name", "")) for event in begins]
         above.set_xticks(middles, words, rotation=30, ha="left", fontsize=7, color=NEUTRAL)
         above.tick_params(length=0.0, pad=1.0)
         above.spines["top"].set_visible(False)
@@ -122,7 +156,8 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
 
 def _title(run: Run) -> str:
     label, _, config = run
-    name = law(config)
+    label, name = in_figure(label), law(config)
+    name = None if name is None else in_figure(name)
     if label == name:
         return f"law: {name}"
     return label if name is None or name in label.split() else f"{label} (law: {name})"
@@ -234,10 +269,11 @@ def _finite(values: Floats) -> Floats:
     return values[np.isfinite(values)]
 
 
-def _note(axes: Axes, text: str) -> None:
-    axes.text(
-        0.99, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, color=NEUTRAL
-    )
+def _note(axes: Axes, text: str, *, left: bool = False) -> None:
+    x, side = (0.01, "left") if left else (0.99, "right")
+    words = axes.text(x, 0.95, text, transform=axes.transAxes, ha=side, va="top", fontsize=8)
+    words.set_color(NEUTRAL)
+    words.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
 
 
 def _label_outer(row: list[Axes]) -> None:
@@ -247,19 +283,27 @@ def _label_outer(row: list[Axes]) -> None:
 
 
 def _share_time(panels: Sequence[str], column: list[Axes]) -> None:
-    over_time = [
-        axes
-        for name, axes in zip(panels, column, strict=True)
-        if PANELS[name].x_label == PANELS["position"].x_label
-    ]
-    for axes, below in zip_longest(column, column[1:]):
-        if axes in over_time and below in over_time:  # which has the same numbers
+    """Leave numbers and label of the time axis to the last of the panels that stand together."""
+    labels = [PANELS[name].x_label for name in panels]
+    for axes, label, below in zip(column, labels, [*labels[1:], None], strict=True):
+        if label == below == Panel.x_label:
             axes.tick_params(labelbottom=False)
-    for name, axes in zip(panels, column, strict=True):
-        if axes not in over_time[:-1]:
-            axes.set_xlabel(PANELS[name].x_label, fontsize=9)
+        else:
+            axes.set_xlabel(label, fontsize=9)
+    over_time = [a for a, label in zip(column, labels, strict=True) if label == Panel.x_label]
     for axes in over_time[1:]:
         axes.sharex(over_time[0])
+
+
+def check_picture(path: Path) -> None:
+    """Check before the work begins that a picture can be written.
+
+    Raises:
+        ConfigError: As :func:`save`.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
+    check_writable(path, "the picture")
 
 
 def save(drawing: Figure, path: str | PathLike[str]) -> None:
@@ -271,9 +315,8 @@ def save(drawing: Figure, path: str | PathLike[str]) -> None:
     import matplotlib
 
     path = Path(path)
+    check_picture(path)
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise ConfigError(f"a picture must end in {' or '.join(FORMATS)}, got {path.name!r}")
     try:
         with matplotlib.rc_context({"svg.hashsalt": "forcebound"}):
             drawing.savefig(path, format=suffix[1:], metadata=FORMATS[suffix])

@@ -30,6 +30,7 @@ from forcebound.telemetry import TelemetryColumns
 
 Mask: TypeAlias = NDArray[np.bool_]
 
+MOST_PHASES = 200  # of a run, as in launch files
 UNBOUNDED = 1.0 - 1e-9  # applied over commanded force; below, it was reduced, not merely rounded
 
 
@@ -39,7 +40,9 @@ def law(config: Mapping[str, Any]) -> str | None:
     return None if name is None else str(name)
 
 
-def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str, Any]:
+def summarize(
+    columns: TelemetryColumns, config: Mapping[str, Any], events: Sequence[Event] = ()
+) -> dict[str, Any]:
     """Return the key figures of a run, ready for JSON.
 
     Args:
@@ -47,6 +50,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
         config: The launch file as resolved for the run, in SI numbers; of its keys
             ``device.law``, ``.rate``, ``.hold_limit``, ``.mass`` and ``environment.position``,
             ``.axis``, ``.stiffness`` are read, and figures that need a missing one are None.
+        events: Of the run; they say when its surface was moved or changed.
 
     Returns:
         By key, SI units as the key says, what ``docs/results.md`` lists:
@@ -74,7 +78,7 @@ def summarize(columns: TelemetryColumns, config: Mapping[str, Any]) -> dict[str,
     """
     engaged = columns.engagement > 0.0
     since_engagement = columns.time >= 0.0 if engaged.any() else engaged
-    run = Samples.of(columns, config)
+    run = Samples.of(columns, config, events)
     figures = {
         "law": law(config),
         **_length(columns.time[since_engagement]),
@@ -199,7 +203,7 @@ def summarize_phases(
         :func:`summarize`, ``loop_delay_ms``, ``peak_force_n``, ``true_energy_min_j``,
         ``deadline_misses``.
     """
-    begins = [event for event in events if event.event == PHASE_BEGINS]
+    begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_PHASES]
     phases = []
     for event, following in zip_longest(begins, begins[1:]):
         end_ns = 2**63 - 1 if following is None else following.time_ns
@@ -234,12 +238,17 @@ def summarize_events(events: Sequence[Event]) -> dict[str, Any]:
     faults: Counter[str] = Counter()
     for event in events:
         if event.is_fault:
-            faults[event.event] += 1 + int(event.data.get("suppressed", 0))
+            faults[event.event] += 1 + _count(event.data.get("suppressed", "0"))
     links: dict[str, dict[str, int]] = {}
     for event in events:
         if event.event == LINK_COUNTED:  # a restarted process counts from zero: add up
-            counts = links.setdefault(event.data["link"], {})
+            counts = links.setdefault(event.data.get("link", ""), {})
             for fate, count in event.data.items():
                 if fate != "link":
-                    counts[fate] = counts.get(fate, 0) + int(count)
+                    counts[fate] = counts.get(fate, 0) + _count(count)
     return {"faults": dict(sorted(faults.items())), "links": links}
+
+
+def _count(text: str) -> int:
+    """The count in an event's data; 0 for what is none, in a recording from elsewhere."""
+    return int(text) if text.isdecimal() and len(text) < 19 else 0

@@ -1,6 +1,7 @@
 """Surface of a run's environment, and how deep the readings lie behind it."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import Event
+from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS
 from forcebound.telemetry import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -15,11 +18,21 @@ Floats: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Surface:
-    """Surface of the environment of a run."""
+    """Surface of the environment of a run, or of each of its samples.
 
-    position: float  # m
+    ``param set`` and phases move it and change it while the run goes on: then position and
+    stiffness have shape ``(n,)``; see :func:`surface_of_run`.
+    """
+
+    position: float | Floats  # m
     axis: int
-    stiffness: float | None  # N/m; None where the environment has no constant one
+    stiffness: float | Floats | None  # N/m; None where force is not this times depth
+
+    @property
+    def constant_stiffness(self) -> float | None:
+        """The stiffness, in N/m, if it is the same at each sample."""
+        known = np.unique([] if self.stiffness is None else self.stiffness)
+        return float(known[0]) if known.size == 1 and math.isfinite(known[0]) else None
 
 
 def surface(config: Mapping[str, Any]) -> Surface | None:
@@ -42,6 +55,71 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
         return None
     axis = _number(environment, "axis", "a whole number") or 0
     return Surface(position, int(axis), _number(environment, "stiffness", "N/m"))
+
+
+def surface_of_run(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> Surface | None:
+    """Return the surface as it was at each sample; None for an environment without one.
+
+    Args:
+        columns: Telemetry of the run.
+        events: Of the run: what begins a phase, and what has changed a parameter.
+        config: The launch file as resolved for the run; reads ``environment`` and ``phases``.
+
+    Raises:
+        ConfigError: As :func:`surface`.
+    """
+    wall = surface(config)
+    if wall is None:
+        return None
+    position = np.full(columns.time.shape, wall.position, dtype=np.float64)
+    stiffness = np.full(columns.time.shape, math.nan)
+    for start_ns, environment in _environments(events, config):
+        since = slice(int(np.searchsorted(columns.time_ns, start_ns)), None)
+        now = surface({"environment": environment})
+        if now is None:
+            continue
+        position[since] = now.position
+        rate = _number(environment, "stiffness_rate", "N/m/s") or 0.0
+        is_linear = now.stiffness is not None and "exponent" not in environment
+        stiffness[since] = now.stiffness if is_linear else math.nan
+        stiffness[since] += rate * columns.elapsed[since]
+    return Surface(position, wall.axis, stiffness if np.isfinite(stiffness).any() else None)
+
+
+def _environments(
+    events: Sequence[Event], config: Mapping[str, Any]
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield each state of the environment's parameters, and when it began, in ns.
+
+    A phase begins with the parameters of the launch file and sets its own; an event has the new
+    values as text.
+    """
+    launched = dict(config.get("environment") or {})
+    phases: Iterator[Mapping[str, Any]] = iter(config.get("phases") or ())
+    now = launched
+    yield 0, now
+    for event in events:
+        if event.event == PHASE_BEGINS:
+            now = launched | _of_environment(next(phases, {}).get("set") or {})
+        elif event.event == PARAMETERS_SET:
+            now = now | _of_environment({n: _value(text) for n, text in event.data.items()})
+        else:
+            continue
+        yield event.time_ns, now
+
+
+def _of_environment(settings: Mapping[str, Any]) -> dict[str, Any]:
+    prefix = "environment."
+    return {n.removeprefix(prefix): v for n, v in settings.items() if n.startswith(prefix)}
+
+
+def _value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _number(environment: Mapping[str, Any], key: str, unit: str) -> float | None:

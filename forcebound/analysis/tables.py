@@ -1,5 +1,6 @@
 """Tables of a summary in everyday units (N/mm, mm, mJ, ms)."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,9 +22,10 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     delay = UNDEFINED if delays["p50"] is None else f"{_percentiles(delays, 2)} ms"
     rejected = [f"{count} {why}" for why, count in summary["rejected_packets"].items() if count]
     faults = [f"{count} {kind}" for kind, count in summary.get("faults", {}).items()]
+    fates = [(t, Counter[str](counts)) for t, counts in summary.get("links", {}).items()]
     lost = [
         f"{counts['lost'] + counts['corrupted']} of {counts['sent']} {topic}"
-        for topic, counts in summary.get("links", {}).items()
+        for topic, counts in fates
         if counts["lost"] + counts["corrupted"]
     ]
     return [

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from forcebound.analysis.plots import check_picture
 from forcebound.audit.campaign import run_campaign
 from forcebound.audit.cases import ADVERSARIES
 from forcebound.audit.cases import SENSORS as PLANT_SENSORS
@@ -14,6 +15,7 @@ from forcebound.audit.path_run import replay_path
 from forcebound.audit.paths import SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
+from forcebound.audit.search import optimiser
 from forcebound.audit.sensitivity import run_sensitivity
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
@@ -48,6 +50,8 @@ def run(
         raise ConfigError(f"the page must end in .md, got {out.name!r}")
     if out is not None:
         check_writable(out, "the page")
+    if searched:
+        optimiser()  # its absence would show only after the random runs
     document: dict[str, Any] = {"runs": 0}
     for name, campaign in _campaigns(laws, certificates).items():
         with progress_bar(f"audit of the {name}") as show:
@@ -90,6 +94,8 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
     Raises:
         ConfigError: If the law or the case is not known, or the case has a length of its own.
     """
+    if picture is not None:
+        check_picture(picture)
     if ":" in case:
         return _run_path_again(law, case, seconds, picture)
     result, trace = replay(law, case, seconds or 2.0)

@@ -8,6 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from forcebound.analysis.plots import save
 from forcebound.audit.cases import DIMENSIONS, RANGES
 from forcebound.audit.path_run import PathResult
@@ -61,6 +63,35 @@ attacks find if the law's number for the imperfection is zero. Without a watchdo
 must not bring the energy below zero, and no hold below minus the allowance; the energy shown is
 what is left above that.
 """
+
+#: Units of the numbers of a case and of its result.
+UNITS = {
+    "mass": "kg",
+    "damping": "N s/m",
+    "friction": "N",
+    "resolution": "m",
+    "saturation": "N",
+    "hold_limit": "s",
+    "hand_mass": "kg",
+    "hand_stiffness": "N/m",
+    "hand_damping": "N s/m",
+    "amplitude": "m",
+    "slow": "Hz",
+    "fast": "Hz",
+    "stiffness": "N/m",
+    "environment_damping": "N s/m",
+    "magnitude": "N",
+    "surface": "m",
+    "delay": "samples",
+    "jitter": "periods",
+    "energy_min": "J",
+    "loss_and_work_min": "J",
+    "balance_min": "J",
+    "margin": "J",
+    "reserve_min": "J",
+    "time_of_min": "s",
+    "peak_force": "N",
+}
 
 #: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
 ASSUMED = ("clock and reading", ("steady, exact", "steady, quantised"))
@@ -262,30 +293,43 @@ def show_energy(energy: float) -> str:
     return f"{energy:.3g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.3g} mJ"
 
 
+def replay_lines(document: dict[str, Any]) -> Iterator[str]:
+    """Yield a run that was repeated for a terminal: its case, then its result, with units."""
+    for name, value in [*document["case"].items(), *document.items()]:
+        if name == "case":
+            continue
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        yield f"{name:<22}{shown} {UNITS.get(name, '')}".rstrip()
+
+
 def draw_run(result: Result | PathResult, trace: Floats, picture: Path) -> None:
     """Draw a run: position, forces, energies over time; .png or .svg."""
     from matplotlib.figure import Figure
 
     columns = dict(zip(TRACE_COLUMNS, trace.T, strict=True))
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     top.plot(columns["time"], 1e3 * columns["position"], label="position")
     top.plot(columns["time"], 1e3 * columns["reading"], lw=0.7, label="reading")
-    top.set_ylabel("mm")
+    top.set_ylabel("position (mm)")
     middle.plot(columns["time"], columns["commanded"], lw=0.7, color="0.6", label="commanded")
     middle.plot(columns["time"], columns["force"], label="applied")
-    middle.set_ylabel("N")
-    bottom.plot(columns["time"], 1e3 * columns["energy"], label="of the hand")
-    bottom.plot(columns["time"], 1e3 * columns["loss_and_work"], label="loss plus work")
+    middle.set_ylabel("force (N)")
+    energies = columns["energy"], columns["loss_and_work"]
+    scale, unit = (1e3, "mJ") if max(np.abs(one).max() for one in energies) < 10.0 else (1.0, "J")
+    lowest = result.loss_and_work_min * scale
+    bottom.plot(columns["time"], scale * energies[0], label="of the hand")
+    bottom.plot(columns["time"], scale * energies[1], label="loss plus work")
     bottom.axhline(0.0, color="k", lw=0.7)
-    bottom.axvline(result.time_of_min, color="r", lw=0.7)
-    bottom.set_ylabel("mJ")
-    bottom.set_xlabel("s")
+    bottom.axvline(
+        result.time_of_min, color="r", lw=0.7, label=f"loss plus work lowest:\n{lowest:.3g} {unit}"
+    )
+    bottom.set_ylabel(f"energy ({unit})")
+    bottom.set_xlabel("time (s)")
     for axes in (top, middle, bottom):
-        axes.legend(loc="upper left", fontsize="small")
+        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
     figure.suptitle(
-        f"{result.law}, case {result.case.name}: lowest loss plus work "
-        f"{show_energy(result.loss_and_work_min)}",
+        f"{result.law}, case {result.case.name}: lowest loss plus work {lowest:.3g} {unit}",
         fontsize="small",
     )
     save(figure, picture)

@@ -7,7 +7,7 @@ not numbers with neighbours. After convergence it restarts at another point of i
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,21 @@ def objective(leak: float, share_left: float) -> float:
     loss plus work up to then: the smaller it is, the closer the law is to a leak.
     """
     return leak if leak < -ENERGY_TOLERANCE else max(share_left, 0.0)
+
+
+def optimiser() -> Any:
+    """Return the package that searches.
+
+    Raises:
+        ConfigError: If it is not installed.
+    """
+    try:
+        import cma
+    except ImportError as error:
+        raise ConfigError(
+            "the search needs the package cma: pip install 'forcebound[audit]'; or use --search 0"
+        ) from error
+    return cma
 
 
 def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterator[Result]:
@@ -74,12 +89,7 @@ def descend(
     Raises:
         ConfigError: If the package ``cma`` is not installed.
     """
-    try:
-        import cma
-    except ImportError as error:
-        raise ConfigError(
-            "the search needs the package cma: pip install 'forcebound[audit]'; or use --search 0"
-        ) from error
+    cma = optimiser()
     left = runs
     while left > 0:
         noise = int(random.integers(NOISES))

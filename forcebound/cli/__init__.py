@@ -11,6 +11,7 @@ import click
 
 from forcebound.cli import check, graph, keys, run, study
 from forcebound.cli.common import INTERRUPTED, print_table
+from forcebound.files import printable
 
 __all__ = ["main", "print_table"]
 
@@ -46,11 +47,20 @@ class _Group(click.Group):
             ctx.exit(INTERRUPTED)
 
 
+class _Printable(logging.Formatter):
+    """Formats log lines: names from outside do not reach the terminal as they are."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="forcebound", prog_name="forcebound")
 def main() -> None:
     """Force feedback over a network that provably stays passive."""
-    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Printable("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(handlers=[handler], level=logging.INFO)
 
 
 for _command in COMMANDS:

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli.common import ARGUMENTS, json_option, print_json, reports_errors
+from forcebound.cli.common import ARGUMENTS, json_option, print_json, reports_errors, show
 from forcebound.errors import RunError
 
 PARTS = {
@@ -48,7 +48,7 @@ class Progress:
         if time.monotonic() - self._shown_at < self.EVERY:
             return
         self._shown_at = time.monotonic()
-        click.echo(f"{done} of {total} answers" if total else doing, err=True)
+        show(f"{done} of {total} answers" if total else doing, err=True)
 
 
 @click.group()
@@ -68,7 +68,7 @@ def _add_command(section: str, summary: str) -> None:
         if as_json:
             print_json(document)
         else:
-            click.echo("\n".join(lines(section, document)))
+            show("\n".join(lines(section, document)))
         if not document["passed"]:
             raise RunError(f"{kind} breaks its contract")
 

@@ -10,9 +10,12 @@ from typing import Any, ParamSpec
 import click
 
 from forcebound.errors import ConfigError, ForceboundError
+from forcebound.files import printable
 
 P = ParamSpec("P")
 
+LONGEST_CELL = 500  # characters
+WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 ARGUMENTS = "[NAME:=VALUE]..."
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
@@ -25,7 +28,7 @@ def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
         try:
             command(*args, **kwargs)
         except ForceboundError as error:
-            click.echo(f"forcebound: {error}", err=True)
+            show(f"forcebound: {error}", err=True)
             sys.exit(2 if isinstance(error, ConfigError) else 1)
 
     return wrapper
@@ -101,14 +104,26 @@ run_option = click.option(
 )
 
 
+def show(text: str, err: bool = False) -> None:
+    """Print a text that may hold names from outside: none of them reaches the terminal as it is."""
+    click.echo(printable(text), err=err)
+
+
 def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:
     """Print the key figures of some runs, one column each, headed by labels or their laws."""
+    print_rows(*table_of(results, labels))
+
+
+def table_of(
+    results: list[Any], labels: Sequence[str] = ()
+) -> tuple[Sequence[str], list[Sequence[str]]]:
+    """Return head and rows of the table of some runs; see :func:`print_table`."""
     from forcebound.analysis.tables import summary_rows
 
     columns = [dict(summary_rows(result.summary)) for result in results]
     labels_of_rows = dict.fromkeys(label for column in columns for label in column)
     rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
-    print_rows(("", *(labels or [result.label for result in results])), rows)
+    return ("", *(labels or [result.label for result in results])), list(rows)
 
 
 def print_rows(
@@ -117,15 +132,27 @@ def print_rows(
     """Print a table whose first column is flush left."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(head[0], title=title, title_justify="left", box=None, pad_edge=False)
+    def cell(text: str) -> Text:  # no markup: a name may hold brackets
+        return Text(printable(text, LONGEST_CELL))
+
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column(cell(head[0]))
     for name in head[1:]:
-        table.add_column(name, justify="right", overflow="fold")
+        table.add_column(cell(name), justify="right", overflow="fold")
     for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+        table.add_row(*map(cell, row))
+    console = Console()
+    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    Console(width=max(console.width, needed)).print(table)
 
 
 def print_json(document: Any) -> None:
     """Print one JSON document."""
-    click.echo(json.dumps(document, indent=2, allow_nan=False))
+    click.echo(json_text(document))
+
+
+def json_text(document: Any) -> str:
+    """Return a document as :func:`print_json` prints it."""
+    return json.dumps(document, indent=2, allow_nan=False)

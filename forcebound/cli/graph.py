@@ -14,7 +14,9 @@ from forcebound.cli.common import (
     print_json,
     reports_errors,
     run_option,
+    show,
 )
+from forcebound.files import printable
 
 if TYPE_CHECKING:
     from forcebound.monitor.findings import Finding
@@ -38,7 +40,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     what = f"{serving} serves as before"
     if serving is None:
         what = "the device applies zero force until replies arrive again"
-    click.echo(f"{node_name} is stopped; {what}")
+    show(f"{node_name} is stopped; {what}")
 
 
 @click.command(short_help="Start a node that was stopped.")
@@ -51,7 +53,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     from forcebound.monitor.runs import find
 
     start_node(find(run_dir, of_graph=True), node_name)
-    click.echo(f"{node_name} runs")
+    show(f"{node_name} runs")
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")
@@ -67,7 +69,7 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
 
     measured = measure(run, duration)
     if not measured.is_complete:
-        click.echo(f"{run} is incomplete: these are the delays up to its end", err=True)
+        show(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
     document = {**measured.summary, "trace": None if output is None else str(output)}
@@ -75,11 +77,11 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
         print_json(document)
         return
     for name, value in document["loop_delay_ms"].items():
-        click.echo(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
+        show(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
     why = "lost, or overtaken by a newer answer"
-    click.echo(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
+    show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
     if output is not None:
-        click.echo(f"trace: {output}")
+        show(f"trace: {output}")
 
 
 @click.group()
@@ -121,9 +123,9 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:
         change = tuning.set_parameters(run, tuning.read_settings(settings))
         _print_parameters(run, change.values)
     if not change.values:
-        click.echo("nothing to change: the graph already has these values")
+        show("nothing to change: the graph already has these values")
     for note in change.notes:
-        click.echo(f"note: {wording.note(note)}", err=True)
+        show(f"note: {wording.note(note)}", err=True)
 
 
 def _show_parameters(
@@ -149,7 +151,7 @@ def _print_parameters(run: Path, values: "Mapping[str, Any]") -> None:
     elsewhere = found_elsewhere(run, config, values)
     for name, text in as_written(config, values).items():
         remark = "  # belongs to another machine; value of the launch file here"
-        click.echo(f"{name}: {text}{remark if name in elsewhere else ''}")
+        show(f"{name}: {text}{remark if name in elsewhere else ''}")
 
 
 @click.command()
@@ -173,11 +175,11 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
         documents = [_document(finding) for finding in findings]
         print_json({"graph": name, "is_well": is_well, "findings": documents})
     else:
-        click.echo("this machine; no graph runs" if graph is None else f"graph in {graph}")
+        show("this machine; no graph runs" if graph is None else f"graph in {graph}")
         for document in map(_document, findings):
             _show_finding(document)
         if is_well:
-            click.echo("no problem found")
+            show("no problem found")
     sys.exit(0 if is_well else 1)
 
 
@@ -194,6 +196,6 @@ def _document(finding: "Finding") -> dict[str, Any]:
 def _show_finding(document: Mapping[str, Any]) -> None:
     severity = document["severity"]
     label = click.style(f"{severity:<8}", fg=COLOURS[severity])
-    click.echo(f"{label} {document['where']}: {document['seen']}")
+    click.echo(f"{label} " + printable(f"{document['where']}: {document['seen']}"))
     if document["advice"]:
-        click.echo(f"{'':8} -> {document['advice']}")
+        show(f"{'':8} -> {document['advice']}")

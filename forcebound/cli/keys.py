@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import click
 
-from forcebound.cli.common import json_option, print_json, reports_errors
+from forcebound.cli.common import json_option, print_json, reports_errors, show
 
 
 @click.group("keys")
@@ -24,8 +24,8 @@ def new_keys(name: str, as_json: bool) -> None:
     if as_json:
         print_json({"name": made.name, "public": made.public, "folder": str(folder)})
         return
-    click.echo(f"public key: {made.public}")
-    click.echo(f"copy {folder / name}.key to the other machine's key folder; the secret stays here")
+    show(f"public key: {made.public}")
+    show(f"copy {folder / name}.key to the other machine's key folder; the secret stays here")
 
 
 @keys_group.command("list")
@@ -42,11 +42,9 @@ def list_all_keys(as_json: bool) -> None:
     for entry in entries:
         kind = "pair" if entry.has_secret else "public"
         problem = f"{entry.problem}: {entry.action}" if entry.action else entry.problem
-        click.echo(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
+        show(f"{entry.name:<20}{kind:<8}{problem or entry.public}")
     if not entries:
-        click.echo(
-            f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True
-        )
+        show(f"no keys in {key_folder()}; create one with `forcebound keys new NAME`", err=True)
 
 
 @keys_group.command("show")
@@ -58,4 +56,4 @@ def show_key(name: str, as_json: bool) -> None:
     from forcebound.network.keys import public_key
 
     public = public_key(name)
-    print_json({"name": name, "public": public}) if as_json else click.echo(public)
+    print_json({"name": name, "public": public}) if as_json else show(public)

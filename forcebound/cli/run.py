@@ -1,7 +1,7 @@
 """Commands that run a graph and show the result."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,15 +14,20 @@ from forcebound.cli.common import (
     duration_option,
     file_option,
     json_option,
+    json_text,
     print_json,
     print_rows,
     print_table,
     record_option,
     reports_errors,
+    show,
+    table_of,
 )
+from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
+    from forcebound.launch.results import RunResult
 
 
 _OPTIONS = (
@@ -79,13 +84,15 @@ def simulate(
     as_json: bool,
 ) -> None:
     """Run a launch file in virtual time: deterministic, faster than real time."""
+    from forcebound.launch.virtual import run_virtual
+
+    if record is not None:
+        check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
-    from forcebound.launch.virtual import run_virtual
-
     result = run_virtual(config, duration, record, may_end_early=True)
-    click.echo(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     _report(result, record, as_json)
 
 
@@ -127,30 +134,47 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
 
     Says whether a hand feels the difference between the first run and each other.
     """
-    from forcebound.analysis.perception import differences
-    from forcebound.analysis.plots import figure, save
+    from forcebound.analysis.plots import check_picture, figure, save
     from forcebound.launch.results import RunResult
 
+    output = Path(runs[0]).with_suffix(".png") if output is None else output
+    check_picture(output)
     results = [RunResult.from_recording(Path(run)) for run in runs]
-    if output is None:
-        output = Path(runs[0]).with_suffix(".png")
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
-    drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-    save(figure(drawn, events=[r.events for r in results]), output)
-    first, *others = [result.summary for result in results]
-    compared = [differences(first, other) for other in others]
-    if as_json:
-        print_json({"picture": str(output), "runs": [first, *others], "differences": compared})
+    for run, result in zip(runs, results, strict=True):
+        with content_of(run):
+            result.summary  # noqa: B018 - kept for what follows
+    with content_of(" and ".join(runs)):
+        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
+        save(figure(drawn, events=[r.events for r in results]), output)
+        found = _found(results)
+        document = json_text({"picture": str(output), **found}) if as_json else ""
+        head, rows = table_of(results, labels)
+        differing = list(_in_words(found["differences"], labels))
+    if as_json:  # what cannot be printed is no matter of the recordings
+        click.echo(document)
         return
-    print_table(results, labels)
+    print_rows(head, rows)
+    for line in differing:
+        show(line)
+    show(f"picture: {output}")
+
+
+def _found(results: "list[RunResult]") -> dict[str, Any]:
+    from forcebound.analysis.perception import differences
+
+    first, *others = summaries = [result.summary for result in results]
+    return {"runs": summaries, "differences": [differences(first, other) for other in others]}
+
+
+def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]) -> Iterator[str]:
     from forcebound.analysis.tables import difference_text
 
     for label, found in zip(labels[1:], compared, strict=True):
         for difference in found:
-            click.echo(f"{label} against {labels[0]}: {difference_text(difference)}")
-    click.echo(f"picture: {output}")
+            yield f"{label} against {labels[0]}: {difference_text(difference)}"
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
@@ -190,8 +214,11 @@ def _configuration(
         config = replace(config, seed=seed)
     if not check:
         return config
+    from forcebound.launch.trial import try_ticks
+
     also(config)
-    print_json(to_document(config)) if as_json else click.echo(f"{file}: correct")
+    try_ticks(config)
+    print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
 
 
@@ -205,7 +232,7 @@ def _show_arguments(file: str, as_json: bool) -> None:
     for argument in arguments:
         default = "(required)" if argument.default is None else _as_written(argument.default)
         choices = f" [{', '.join(map(_as_written, argument.choices))}]" if argument.choices else ""
-        click.echo(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
+        show(f"{f'{argument.name}:={default}':<26}  {argument.help}{choices}")
 
 
 def _as_written(value: object) -> str:
@@ -214,10 +241,10 @@ def _as_written(value: object) -> str:
 
 def _report(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
-        click.echo("forcebound: interrupted; result up to here", err=True)
+        show("forcebound: interrupted; result up to here", err=True)
     if not result.summary["samples"]:
         never = "no command younger than the age limit reached the device"
-        click.echo(f"forcebound: the force never engaged: {never}", err=True)
+        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return
@@ -230,7 +257,7 @@ def _report(result: Any, record: Path | None, as_json: bool) -> None:
         click.echo()
         print_rows(head, rows)
     if record is not None:
-        click.echo(f"recording: {record}")
+        show(f"recording: {record}")
 
 
 def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
@@ -241,4 +268,4 @@ def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
     from forcebound.monitor.wording import remedy
 
     for cause in causes:
-        click.echo(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")
+        show(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")

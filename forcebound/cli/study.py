@@ -13,8 +13,11 @@ from forcebound.cli.common import (
     print_json,
     print_rows,
     reports_errors,
+    show,
 )
 from forcebound.errors import ConfigError, RunError
+
+OUTPUT = ("-o", "--output", "--out", "out")  # as with every command; --out is the older name
 
 
 @click.command(short_help="Measure against a reference implementation.")
@@ -32,7 +35,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         raise ConfigError(f"no benchmark {name!r}; known are {known}")
     if not rate > 0:
         raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
-    result = BENCHMARKS[name].run(duration, rate, lambda line: click.echo(line, err=True))
+    result = BENCHMARKS[name].run(duration, rate, lambda line: show(line, err=True))
     if as_json:
         print_json(result)
         return
@@ -68,7 +71,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-@file_option("--out", metavar="REPORT.md", help="Write the report to this file.")
+@file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
 @json_option
 @click.pass_context
 @reports_errors
@@ -97,7 +100,7 @@ def audit(
         print_json(document)
     else:
         for line in lines(document):
-            click.echo(line)
+            show(line)
     sys.exit(0 if holds(document) else 1)
 
 
@@ -105,19 +108,24 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@file_option("--out", metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
+@file_option(
+    *OUTPUT,
+    metavar="RUN.png",
+    help="Draw the run to this file, .png or .svg.",
+)
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
     """Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate."""
     from forcebound.audit.command import run_again
+    from forcebound.audit.report import replay_lines
 
     document = run_again(law, case, duration, out)
     if as_json:
         print_json(document)
         return
-    for name, value in [*document.pop("case").items(), *document.items()]:
-        click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
+    for line in replay_lines(document):
+        show(line)
 
 
 @audit.command()
@@ -154,7 +162,7 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
 @click.command(short_help="Repeat the paper's experiments.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(
-    "--out",
+    *OUTPUT,
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/reproduce"),
     show_default=True,
@@ -166,7 +174,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     """Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all."""
     from forcebound.experiments.reproduce import reproduce, tables
 
-    done = reproduce(names, out, lambda line: click.echo(line, err=True))
+    done = reproduce(names, out, lambda line: show(line, err=True))
     if as_json:
         print_json(done.document)
         return
@@ -174,7 +182,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
     for table in tables(done):
         Console().print(table)
-    click.echo(f"report: {out / 'report.html'}")
+    show(f"report: {out / 'report.html'}")
 
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
@@ -222,7 +230,7 @@ def sweep(
     else:
         for name, value in document.items():
             if value is not None:
-                click.echo(f"{name.replace('_', ' ')}: {value}")
+                show(f"{name.replace('_', ' ')}: {value}")
     if document["failed"] == document["cases"]:
         raise RunError(f"every case failed; the first: {document['first_error']}")
 
@@ -239,4 +247,4 @@ def draw_map(result: Path, output: Path | None) -> None:
 
     output = output or result.with_suffix(".png")
     draw(result, output)
-    click.echo(f"map: {output}")
+    show(f"map: {output}")

@@ -6,16 +6,21 @@ replaced as a whole, since the parameters of one kind mean nothing to another. A
 looked for in the including one's folder, then among those that come with the package.
 """
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from forcebound.config.arguments import Substitution
-from forcebound.config.problems import Place, Problems
+from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value, parse
-from forcebound.files import reason
+from forcebound.files import not_text, place_in, read_bytes, reason
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
+MAX_INCLUDES = 10  # files that include one another, one after the other
+MOST_BESIDE = 200  # files of a folder that are looked through for the nearest name
+NEARLY = 0.8  # likeness of two words; inculde has 0.86
 
 SHIPPED = Path(__file__).parent.parent / "launch"
 
@@ -40,10 +45,19 @@ def shipped() -> list[str]:
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))
 
 
-def missing(path: object) -> str:
-    """Return the message for a launch file that does not exist."""
-    return f"there is no launch file {str(path)!r}; those that come with forcebound: " + ", ".join(
-        shipped()
+def missing(path: str | Path, folder: Path = Path()) -> str:
+    """Return the message for a launch file that does not exist: the nearest one, or all shipped."""
+    wanted = folder / path
+    try:
+        beside = [one.name for one in islice(wanted.parent.glob("*.y*ml"), MOST_BESIDE)]
+    except (OSError, ValueError):  # a path that no file can have
+        beside = []
+    near = difflib.get_close_matches(wanted.name, [*beside, *shipped()], n=1)
+    near = near or difflib.get_close_matches(wanted.name, [Path(n).stem for n in shipped()], n=1)
+    guess = f"did you mean {near[0]!r}? " if near else ""
+    listed = ", ".join(shipped())
+    return (
+        f"there is no launch file {str(path)!r}; {guess}those that come with forcebound: {listed}"
     )
 
 
@@ -51,9 +65,23 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
     """Return the tree of the file and all that it includes; None if nothing can be made of it."""
     text = _text_of(path, problems)
     root = None if text is None else parse(text, str(path), problems)
-    if root is None or "include" not in root.entries:
+    if root is None or _means_include(root, problems):
+        return None
+    if "include" not in root.entries:
         return root
     return _include(root, path, problems, (*including, path.resolve()))
+
+
+def _means_include(root: Value, problems: Problems) -> bool:
+    """Note a key that is nearly ``include``: without it, all that follows seems to be missing."""
+    if "include" in root.entries:
+        return False
+    for name, value in root.entries.items():
+        if difflib.SequenceMatcher(None, name, "include").ratio() > NEARLY:
+            message = unknown("key in the launch file:", name, ["include"])
+            problems.add(message, value.key or value.place)
+            return True
+    return False
 
 
 def _include(
@@ -68,7 +96,10 @@ def _include(
         return None
     found = find(Path(wanted.content), path.parent)
     if found is None:
-        problems.add(missing(wanted.content), wanted.place)
+        problems.add(missing(wanted.content, path.parent), wanted.place)
+        return None
+    if len(including) > MAX_INCLUDES:
+        problems.add(f"more than {MAX_INCLUDES} files include one another", wanted.place)
         return None
     if found.resolve() in including:
         chain = " includes ".join(str(file.name) for file in (*including, found))
@@ -103,26 +134,14 @@ def _default(argument: Value) -> Value:
 
 
 def _text_of(path: Path, problems: Problems) -> str | None:
-    place = Place(str(path))
     try:
-        if path.is_dir():
-            problems.add("this is a folder, not a launch file", place)
-            return None
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        problems.add(f"cannot read the launch file: {reason(error)}", place)
-        return None
-    if len(data) > MAX_BYTES:
-        problems.add(f"more than {MAX_BYTES} bytes: this is no launch file", place)
+        data = read_bytes(path, MAX_BYTES)
+    except OSError as error:
+        problems.add(f"cannot read the launch file: {reason(error)}", Place(str(path)))
         return None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        *before, last = data[: error.start].decode("utf-8-sig", "replace").split("\n")
-        after = data[error.start :].decode("utf-8", "replace").partition("\n")[0]
-        problems.add(
-            f"byte 0x{data[error.start]:02x} is not UTF-8: save the file as UTF-8",
-            Place(str(path), len(before) + 1, len(last) + 1, last + after),
-        )
+        place = Place(str(path), *place_in(data, error.start))
+        problems.add(not_text(data, error.start), place)
         return None

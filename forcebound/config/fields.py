@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NotRequired, get_type_hints
+from typing import Any, NotRequired, get_args, get_type_hints
 
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
@@ -53,11 +53,25 @@ def adapter(*fields: Field) -> Any:
     import typing_extensions  # pydantic wants its TypedDict before Python 3.12
     from pydantic import ConfigDict, TypeAdapter
 
+    for field in fields:
+        _refuse_unknown_keys(field.hint)
     hints = {f.name: f.hint if f.required else NotRequired[f.hint] for f in fields}
     typed_dict: Any = typing_extensions.TypedDict  # mypy would want to see the keys
     shape = typed_dict("shape", hints)
     shape.__pydantic_config__ = ConfigDict(strict=True)
     return TypeAdapter(shape)
+
+
+def _refuse_unknown_keys(hint: Any) -> None:
+    """Make pydantic as strict with the dataclasses within a type as with the section itself."""
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        if "__pydantic_config__" in vars(hint):
+            return
+        hint.__pydantic_config__ = {"extra": "forbid", "strict": True}  # type: ignore[attr-defined]  # pydantic's name
+        for field in fields_of(hint).values():
+            _refuse_unknown_keys(field.hint)
+    for part in get_args(hint):
+        _refuse_unknown_keys(part)
 
 
 def check_fields(kind: type, taken: Collection[str]) -> None:

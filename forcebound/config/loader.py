@@ -48,6 +48,7 @@ from forcebound.config.user_parts import (
     find_class,
     find_law,
     user_files,
+    warn_far,
     warn_uncertified,
 )
 from forcebound.errors import ConfigError
@@ -90,6 +91,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
         run_in_sandbox(try_out, [str(path), list(overrides)], files)
     config = _build(filled, problems, asks=not files)
     warn_uncertified(config)
+    warn_far(config)
     return config
 
 
@@ -361,14 +363,18 @@ def _check_delays(
 ) -> None:
     """Note a loop so long that the device would refuse every answer."""
     parts = (environment.computation, *links.values())
-    shortest = sum(shortest_of(part) for part in parts)
+    delays = sum(shortest_of(part) for part in parts)
+    wait = servo.reply_wait / servo.rate  # the device takes an answer when it writes
+    shortest = max(delays, wait)
     if shortest < servo.age_limit:
         return
+    what, remedy = "delays of the links and the environment", "lower the delays"
+    if wait > delays:
+        what, remedy = "reply_wait over rate", "raise the rate"
     message = (
-        f"an answer takes at least {shortest * 1e3:g} ms (delays of the links and the environment),"
-        f" and the device refuses answers older than age_limit = {servo.age_limit * 1e3:g} ms,"
-        " so there would never be a force: set age_limit in device: above"
-        f" {shortest * 1e3:g} ms, or lower the delays"
+        f"an answer takes at least {shortest * 1e3:g} ms ({what}), and the device refuses answers"
+        f" older than age_limit = {servo.age_limit * 1e3:g} ms, so there would never be a force:"
+        f" set age_limit in device: above {shortest * 1e3:g} ms, or {remedy}"
     )
     age_limit = section.value.entries.get("age_limit")
     if age_limit is None:

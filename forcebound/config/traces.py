@@ -1,12 +1,13 @@
 """Delay traces: of recorded runs, and the files that launch files name under ``trace``."""
 
-import json
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.files import content_of, reason
+from forcebound.messages.packets import TOPIC_OF, Telemetry
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.telemetry import TelemetryColumns
@@ -35,8 +36,8 @@ def read_trace(file: Path) -> DelayTrace:
     """
     try:
         status = file.stat()
-    except OSError as error:
-        raise ConfigError(f"cannot read the trace {file}: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise ConfigError(f"cannot read the trace {file}: {reason(error)}") from error
     return _read(file, status.st_mtime_ns, status.st_size)
 
 
@@ -57,12 +58,13 @@ def of_recording(file: Path) -> tuple[DelayTrace, Mapping[str, Any], bool]:
     """
     from forcebound.recording import read  # slow, and few traces are recordings
 
-    recording = read(file)
-    try:
-        trace = loop_delays(recording.telemetry)
-    except ConfigError as error:
-        raise ConfigError(f"no trace in {file}: {error}") from None
-    return trace, json.loads(recording.metadata.get("launch", "{}")), recording.complete
+    recording = read(file, (TOPIC_OF[Telemetry],))
+    with content_of(file):
+        try:
+            trace = loop_delays(recording.telemetry)
+        except ConfigError as error:
+            raise ConfigError(f"no trace in {file}: {error}") from None
+        return trace, recording.launch, recording.complete
 
 
 def loop_delays(columns: TelemetryColumns) -> DelayTrace:

@@ -182,6 +182,8 @@ class _Tree:
         elif isinstance(position, int):
             *before, last = _LINE_END.split(self._text[:position])
             place = self._at(len(before), len(last))
+        if "${" in place.text:  # YAML takes the brace for its own
+            message += "; within braces, write it in quotes: '${env:NAME}'"
         self._problems.add(message, place)
 
     def _at(self, line: int, column: int) -> Place:

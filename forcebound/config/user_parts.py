@@ -6,6 +6,7 @@
 
 import json
 import logging
+import math
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -25,6 +26,10 @@ from forcebound.operators import Operator
 from forcebound.parts import Table
 from forcebound.parts.contract import vector_fault
 from forcebound.parts.user_module import describe_user_error, file_of, kind_of, names_file
+
+FAR = 2.0  # m; no hand reaches so far
+LOOKS = 20  # at a target, over the duration
+AT_LAST = 1e6  # s; a slow approach has come to its end
 
 _logger = logging.getLogger(__name__)
 
@@ -112,6 +117,18 @@ def check_path(operator: Operator, axes: int, section: Section) -> None:
         wanted = len(operator.target(0.0))
         if wanted > axes:
             section.add_here(f"the operator's path has {wanted} axes, the device only {axes}")
+
+
+def warn_far(config: GraphConfig) -> None:
+    """Log a target so far away that its unit is missing: 14 for 14 mm."""
+    kind = KINDS["operator"].kind_of(type(config.operator))
+    if config.operator is None or kind is None or not KINDS["operator"].is_shipped(kind):
+        return
+    length = config.duration if math.isfinite(config.duration) else 0.0
+    times = [*(length * share / LOOKS for share in range(LOOKS)), AT_LAST]
+    far = max(abs(x) for time in times for x in config.operator.target(time))
+    if far > FAR:
+        _logger.warning("the operator's target goes as far as %g m: is a unit missing?", far)
 
 
 def check_environment(model: EnvironmentModel, axes: int, section: Section) -> None:

@@ -9,17 +9,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from forcebound.analysis.colours import LAW_COLOURS
 from forcebound.analysis.panels import NEUTRAL
 from forcebound.analysis.surface import Floats
-
-# One colour for each law, in every figure. Source: Okabe, Ito, Color universal design, 2008.
-LAW_COLOURS = {
-    "less_conservative": "#0072B2",
-    "aol": "#56B4E9",
-    "more_conservative": "#E69F00",
-    "certified": "#009E73",
-    "certified_memoryless": "#CC79A7",
-}
 
 LOG_TICKS = (0.5, 1.0, 2.0, 5.0, 10.0)
 

@@ -19,15 +19,17 @@ is as likely as the others. The kernel takes the entry ``number % size``; here i
 ``floor(u * size)`` of the sorted ones, which is as likely and keeps the correlation.
 """
 
+import reprlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from statistics import NormalDist
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_text
 
 SCALE = 8192  # of an entry is one jitter: NETEM_DIST_SCALE, <linux/pkt_sched.h>
 LONGEST = 16_384  # entries: NETEM_DIST_MAX, <linux/pkt_sched.h>
+MAX_BYTES = 1_000_000  # of a table; the longest of tc's has 100 kB with its comments
 SMALLEST, LARGEST = -32_768, 32_767  # an entry has 16 bits
 
 
@@ -73,12 +75,7 @@ def read_distribution(file: Path) -> tuple[float, ...]:
 
     Source: iproute2 tc/q_netem.c (get_distribution), Linux net/sched/sch_netem.c (tabledist).
     """
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"cannot read the table of a distribution {file}: {reason(error)}"
-        ) from error
+    text = read_text(file, "the table of a distribution", MAX_BYTES)
     entries: list[int] = []
     for number, line in enumerate(text.splitlines(), start=1):
         for word in line.partition("#")[0].split():
@@ -96,6 +93,6 @@ def _entry(word: str, place: str) -> int:
     if entry is None or not SMALLEST <= entry <= LARGEST:
         raise ConfigError(
             f"{place}: expected whole numbers, {SMALLEST} to {LARGEST}, of which {SCALE} are one"
-            f" jitter (the format of tc's .dist files), got {word!r}"
+            f" jitter (the format of tc's .dist files), got {reprlib.repr(word)}"
         )
     return entry

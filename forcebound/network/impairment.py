@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from forcebound.errors import ConfigError
 from forcebound.network.distribution import QUANTILES, read_distribution
@@ -22,8 +22,6 @@ from forcebound.quantities import (
     Time,
     check_ranges,
 )
-
-_STRICT = {"extra": "forbid", "strict": True}  # pydantic: no unknown keys in a launch file
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,6 @@ class GilbertElliott:
     r: Annotated[Ratio, PROBABILITY]
     h: Annotated[Ratio, PROBABILITY] = 0.0
     k: Annotated[Ratio, PROBABILITY] = 1.0
-
-    __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -65,8 +61,6 @@ class Slot:
     max_delay: Time | None = None
     packets: Annotated[int, NOT_NEGATIVE] = 0
 
-    __pydantic_config__: ClassVar[Any] = _STRICT
-
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.max_delay is not None and not self.min_delay <= self.max_delay < math.inf:
@@ -76,12 +70,13 @@ class Slot:
 
 @dataclass(frozen=True)
 class Outage:
-    """A time in which every packet that arrives is lost, counted from the link's first packet."""
+    """A time in which every packet that arrives is lost.
+
+    Counted from the first packet that the link gets after the outages were set.
+    """
 
     start: Annotated[Time, NOT_NEGATIVE]
     duration: Annotated[Time, NOT_NEGATIVE]
-
-    __pydantic_config__: ClassVar[Any] = _STRICT
 
     def __post_init__(self) -> None:
         check_ranges(self)

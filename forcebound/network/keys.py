@@ -17,6 +17,7 @@ refused, and so is a public key that others can replace.
 import os
 import re
 import stat
+import struct
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -26,12 +27,12 @@ import zmq
 from zmq.utils import z85
 
 from forcebound.errors import ConfigError
+from forcebound.files import open_file, reason
 
 PUBLIC = ".key"
 SECRET = ".key_secret"
 KEY_LENGTH = 40  # characters of Z85 for 32 bytes
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,38}")  # shorter than a key: never taken for one
-_Z85 = re.compile(r"[0-9a-zA-Z.:+=^!/*?&<>()\[\]{}@%$#-]{40}")
 _ENTRY = re.compile(r'^\s*(public|secret)-key\s*=\s*"?([^"\s]*)"?\s*$')
 _MAX_FILE = 10_000  # bytes
 _PUBLIC_TEXT = """\
@@ -84,11 +85,18 @@ def check_key(key: str) -> None:
 
 
 def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
-    """Return where keys are kept; it need not exist."""
-    if variables.get("FORCEBOUND_KEYS"):
-        return Path(variables["FORCEBOUND_KEYS"]).expanduser()
+    """Return where keys are kept; it need not exist.
+
+    Raises:
+        ConfigError: If this user has no home and names no folder.
+    """
     config = Path(variables.get("XDG_CONFIG_HOME", ""))
-    base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
+    try:
+        if variables.get("FORCEBOUND_KEYS"):
+            return Path(variables["FORCEBOUND_KEYS"]).expanduser()
+        base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
+    except RuntimeError as error:  # no such user, or no home
+        raise ConfigError(f"no folder of keys ({error})", "name one in FORCEBOUND_KEYS") from None
     return base / "forcebound" / "keys"
 
 
@@ -142,13 +150,13 @@ def public_key(key: str, folder: Path | None = None) -> str:
     _check_name(key)
     folder = _folder(folder)
     file = folder / f"{key}{PUBLIC}"
-    if not file.exists():
-        if (folder / f"{key}{SECRET}").exists():
+    if not _is_there(file):
+        if _is_there(folder / f"{key}{SECRET}"):
             return key_pair(key, folder).public
         raise ConfigError(
             f"no public key {key!r}: looked for {file}. Copy {key}{PUBLIC} from the machine that "
-            f"made it (`forcebound keys new {key}`), or write its 40 characters in place of "
-            f"the name (`forcebound keys show {key}`)"
+            f"made it (`forcebound keys new {key}`), or write the {KEY_LENGTH} characters of the "
+            "key in place of its name"
         )
     return _read(file)["public"]
 
@@ -168,7 +176,7 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
             raise ConfigError(f"the secret of the public key {key} is in no file of {folder}")
     _check_name(name)
     file = folder / f"{name}{SECRET}"
-    if not file.exists():
+    if not _is_there(file):
         raise ConfigError(
             f"no secret key {name!r}: looked for {file}. Make a pair with `forcebound keys new "
             f"{name}`; if it is another machine's, this end needs a pair of its own"
@@ -187,7 +195,7 @@ def has_secret(key: str, folder: Path | None = None) -> bool:
     """Whether this machine holds the secret of a key, named or given as a public key."""
     folder = _folder(folder)
     if not _is_key(key):
-        return (folder / f"{key}{SECRET}").exists()
+        return _is_there(folder / f"{key}{SECRET}")
     return any(entry.public == key and entry.has_secret for entry in list_keys(folder))
 
 
@@ -197,7 +205,7 @@ def list_keys(folder: Path | None = None) -> list[KeyEntry]:
     files = [*folder.glob(f"*{PUBLIC}"), *folder.glob(f"*{SECRET}")] if folder.is_dir() else []
     entries = []
     for name in sorted({file.name.removesuffix(file.suffix) for file in files}):
-        secret_here = (folder / f"{name}{SECRET}").exists()
+        secret_here = folder / f"{name}{SECRET}" in files
         try:
             public = key_pair(name, folder).public if secret_here else public_key(name, folder)
         except ConfigError as error:
@@ -208,7 +216,21 @@ def list_keys(folder: Path | None = None) -> list[KeyEntry]:
 
 
 def _is_key(text: str) -> bool:
-    return _Z85.fullmatch(text) is not None
+    """Return whether this is a key: five characters of Z85 for each four bytes."""
+    try:  # five of its characters can say more than four bytes hold: struct.error
+        return len(text) == KEY_LENGTH and len(z85.decode(text)) == 32
+    except (KeyError, ValueError, struct.error):
+        return False
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        file.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        raise ConfigError(f"cannot read the key file {file}: {reason(error)}") from None
+    return True
 
 
 def _check_name(name: str) -> None:
@@ -245,27 +267,24 @@ def _create(file: Path, mode: int, text: str, written: list[Path]) -> None:
 
 def _read(file: Path) -> dict[str, str]:
     """Return the keys in a file by kind; ``public`` is always there."""
-    _check_folder(file.parent)
     try:
+        _check_folder(file.parent)
         # The file that is checked is the file that is read, whatever happens to its name.
-        with open(os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as stream:
-            status = os.fstat(stream.fileno())
-            _check_file(file, status)
+        with open_file(file) as stream:
+            _check_file(file, os.fstat(stream.fileno()))
             text = stream.read(_MAX_FILE).decode("utf-8", "replace")
     except OSError as error:
-        raise ConfigError(f"cannot read the key file {file}: {error.strerror}") from None
+        raise ConfigError(f"cannot read the key file {file}: {reason(error)}") from None
     keys = {m[1]: m[2] for m in map(_ENTRY.match, text.splitlines()) if m is not None}
     if "public" not in keys:
         raise ConfigError(f'{file}: no line public-key = "..." in it')
     for kind, key in keys.items():
-        if not _is_key(key) or len(z85.decode(key)) != 32:
+        if not _is_key(key):
             raise ConfigError(f"{file}: its {kind}-key is not {KEY_LENGTH} characters of Z85")
     return keys
 
 
 def _check_file(file: Path, status: os.stat_result) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        raise ConfigError(f"{file} is no file")
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(f"{file} belongs to another user", "use a key of your own")
     if file.suffix == SECRET and status.st_mode & 0o077:

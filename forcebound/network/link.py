@@ -121,6 +121,8 @@ class Link(Generic[PacketT]):
         self._delivered_rank = _OLDEST
         self._number = 0  # of packets put on the way, for equal times
         self._first_ns: int | None = None
+        self._outages: list[tuple[int, int]] = []  # start and end, in ns since ...
+        self._outages_ns: int | None = None  # ... the first packet that met them
         self._tail_ns = 0  # when the last packet that the rate held is through
         self._delayed = 0  # packets since one went at once
         self._slot_ns, self._slot_room = -1, 0
@@ -145,13 +147,15 @@ class Link(Generic[PacketT]):
         self._chances = Chances(impairment, self._draws)
         self._is_perfect = impairment == PERFECT
         self._is_plain = impairment.is_plain and trace is None
-        if self._is_plain:
-            return
-        self._copy_chances = Chances(impairment, self._copy_draws)
-        self._outages = [
+        outages = [
             (round(outage.start * 1e9), round((outage.start + outage.duration) * 1e9))
             for outage in impairment.outages
         ]
+        if outages != self._outages:  # a later outage must not lie in the past
+            self._outages, self._outages_ns = outages, None
+        if self._is_plain:
+            return
+        self._copy_chances = Chances(impairment, self._copy_draws)
         self._ahead = sorted(entry[0] for entry in self._queue)  # a sorted list is a heap
 
     @property
@@ -251,7 +255,9 @@ class Link(Generic[PacketT]):
                 self._send(time_ns, packet, size, rank, copy_fate)
 
     def _is_out(self, time_ns: int) -> bool:
-        since_ns = time_ns - (self._first_ns or 0)
+        if self._outages_ns is None:
+            self._outages_ns = time_ns
+        since_ns = time_ns - self._outages_ns
         return any(start <= since_ns < end for start, end in self._outages)
 
     def _send(self, time_ns: int, packet: PacketT, size: int, rank: _Rank, fate: Fate) -> None:

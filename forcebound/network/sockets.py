@@ -118,26 +118,26 @@ def make_socket(
         ConfigError: If the endpoint is malformed, in use or not permitted.
     """
     socket = context.socket(kind)
-    for option, value in _options(kind, endpoint).items():
-        socket.set(option, value)
-    if guard is not None:
-        _set_guard(socket, guard)
-    if kind == zmq.SUB:
-        socket.set(zmq.SUBSCRIBE, b"")
-    if monitor:
-        socket.monitor(monitor, MONITORED)
     try:
+        for option, value in _options(kind, endpoint).items():
+            socket.set(option, value)
+        if guard is not None:
+            _set_guard(socket, guard)
+        if kind == zmq.SUB:
+            socket.set(zmq.SUBSCRIBE, b"")
+        if monitor:
+            socket.monitor(monitor, MONITORED)
         if bind:
             _refuse_to_steal(endpoint)
         socket.bind(endpoint) if bind else socket.connect(endpoint)
-    except ConfigError:
-        socket.close()
-        raise
     except zmq.ZMQError as error:
         socket.close()
         advice = ADVICE.get(error.errno or 0, error.strerror)
         verb = "bind" if bind else "connect"
         raise ConfigError(f"cannot {verb} to {endpoint}: {advice}") from None
+    except BaseException:  # a socket that stays open would be waited for when its context ends
+        socket.close()
+        raise
     return socket
 
 
@@ -225,7 +225,7 @@ class Network:
         monitor = self._open(zmq.PAIR, where, bind=False)
         try:
             socket = self._open(kind, endpoint, bind=bind, guard=guard, monitor=where)
-        except ConfigError:
+        except BaseException:
             self.release([monitor])
             raise
         self._monitored.add(socket)
@@ -248,7 +248,7 @@ class Network:
     def close(self) -> None:
         """Close all sockets; returns within ``farewell_ms``."""
         self.release(self._sockets)
-        self._context.term()
+        self._context.destroy(linger=0)  # term would wait for a socket that somebody left open
 
     def __enter__(self) -> Self:
         return self

@@ -7,15 +7,17 @@ differences of times count: the trace begins with its first row.
 
 import csv
 import math
+import reprlib
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_rows
 
 HEADER = ("time_s", "delay_s")
+LARGEST = 4e9  # s; a clock that counts from 1970 has 2e9, and differences in ns have 64 bits
 
 
 class DelayTrace:
@@ -84,22 +86,17 @@ def read_csv(file: Path) -> DelayTrace:
     Raises:
         ConfigError: If the file cannot be read or is no such trace; names the line.
     """
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:  # spreadsheets write such a mark
-            rows = list(csv.reader(lines))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read the trace {file}: {reason(error)}") from error
-    if not rows or tuple(cell.strip() for cell in rows[0]) != HEADER:
-        found = ",".join(rows[0]) if rows else ""
-        raise ConfigError(f"{file}:1: expected the header {','.join(HEADER)}, got {found!r}")
+    rows = read_rows(file, "the trace")
+    place, head = next(rows, (f"{file}:1", []))
+    if tuple(cell.strip() for cell in head) != HEADER:
+        found = reprlib.repr(",".join(head))
+        raise ConfigError(f"{place}: expected the header {','.join(HEADER)}, got {found}")
     times: list[float] = []
     delays: list[float | None] = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not row:
-            continue
-        time, delay = _numbers(row, f"{file}:{number}")
+    for place, row in rows:
+        time, delay = _numbers(row, place)
         if times and time <= times[-1]:
-            raise ConfigError(f"{file}:{number}: time must increase: {time} after {times[-1]}")
+            raise ConfigError(f"{place}: time must increase: {time} after {times[-1]}")
         times.append(time)
         delays.append(delay)
     if not times:
@@ -115,10 +112,10 @@ def _numbers(row: Sequence[str], place: str) -> tuple[float, float | None]:
         time, delay = (float(cell) if cell.strip() else None for cell in row)
     except ValueError:
         time = delay = None
-    is_wrong_delay = delay is not None and not 0.0 <= delay < math.inf
-    if time is None or not math.isfinite(time) or is_wrong_delay:
+    is_wrong_delay = delay is not None and not 0.0 <= delay <= LARGEST
+    if time is None or not abs(time) <= LARGEST or is_wrong_delay:
         raise ConfigError(
-            f"{place}: expected a time in s and a delay in s (>= 0, or nothing: lost),"
-            f" got {','.join(row)!r}"
+            f"{place}: expected a time in s and a delay in s (>= 0, or nothing: lost), within"
+            f" {LARGEST:g} s, got {reprlib.repr(','.join(row))}"
         )
     return time, delay

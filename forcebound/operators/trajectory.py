@@ -1,15 +1,17 @@
 """A hand that follows a recorded path."""
 
-import csv
+import reprlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_rows
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
+
+LARGEST = 1e10  # s or m; far beyond any path, and its square is still a number
 
 
 @dataclass(frozen=True)
@@ -55,27 +57,23 @@ class TrajectoryHand:
 
 
 def _read_path(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
-    try:
-        with file.open(newline="", encoding="utf-8") as lines:
-            rows = list(csv.reader(lines))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read the trajectory {file}: {reason(error)}") from error
     expected = "time in s, then 1 to 6 positions in m, after one header line"
+    rows = read_rows(file, "the trajectory")
+    _, head = next(rows, ("", []))
     times: list[float] = []
     positions: list[Vector] = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not row:
-            continue
+    for place, row in rows:
+        got = reprlib.repr(",".join(row))
         try:
             values = [float(cell) for cell in row]
         except ValueError:
-            raise ConfigError(f"{file}:{number}: expected {expected}, got {row!r}") from None
-        if not 2 <= len(values) <= 1 + MAX_AXES or len(values) != len(rows[0]):
-            raise ConfigError(f"{file}:{number}: expected {expected}, got {len(values)} columns")
-        if not all(abs(value) < float("inf") for value in values):
-            raise ConfigError(f"{file}:{number}: expected finite numbers, got {row!r}")
+            raise ConfigError(f"{place}: expected {expected}, got {got}") from None
+        if not 2 <= len(values) <= 1 + MAX_AXES or len(values) != len(head):
+            raise ConfigError(f"{place}: expected {expected}, got {len(values)} columns")
+        if not all(abs(value) <= LARGEST for value in values):
+            raise ConfigError(f"{place}: expected numbers within {LARGEST:g}, got {got}")
         if times and values[0] <= times[-1]:
-            raise ConfigError(f"{file}:{number}: time must increase: {values[0]} after {times[-1]}")
+            raise ConfigError(f"{place}: time must increase: {values[0]} after {times[-1]}")
         times.append(values[0])
         positions.append(tuple(values[1:]))
     if not times:

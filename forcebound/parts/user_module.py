@@ -21,8 +21,9 @@ from types import ModuleType
 from typing import Any
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_bytes, reason
 
+MAX_BYTES = 1_000_000  # of a file of code
 _IN_LINE = re.compile(  # of numba's report: what is wrong, an empty line, the place
     r'^\s*(?P<what>\S[^\n]*)\n\s*\n\s*File "(?P<file>[^"\n]+)", line (?P<line>\d+)', re.MULTILINE
 )
@@ -136,15 +137,12 @@ def _load(path: Path) -> _File:
 
 def _read(path: Path) -> bytes:
     try:
-        if path.is_file():
-            return path.read_bytes()
-        found = "is not a file" if path.exists() else "does not exist"
-    except (OSError, ValueError) as error:  # ValueError: a path that no file can have
-        raise ConfigError(f"cannot read {path}: {reason(error)}") from None
-    raise ConfigError(
-        f"{path} {found}; a relative path starts from the folder of the launch file, on the command"
-        " line from the current folder"
-    )
+        return read_bytes(path, MAX_BYTES)
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read {path}: {reason(error)}; a relative path starts from the folder of the"
+            " launch file, on the command line from the current folder"
+        ) from None
 
 
 def _describe(error: BaseException, files: set[str]) -> str:

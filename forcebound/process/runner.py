@@ -43,6 +43,7 @@ from forcebound.network.link import Link
 from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node
+from forcebound.nodes.events import PARAMETERS_SET
 from forcebound.process.endpoints import (
     control_endpoint,
     event_endpoint,
@@ -242,7 +243,7 @@ class Runner:
         if changed:
             values = {name: str(value) for name, value in changed.items()}
             changes = ", ".join(f"{name} = {value}" for name, value in values.items())
-            self.emit("parameter_set", f"changed: {changes}", values)
+            self.emit(PARAMETERS_SET, f"changed: {changes}", values)
         return {"configured": True}
 
     def status(self) -> dict[str, Any]:

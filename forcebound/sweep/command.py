@@ -2,12 +2,15 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from forcebound.config.loader import build
-from forcebound.sweep.plan import load_sweep
-from forcebound.sweep.runner import run_sweep
+from forcebound.config.problems import unknown
+from forcebound.errors import ConfigError
+from forcebound.sweep.plan import Sweep, load_sweep
+from forcebound.sweep.runner import run_cases, run_sweep
 from forcebound.workers import cluster_executor, local_executor, progress_bar
 
 
@@ -30,6 +33,7 @@ def run(
     sweep = load_sweep(file, arguments)
     if arguments:  # the same in all cases, so checked once
         build(sweep.template, sweep.overrides(0))
+    _check_map(sweep)
     result = output or Path(f"{sweep.name}.parquet")
     began = time.monotonic()
     executors = cluster_executor(cluster) if cluster else local_executor(workers)
@@ -43,3 +47,15 @@ def run(
         draw(result, picture)
         document["map"] = str(picture)
     return document
+
+
+def _check_map(sweep: Sweep) -> None:
+    """Run the first case, and raise unless it has the figures that the map is to show."""
+    wanted = {key: sweep.drawing[key] for key in ("value", "leaks") if key in sweep.drawing}
+    if not wanted:
+        return
+    (row,) = run_cases(replace(sweep, cases=sweep.cases[:1]), 0)
+    figures = [name for name in row if not name.startswith("over.")]
+    for key, name in wanted.items():
+        if row["error"] is None and name not in figures:
+            raise ConfigError(f"map: {unknown(f'figure for {key}:', name, figures)}")

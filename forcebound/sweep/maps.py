@@ -11,7 +11,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from forcebound.analysis.colours import colours_of
 from forcebound.analysis.plots import save
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
@@ -112,6 +114,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(4.6 * len(panels) + 2.4, 4.2), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False).ravel()
     names = list(dict.fromkeys(per))
+    colours = colours_of(names)
     rests = np.array([bool(rest) for rest in table.columns.get("at_rest", [True] * x.size)])
     for axis, panel in zip(axes, panels, strict=True):
         for number, name in enumerate(names):
@@ -119,7 +122,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             rows.sort(key=lambda i: x[i])
             style = ("-", "--", ":")[number // 10] if len(names) > 10 else "-"
             label = None if name is None else str(name).replace("_", " ")
-            colour = f"C{number % 10}"
+            colour = colours[number]
             axis.plot(x[rows], value[rows], style, color=colour, lw=1.0, alpha=0.3)
             at_rest = np.where(rests[rows], value[rows], np.nan)
             axis.plot(x[rows], at_rest, style, color=colour, lw=1.6, marker=".", label=label)
@@ -132,16 +135,11 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
     axes[0].set_ylabel(label_of(drawing["value"]))
     if drawing.get("scale") == "log":
         axes[0].set_yscale("log")
-    axes[-1].annotate(
-        "faint: the hand does not come to rest",
-        (0.98, 0.98),
-        xycoords="axes fraction",
-        ha="right",
-        va="top",
-        fontsize=8,
-    )
-    if names != [None]:
-        handles, labels = axes[0].get_legend_handles_labels()
+    handles, labels = axes[0].get_legend_handles_labels() if names != [None] else ([], [])
+    if not rests.all():
+        handles.append(Line2D([], [], color="black", lw=1.0, alpha=0.3))
+        labels.append("faint: the hand does\nnot come to rest")
+    if handles:
         figure.legend(handles, labels, loc="outside right center", frameon=False)
     return figure
 

@@ -20,7 +20,7 @@ from forcebound.config.loader import arguments_of, read_template
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_text
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_quantity
 
 MAX_CASES = 2_000_000
@@ -138,10 +138,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
     """
     file = find_sweep(Path(path))
     problems = Problems()
-    try:
-        text = file.read_bytes()[: MAX_BYTES + 1].decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the sweep file {file}: {reason(error)}") from error
+    text = read_text(file, "the sweep file", MAX_BYTES)
     root = parse(text, str(file), problems)
     if root is None:
         raise problems.error()

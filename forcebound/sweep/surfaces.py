@@ -15,7 +15,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 
 from forcebound.analysis.perception import WEBER_FRACTIONS
 from forcebound.bounding import ENERGY_TOLERANCE
@@ -26,6 +28,11 @@ from forcebound.sweep.table import Table
 
 _LEAKS = LinearSegmentedColormap.from_list("leaks", ["#ffd9a8", "#e06010", "#600018"])
 _PASSIVE = "#d8e6f2"
+_NO_FIGURE = "#eeeeee"
+_SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in the key
+    "linewidth": 1.4,
+    "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
+}
 _COLUMNS = 3
 _STYLES = {
     "colgate_schenkel": "-",
@@ -127,7 +134,7 @@ def _draw_panel(
     value, leaks = shown.grid(shown.value, chosen), shown.grid(shown.leaks, chosen)
     rest = shown.grid(shown.rests, chosen)
     is_leak = leaks < -_LEAK
-    axis.set_facecolor("#eeeeee")
+    axis.set_facecolor(_NO_FIGURE)
     if shown.is_energy:
         passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
         axis.pcolormesh(*edges, passive, cmap=ListedColormap([_PASSIVE]))
@@ -144,15 +151,17 @@ def _draw_panel(
         softest = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
         share = np.where(is_leak, np.nan, value / ys[:, np.newaxis])
         if (share < softest).any() and (share > softest).any():
-            axis.contour(xs, ys, share, levels=[softest], colors="white", linewidths=1.4)
+            axis.contour(xs, ys, share, levels=[softest], colors="white").set(**_SOFTER)
 
 
 def _arrange(axes: Array, shown: _Map, panels: int, columns: int) -> None:
     xs, ys = np.unique(shown.x), np.unique(shown.y)
     if _is_log(xs):
         axes[0].set_xscale("log")
+        axes[0].xaxis.set_major_formatter("{x:g}")
     if _is_log(ys):
         axes[0].set_yscale("log")
+        axes[0].yaxis.set_major_formatter("{x:g}")
     axes[0].set_xlim(xs[0], xs[-1])
     axes[0].set_ylim(ys[0], ys[-1])
     for number in range(panels):
@@ -169,12 +178,14 @@ def _add_keys(
     from matplotlib.cm import ScalarMappable
 
     places = axes.tolist()
+    scales: list[tuple[Normalize, str | LinearSegmentedColormap, str]] = []
     if not shown.is_energy:
-        bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=places)
-        bar.set_label(label_of(shown.drawing["value"]), fontsize=8)
+        scales.append((norm, "viridis", label_of(shown.drawing["value"])))
     if np.isfinite(shown.leaks).any():
-        bar = figure.colorbar(ScalarMappable(leak_norm, _LEAKS), ax=places)
-        bar.set_label("energy given to the hand (mJ)", fontsize=8)
+        scales.append((leak_norm, _LEAKS, "energy given to the hand (mJ)"))
+    for scale, colours, label in scales:
+        bar = figure.colorbar(ScalarMappable(scale, colours), ax=places, format="{x:g}")
+        bar.set_label(label)
     handles, labels = axes[0].get_legend_handles_labels()
     handles, labels = list(handles), list(labels)
     if shown.is_energy:
@@ -182,16 +193,18 @@ def _add_keys(
         labels.append("no energy given")
     handles.append(Patch(facecolor="white", edgecolor="black", hatch="////"))
     labels.append("no rest")
+    if np.isnan(shown.value[np.isnan(shown.leaks) | (shown.leaks >= -_LEAK)]).any():
+        handles.append(Patch(facecolor=_NO_FIGURE, edgecolor="#808080"))
+        labels.append("no figure")
     if shown.shows_softness:
-        handles.append(Patch(facecolor="white", edgecolor="#808080"))
-        labels.append("white line: where a wall begins to feel softer than it is")
+        handles.append(Line2D([], [], color="white", **_SOFTER))
+        labels.append("a wall begins to feel softer than it is")
     figure.legend(
         handles,
         labels,
         loc="outside lower center",
         ncols=3 if figure.get_figwidth() > 10.0 else 2,
         frameon=False,
-        fontsize=8,
     )
 
 

@@ -1,0 +1,26 @@
+"""Colours of the laws: one each, in every figure.
+
+The first five are Okabe and Ito's, which people with any colour vision can tell apart; the
+``viscous`` variants of a law are a darker shade of its colour. Source: Okabe, Ito, Color universal
+design, 2008.
+"""
+
+from collections.abc import Sequence
+
+LAW_COLOURS = {
+    "less_conservative": "#0072B2",
+    "aol": "#56B4E9",
+    "more_conservative": "#E69F00",
+    "certified": "#009E73",
+    "certified_memoryless": "#CC79A7",
+    "tdpa": "#D55E00",
+    "none": "#7F7F7F",
+    "less_conservative_viscous": "#00395A",
+    "more_conservative_viscous": "#7A5400",
+}
+
+
+def colours_of(names: Sequence[object]) -> list[str]:
+    """Return the colours of the lines of a figure: a law's own, else one after the other."""
+    others = iter(range(len(names)))
+    return [LAW_COLOURS.get(str(name)) or f"C{next(others) % 10}" for name in names]

@@ -1,0 +1,149 @@
+"""MCAP files from outside: their metadata and messages, in bounded memory.
+
+The records are walked here and not by ``mcap.stream_reader``, which believes what a record says of
+its length and what a chunk says of its size. Here a record is read whole, once it is known to fit
+into the file, so nothing inside can claim more; and a chunk unpacks to no more than it says, all
+chunks to no more than :func:`most_of`. Records that nobody asks for are skipped.
+
+Source: the MCAP specification, mcap.dev/spec.
+"""
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from typing import Any, BinaryIO
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata
+
+MAGIC = b"\x89MCAP0\r\n"
+MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
+MAX_RECORD = 32 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
+MAX_MESSAGES = 2 << 30  # bytes of the wanted messages of one file; 80 minutes of telemetry at 1 kHz
+MAX_EXPANSION = 100  # of a file as a whole, beyond its first chunks; real ones have some 7
+
+
+class DamagedError(Exception):
+    """The rest of the file cannot be read."""
+
+
+class TooLargeError(Exception):
+    """The file holds more than any recording does."""
+
+
+def most_of(size: int) -> int:
+    """Return how many bytes the chunks of a file of ``size`` bytes may unpack to."""
+    return MAX_RECORD + MAX_EXPANSION * size
+
+
+def is_mcap(file: BinaryIO) -> bool:
+    """Return whether a file begins as MCAP does, and pass over that."""
+    return file.read(len(MAGIC)) == MAGIC
+
+
+def contents(file: BinaryIO, topics: Collection[str]) -> Iterator[Metadata | tuple[str, bytes]]:
+    """Yield the metadata of a file and its messages, each as topic and data.
+
+    Args:
+        file: Open after :func:`is_mcap`.
+        topics: Of the messages that are wanted.
+
+    Raises:
+        DamagedError: If the file is cut or damaged here; what came before is good.
+        TooLargeError: If it unpacks to more than any recording does.
+    """
+    channels: dict[int, str] = {}
+    left = most_of(os.fstat(file.fileno()).st_size)
+    kept = 0
+    for opcode, data in _records(file):
+        if opcode == Opcode.METADATA:
+            yield _parsed(Metadata, data)
+        elif opcode == Opcode.CHUNK:
+            unpacked = _unpacked(_parsed(Chunk, data))
+            left -= len(unpacked)
+            if left < 0:
+                raise TooLargeError("it unpacks to far more than a recording does")
+            for topic, message in _messages(unpacked, channels, topics):
+                kept += len(message) + MESSAGE_HEAD
+                yield topic, message
+            if kept > MAX_MESSAGES:
+                raise TooLargeError(f"its messages have more than {MAX_MESSAGES >> 20} MiB")
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield metadata and chunks, until the end of a complete file."""
+    size = os.fstat(file.fileno()).st_size
+    while True:
+        head = file.read(9)
+        if len(head) < 9:
+            raise DamagedError
+        opcode, length = struct.unpack("<BQ", head)
+        if length > size - file.tell():
+            raise DamagedError
+        if opcode not in (Opcode.METADATA, Opcode.CHUNK):
+            file.seek(length, io.SEEK_CUR)
+        elif length > MAX_RECORD:
+            raise TooLargeError(f"a record has {length} bytes; at most {MAX_RECORD} are read")
+        else:
+            yield opcode, file.read(length)
+        if opcode == Opcode.FOOTER:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise DamagedError
+            return
+
+
+def _parsed(kind: Any, data: bytes) -> Any:
+    """Return a record of ``mcap.records``, none of whose fields is longer than the record."""
+    try:
+        return kind.read(ReadDataStream(io.BytesIO(data)))
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
+        raise DamagedError from error
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    size = chunk.uncompressed_size
+    if size > MAX_RECORD:
+        raise TooLargeError(f"a chunk unpacks to {size} bytes; at most {MAX_RECORD} are read")
+    data: bytes = chunk.data
+    try:
+        if chunk.compression == "zstd":
+            unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_RECORD)
+            data = unpacker.stream_reader(data).read(size + 1)
+        elif chunk.compression == "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise DamagedError from error
+    # A size that is not kept, or a compression that is not known, is damage, too.
+    is_sound = not chunk.uncompressed_crc or zlib.crc32(data) == chunk.uncompressed_crc
+    if len(data) != size or not is_sound:
+        raise DamagedError
+    return data
+
+
+def _messages(
+    unpacked: bytes, channels: dict[int, str], topics: Collection[str]
+) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and data of the wanted messages in a chunk; notes the channels it declares."""
+    at, end = 0, len(unpacked)
+    while at + 9 <= end:
+        opcode, length = struct.unpack_from("<BQ", unpacked, at)
+        at += 9
+        is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
+        if length > end - at or is_short or opcode == 0:  # zeros are no records
+            raise DamagedError
+        if opcode == Opcode.CHANNEL:
+            channel = _parsed(Channel, unpacked[at : at + length])
+            channels[channel.id] = channel.topic.removeprefix("/")
+        elif opcode == Opcode.MESSAGE:
+            topic = channels.get(int.from_bytes(unpacked[at : at + 2], "little"), "")
+            if topic in topics:
+                yield topic, unpacked[at + MESSAGE_HEAD : at + length]
+        at += length
+    if at != end:
+        raise DamagedError

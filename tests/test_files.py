@@ -1,0 +1,174 @@
+"""Files from outside: what is no file is refused at once; limits; names that can be printed."""
+
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from launch_texts import GOOD, problems_of, written
+
+from forcebound.config.loader import law_of, load
+from forcebound.config.traces import read_trace
+from forcebound.errors import ConfigError
+from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
+from forcebound.network.distribution import read_distribution
+from forcebound.network.keys import list_keys, new_key, public_key
+from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.recording import read
+from forcebound.sweep.plan import load_sweep
+
+PATIENCE = 30  # s; on a machine under load, far more than a refusal needs
+
+
+@pytest.fixture(autouse=True)
+def in_time() -> Iterator[None]:
+    """Fail a test that waits for ever, instead of waiting with it."""
+
+    def too_long(*_: object) -> None:
+        raise AssertionError("it waits")
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(PATIENCE)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def including(path: Path) -> object:
+    return load(written(path.parent, f"include: {path.name}\n{GOOD}", "above.yaml"))
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "launch file": load,
+    "include": including,
+    "trace": read_trace,
+    "trajectory": TrajectoryHand,
+    "distribution": read_distribution,
+    "recording": read,
+    "sweep": load_sweep,
+    "law": lambda path: law_of(f"{path}.py"),
+}
+
+ENDINGS = {"trace": ".csv", "recording": ".mcap", "law": ""}
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def bound_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(str(path))
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    ("make", "kind"),
+    [
+        (pipe, "it is a pipe, not a file"),
+        (bound_socket, "it is a socket, not a file"),
+        (Path.mkdir, "it is a folder, not a file"),
+        (lambda path: path.symlink_to("/dev/zero"), "it is a device, not a file"),
+        (lambda path: path.symlink_to(path.name), "Too many levels of symbolic links"),
+    ],
+)
+def test_what_is_no_file_is_refused_at_once(
+    tmp_path: Path, reader: str, make: Callable[[Path], None], kind: str
+) -> None:
+    path = tmp_path / f"x{ENDINGS.get(reader, '.yaml')}"
+    make(path.with_suffix(".py") if reader == "law" else path)
+    with pytest.raises(ConfigError) as caught:
+        READERS[reader](path)
+    if reader == "sweep" or "symbolic" in kind:
+        assert "there is no" in str(caught.value) or kind in str(caught.value)
+    else:
+        assert kind in str(caught.value)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_name_that_no_file_can_have_is_refused(reader: str) -> None:
+    with pytest.raises(ConfigError):
+        READERS[reader](Path("a\0b.yaml"))
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        "links: {environment_query: {trace: 'NAME'}}",
+        "links: {environment_query: {delay: 1 ms, jitter: 1 ms, distribution_file: 'NAME'}}",
+        "operator: {kind: trajectory, file: 'NAME'}",
+    ],
+)
+def test_a_file_that_a_launch_file_names_is_told_with_its_place(
+    tmp_path: Path, section: str
+) -> None:
+    name = section.partition(":")[0]
+    rest = "".join(
+        f"{line}\n"
+        for line in GOOD.splitlines()
+        if not line.startswith((name, "  environment_query"))
+    )
+    path = written(tmp_path, rest + section.replace("'NAME'", r'"a\0b.csv"') + "\n")
+    place = f"{path}:{len(rest.splitlines()) + 1}:"
+    assert problems_of(path).startswith(place)
+    assert "no file can have this name" in problems_of(path) or "null" in problems_of(path)
+
+
+def test_files_that_include_one_another_without_end_are_refused(tmp_path: Path) -> None:
+    for number in range(40):
+        written(tmp_path, f"include: {number + 1}.yaml\n", f"{number}.yaml")
+    written(tmp_path, GOOD, "40.yaml")
+    assert "more than 10 files include one another" in problems_of(tmp_path / "0.yaml")
+
+
+def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "large.csv"
+    with path.open("wb") as file:
+        file.truncate(MAX_TABLE + 1)
+    with pytest.raises(ConfigError, match=r"large\.csv: it has more than 100000000 bytes"):
+        next(read_rows(path, "the trace"))
+
+
+def test_rows_have_their_lines_whatever_ends_them(tmp_path: Path) -> None:
+    path = written(tmp_path, b'\xef\xbb\xbfa,"b"\r\n\r\n1,2\r3,4\n\n5', "rows.csv")
+    rows = [(place.rpartition(":")[2], row) for place, row in read_rows(path, "the table")]
+    assert rows == [("1", ["a", "b"]), ("3", ["1", "2"]), ("4", ["3", "4"]), ("6", ["5"])]
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no folder"):
+        check_writable(tmp_path / "no" / "file", "the page")
+    with pytest.raises(ConfigError, match="it is a folder"):
+        check_writable(tmp_path, "the page")
+    check_writable(tmp_path / "new", "the page")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("wall µ 壁", "wall µ 壁"),
+        ("two\nlines\tand a tab", "two\nlines\tand a tab"),
+        ("\x1b[2Jred\r\x07", r"\x1b[2Jred\r\x07"),
+        ("left\u202ethgir", r"left\u202ethgir"),
+        ("half \ud800", r"half \ud800"),
+    ],
+)
+def test_a_name_is_shown_without_what_steers_a_terminal(text: str, shown: str) -> None:
+    assert printable(text) == shown
+
+
+def test_a_long_name_is_cut() -> None:
+    assert printable("x" * 100, 10) == "xxxxxxx..."
+
+
+def test_a_key_that_is_no_file_does_not_hide_the_others(tmp_path: Path) -> None:
+    made = new_key("lab", tmp_path)
+    os.mkfifo(tmp_path / "pipe.key", 0o600)
+    with pytest.raises(ConfigError, match="it is a pipe, not a file"):
+        public_key("pipe", tmp_path)
+    assert {entry.name: entry.public for entry in list_keys(tmp_path)} == {
+        "lab": made.public,
+        "pipe": "",
+    }
