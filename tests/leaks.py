@@ -35,6 +35,7 @@ def no_leaks() -> Iterator[None]:
     with tempfile.TemporaryDirectory(prefix="fb-") as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv(MARK, mark)
         patch.setenv("TMPDIR", folder)
+        patch.setenv("XDG_RUNTIME_DIR", folder)
         patch.setattr(tempfile, "tempdir", None)  # so that TMPDIR is read again
         yield
         gc.collect()  # what only a reference cycle holds is no leak

@@ -62,7 +62,7 @@ class LiveGraph:
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(
                 [*command, "--duration", "1200 s", "--record", str(self.record), "--json"],
-                env={**os.environ, "TMPDIR": str(folder), **(variables or {})},
+                env={**os.environ, "XDG_RUNTIME_DIR": str(folder), **(variables or {})},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -75,7 +75,7 @@ class LiveGraph:
 
     @property
     def run_dir(self) -> Path:
-        [run_dir] = self.folder.glob("forcebound-*")
+        [run_dir] = (path.parent for path in self.folder.glob("forcebound-*/control-launcher"))
         return run_dir
 
     def until(self, happened: Callable[[], object], what: str) -> None:
@@ -137,7 +137,7 @@ class LiveGraph:
         """Run another command of forcebound, beside the graph."""
         return subprocess.run(
             [sys.executable, "-m", "forcebound", *words],
-            env={**os.environ, "TMPDIR": str(self.folder)},
+            env={**os.environ, "XDG_RUNTIME_DIR": str(self.folder)},
             capture_output=True,
             text=True,
             timeout=PATIENCE,

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -241,7 +240,7 @@ def test_who_does_not_stop_is_killed(run_dir: Path) -> None:
 def test_a_live_run_leaves_its_samples_and_nothing_else(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(run_dir))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(run_dir))
     result = run_live(load("stiff_wall.yaml"), 0.5)
     assert result.summary["samples"] > 100
     assert result.summary["law"] == "certified"
@@ -269,7 +268,7 @@ class Launched:
         command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall.yaml", *words]
         self.process = subprocess.Popen(
             [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
-            env={**os.environ, "TMPDIR": str(run_dir)},
+            env={**os.environ, "XDG_RUNTIME_DIR": str(run_dir)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -18,6 +18,7 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.monitor.findings import Finding
+from forcebound.folders import runtime_folder
 from forcebound.network import keys, sockets
 
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
@@ -55,7 +56,7 @@ def look() -> Machine:
     """Return the properties of this machine."""
     folder = keys.key_folder()
     try:
-        temporary = Path(tempfile.gettempdir())
+        temporary = runtime_folder() or Path(tempfile.gettempdir())
     except OSError:  # none of the usual ones can be used
         temporary = Path("/tmp")
     version, has_curve = sockets.library()
