@@ -3,9 +3,9 @@
 Run directories and the keys of loopback are in it. It is the first of these that belongs to the
 user and that nobody else may enter::
 
-    $XDG_RUNTIME_DIR         as the XDG standard says
-    /run/user/UID            the same, where the variable is not passed on
-    TMPDIR/forcebound-UID    made where there is neither; TMPDIR: the folder for temporary files
+    $XDG_RUNTIME_DIR           as the XDG standard says
+    /run/user/UID              the same, where the variable is not passed on
+    TMPDIR/forcebound-run-UID  made where there is neither; TMPDIR: the temporary folder
 """
 
 import os
@@ -53,4 +53,4 @@ def _places(variables: Mapping[str, str]) -> Iterator[Path]:
 
 
 def _fallback() -> Path:
-    return Path(tempfile.gettempdir()) / f"forcebound-{os.getuid()}"
+    return Path(tempfile.gettempdir()) / f"forcebound-run-{os.getuid()}"

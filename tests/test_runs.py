@@ -166,7 +166,7 @@ def test_a_run_directory_is_made_where_nobody_else_may_enter(
     others.mkdir(mode=0o755)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(others))
     monkeypatch.setattr("tempfile.tempdir", str(run_dir))
-    fallback = run_dir / f"forcebound-{os.getuid()}"
+    fallback = run_dir / f"forcebound-run-{os.getuid()}"
     with run_directory() as made:
         assert made.parent in (fallback, Path(f"/run/user/{os.getuid()}"))
         assert made.parent.stat().st_mode & 0o077 == 0
@@ -177,7 +177,7 @@ def test_a_name_that_another_user_has_taken_prevents_no_run(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "")
     monkeypatch.setattr("tempfile.tempdir", str(run_dir))
-    (run_dir / f"forcebound-{os.getuid()}").symlink_to(run_dir / "elsewhere")
+    (run_dir / f"forcebound-run-{os.getuid()}").symlink_to(run_dir / "elsewhere")
     with run_directory() as made:
         assert made.stat().st_mode & 0o077 == 0
         assert not (run_dir / "elsewhere").exists()

@@ -2,6 +2,7 @@
 
 MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
 QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
+REQUEST_QUEUE = 16  # requests of one peer of a control socket that were not answered yet
 HANDSHAKE_MS = 2_000
 RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt
 TCP_SEND_QUEUE = 64  # messages for a remote peer that does not take them; 64 ms of a 1 kHz stream

@@ -47,6 +47,7 @@ from forcebound.network.limits import (
     MAX_FRAME,
     QUEUE_LIMIT,
     RECONNECT_MS,
+    REQUEST_QUEUE,
     TCP_CONNECT_MS,
     TCP_RECEIVE_QUEUE,
     TCP_RECONNECT_MAX_MS,
@@ -118,23 +119,22 @@ def make_socket(
         ConfigError: If the endpoint is malformed, in use or not permitted.
     """
     socket = context.socket(kind)
-    for option, value in _options(kind, endpoint).items():
-        socket.set(option, value)
-    if guard is not None:
-        _set_guard(socket, guard)
-    if kind == zmq.SUB:
-        socket.set(zmq.SUBSCRIBE, b"")
-    if monitor:
-        socket.monitor(monitor, MONITORED)
     try:
+        for option, value in _options(kind, endpoint).items():
+            socket.set(option, value)
+        if guard is not None:
+            _set_guard(socket, guard)
+        if kind == zmq.SUB:
+            socket.set(zmq.SUBSCRIBE, b"")
+        if monitor:
+            socket.monitor(monitor, MONITORED)
         if bind:
             _refuse_to_steal(endpoint)
         socket.bind(endpoint) if bind else socket.connect(endpoint)
-    except ConfigError:
-        socket.close()
-        raise
-    except zmq.ZMQError as error:
-        socket.close()
+    except BaseException as error:
+        socket.close()  # else the end of the context would wait for it for ever
+        if not isinstance(error, zmq.ZMQError):
+            raise
         advice = ADVICE.get(error.errno or 0, error.strerror)
         verb = "bind" if bind else "connect"
         raise ConfigError(f"cannot {verb} to {endpoint}: {advice}") from None
@@ -162,6 +162,8 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
             zmq.SNDHWM: TCP_SEND_QUEUE,
             zmq.RCVHWM: TCP_RECEIVE_QUEUE,
         }
+    if kind == zmq.REP:  # requests wait at their senders while the process has other work
+        options[zmq.RCVHWM] = REQUEST_QUEUE
     if endpoint.startswith("inproc:"):
         options[zmq.RCVHWM] = 0  # its writer is the input and output thread: see 10
     if kind == zmq.REQ:  # a request without an answer may be followed by another one
@@ -302,12 +304,18 @@ def _set_guard(socket: "zmq.Socket[bytes]", guard: Guard) -> None:
         socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
     if guard.key is None:
         return
-    socket.set(zmq.CURVE_PUBLICKEY, guard.key.public.encode("ascii"))
-    socket.set(zmq.CURVE_SECRETKEY, guard.key.secret.encode("ascii"))
-    if guard.domain:
-        socket.set(zmq.CURVE_SERVER, 1)
-    else:
-        socket.set(zmq.CURVE_SERVERKEY, guard.listener_key.encode("ascii"))
+    try:
+        socket.set(zmq.CURVE_PUBLICKEY, guard.key.public.encode("ascii"))
+        socket.set(zmq.CURVE_SECRETKEY, guard.key.secret.encode("ascii"))
+        if guard.domain:
+            socket.set(zmq.CURVE_SERVER, 1)
+        else:
+            socket.set(zmq.CURVE_SERVERKEY, guard.listener_key.encode("ascii"))
+    except zmq.ZMQError:
+        raise ConfigError(
+            f"the key {guard.key.name} or that of the other end is no key of CURVE: 40 characters "
+            "of Z85 that mean 32 bytes"
+        ) from None
 
 
 def _refuse_to_steal(endpoint: str) -> None:
