@@ -88,7 +88,7 @@ class Listener:
                 notices.append(self._notice("came", connection))
         channel.greetings.clear()
         peers = self._open.values()
-        channel.set_routes([c.greeting.route for c in peers if c.greeting is not None])
+        channel.set_peers(c.greeting for c in peers if c.greeting is not None)
         return notices
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
