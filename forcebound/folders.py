@@ -22,7 +22,7 @@ def runtime_folders(variables: Mapping[str, str] = os.environ) -> list[Path]:
 
 
 def runtime_folder(variables: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the private folder of this user; made if need be, None if another user is in the way."""
+    """Return the private folder of this user, made if need be; None if it cannot be."""
     with suppress(OSError):  # it is there, or cannot be made
         if not runtime_folders(variables):
             _fallback().mkdir(mode=0o700)

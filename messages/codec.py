@@ -9,9 +9,9 @@ Strategy:
    here.
 2. :func:`encode` does not check values.
 3. :func:`decode` trusts no sender: any bytes give a packet or a :class:`PacketError`. Compiled code
-   does the checks except four, which follow here: that ``packet`` and ``version`` were present, that
-   no key came twice (by the number of pairs), that all vectors have one length, and that names
-   are printable: they reach logs and terminals.
+   does the checks except four, which follow here: that ``packet`` and ``version`` were present,
+   that no key came twice (by the number of pairs), that all vectors have one length, and that
+   names are printable, because they reach logs and terminals.
 4. The reason of a rejection is determined only afterwards, by decoding the frame again without a
    schema. Its memory is bounded by the size of the frame (``MAX_BYTES``) and the length that an
    array or map may state. The reasons, in the order of the checks:

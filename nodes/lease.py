@@ -55,9 +55,7 @@ class Lease:
         how = "is gone" if self._is_dead else f"has been silent for {silence:.1f} s"
         self._is_dead = False
         message = f"environment {environment} {how}; the next one to answer will serve"
-        events.append(
-            self._event(time_ns, "environment_lost", message, environment, is_fault=True)
-        )
+        events.append(self._event(time_ns, "environment_lost", message, environment, is_fault=True))
         return events
 
     def admit(self, environment: str, source: str, time_ns: int) -> bool:

@@ -17,8 +17,8 @@ from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
-from forcebound.monitor.findings import Finding
 from forcebound.folders import runtime_folder
+from forcebound.monitor.findings import Finding
 from forcebound.network import keys, sockets
 
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest

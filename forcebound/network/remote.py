@@ -43,8 +43,8 @@ class RemoteLink:
     Args:
         network: Where it is opened and, at the latest, closed.
         end: Which end this is.
-        newest_only: Whether only the newest packet of a peer counts; else all are given, as for a link with
-            an impairment.
+        newest_only: Whether only the newest packet of a peer counts; else all are given, as for a
+            link with an impairment.
 
     Attributes:
         send: Sends a packet to who is there: queries of a graph, replies of an environment.
