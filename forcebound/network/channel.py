@@ -57,6 +57,8 @@ class Channel:
             only after :meth:`pending` has found nothing.
         superseded: Packets for which a newer one of the same source was there already.
         greetings: Since they were last taken away.
+        heard: Routes of a ROUTER on which a message came since it was last cleared; of a DEALER an
+            empty one.
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
@@ -68,6 +70,7 @@ class Channel:
         self.descriptor = int(socket.FD)
         self.superseded = 0
         self.greetings: list[Greeting] = []
+        self.heard: set[bytes] = set()
 
     def send(self, data: bytes) -> None:
         """Send a packet to every peer, or to the one at the other end; empty: a greeting."""
@@ -109,13 +112,14 @@ class Channel:
 
     def _receive(self) -> Arrival | None:
         """Return what the next message holds; None for a greeting."""
-        socket, source = self._socket, ""
+        socket, source, route = self._socket, "", b""
         if self._is_router:
             route = socket.recv(_DONTWAIT)
             data = socket.recv(_DONTWAIT) if route in self._sources else self._greeted(route)
             source = self._sources[route]
         else:
             data = socket.recv(_DONTWAIT)
+        self.heard.add(route)
         if not socket.get(_RCVMORE):
             return Arrival(source, data) if data else None
         while socket.get(_RCVMORE):

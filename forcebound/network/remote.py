@@ -60,7 +60,7 @@ class RemoteLink:
         host = resolve(end.address)
         refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
-        self._due_ns = 0
+        self._due_ns = self._looked_ns = 0
         keys = "without keys" if end.key is None else f"with the key {end.key.name}"
         where = {"address": end.address, "port": str(end.port), "keys": keys}
         self._first = [Notice("listening" if end.listens else "connecting", where)]
@@ -127,12 +127,22 @@ class RemoteLink:
                 due.append(time_ns)
             notices += self._peer.take(time_ns, EVENT_LIMIT)
             notices += self._peer.greet(self.channel)
+            if self._peer.connections:
+                due.append(self._look(time_ns, notices))
             if self._peer.due_ns is not None:
                 due.append(self._peer.due_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
             notices.append(Notice("socket_error", {"error": str(error)}))
         self._due_ns = min(due)
         return self._limit.admit(time_ns, notices)
+
+    def _look(self, time_ns: int, notices: list[Notice]) -> int:
+        """Look for messages without an end; return when to look again, in ns."""
+        if time_ns - self._looked_ns >= limits.UNFINISHED_LOOK_NS:
+            self._looked_ns = time_ns
+            notices += self._peer.look(time_ns, EVENT_LIMIT, self.channel.heard)
+            self.channel.heard.clear()
+        return self._looked_ns + limits.UNFINISHED_LOOK_NS
 
     def close(self) -> None:
         """Close the sockets; the network closes them, too."""
