@@ -373,3 +373,19 @@ def test_a_peer_that_paused_causes_no_stale_force_afterwards(launched: Launched)
     delays = [p.loop_delay for p in launched.telemetry() if any(p.commanded_force)]
     assert delays
     assert max(delay for delay in delays if delay is not None) < 0.1  # the age limit
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_a_run_without_standard_streams_goes_on_to_its_end(run_dir: Path, closed: str) -> None:
+    record = run_dir / "run.mcap"
+    words = f"-m forcebound launch stiff_wall.yaml --duration '0.3 s' --record {record}"
+    done = subprocess.run(
+        ["sh", "-c", f"exec {sys.executable} {words} {closed}"],
+        env={**os.environ, "XDG_RUNTIME_DIR": str(run_dir)},
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert record.stat().st_size > 0
+    assert list(run_dir.iterdir()) == [record]
