@@ -72,16 +72,18 @@ class BoundedDevice:
         dissipation = replace(dissipation, hold_limit=self._use_limit)
         self.bounder = ForceBounder(law, dissipation, device.axes)
         self._zero: Vector = (0.0,) * device.axes
-        self._read_ns: int | None = None
+        self._write_ns: int | None = None
         self.begin()
 
     def begin(self) -> None:
         """Count and learn from now on: the force engages."""
         self._hold_limit.restart()
         if self.learns:
-            self._change_limit(self._hold_limit.limit_ns * 1e-9)
+            self._change_limit()
         self._overruns = self.bounder.overruns
         self._refused = self.bounder.refused_readings
+        self._late_writes = self.bounder.late_writes
+        self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
         self._longest = 0.0
 
@@ -107,25 +109,27 @@ class BoundedDevice:
         if kinematics is not None:
             position = kinematics.position(reading)
             force = self._torque(kinematics.torque(reading, commanded), engagement)
-        if self._read_ns is None:  # the ledger begins here, with no force held
+        if self._write_ns is None:  # the ledger begins here, with no force held
             bounder.start(read_ns, reading)
             bounded = self._zero
         else:
             cut = None if self._cut is None else self._cut()
             if cut is not None:
                 bounder.report_cut(*cut)
-            if self.learns and self._hold_limit.observe(read_ns - self._read_ns):
-                self._change_limit(self._hold_limit.limit_ns * 1e-9)
             bounded = bounder.bound(read_ns, reading, force)
-        self._read_ns = read_ns
         applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         if self._stamps is not None:
             write_ns = self._stamps()[1]
         bounder.settle(applied, write_ns)
+        self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
         self._held += self._use_limit
         self._longest = max(self._longest, self._use_limit)
+        interval_ns = 0 if self._write_ns is None else write_ns - self._write_ns
+        self._write_ns = write_ns
+        if self.learns and self._hold_limit.observe(interval_ns):
+            self._change_limit()
         if kinematics is None:
             return Written(position, applied, bounder.limit)
         scale = _length(commanded) / (_length(force) or math.inf)
@@ -149,7 +153,9 @@ class BoundedDevice:
         """Return what the bounder has met since :meth:`begin`, as plain values.
 
         ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
-        ``longest_hold_limit``, in s; ``refused_readings``; ``largest_allowance``: the most that
+        ``longest_hold_limit``, in s; ``refused_readings``; ``late_writes``: forces that took effect
+        later after their reading than the device states, and ``longest_write_delay``, in s, of all;
+        ``largest_allowance``: the most that
         late holds can have leaked, in J, and ``allowance_repaid``.
         """
         bounder = self.bounder
@@ -158,11 +164,15 @@ class BoundedDevice:
             "hold_limit": self._held / self._writes if self._writes else self._use_limit,
             "longest_hold_limit": self._longest or self._use_limit,
             "refused_readings": bounder.refused_readings - self._refused,
+            "late_writes": bounder.late_writes - self._late_writes,
+            "longest_write_delay": self._longest_delay_ns * 1e-9,
             "largest_allowance": bounder.largest_allowance,
             "allowance_repaid": bounder.allowance_repaid,
         }
 
-    def _change_limit(self, seconds: float) -> None:
+    def _change_limit(self) -> None:
+        """Use the learned limit, and more where the watchdog may cut before it."""
+        seconds = self._hold_limit.limit_ns * 1e-9 / (1.0 - self._dissipation.watchdog_tolerance)
         self._use_limit = seconds
         self.bounder.set_hold_limit(seconds)
         if self._tell is not None:

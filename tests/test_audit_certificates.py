@@ -28,7 +28,7 @@ from forcebound.errors import ConfigError
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
 INFORMED = sorted(name for name, one in CERTIFICATES.items() if one.unstated)
-RUNS = 150
+RUNS = 50
 
 
 def lowest(law: str, certificate: str, is_stated: bool, sensor: int | None, runs: int) -> float:
@@ -36,15 +36,21 @@ def lowest(law: str, certificate: str, is_stated: bool, sensor: int | None, runs
     return min(result.margin for result in results)
 
 
-@pytest.mark.parametrize("law", CERTIFIED_LAWS)
 @pytest.mark.parametrize("certificate", CERTIFICATES)
-def test_a_certificate_holds_on_any_path(certificate: str, law: str) -> None:
-    assert lowest(law, certificate, True, None, RUNS) >= -ENERGY_TOLERANCE
+def test_a_certificate_holds_on_any_path(certificate: str) -> None:
+    for law in CERTIFIED_LAWS:
+        assert lowest(law, certificate, True, None, RUNS) >= -ENERGY_TOLERANCE
 
 
-@pytest.mark.parametrize("certificate", INFORMED)
+@pytest.mark.parametrize("certificate", ["own_axes", "speed_gate", "presliding", "lag", "all"])
 def test_a_law_that_is_not_informed_leaks(certificate: str) -> None:
-    attacks = (lowest("certified", certificate, False, sensor, 240) for sensor in (None, 4, 1, 0))
+    assert lowest("certified", certificate, False, None, 300) < -100 * ENERGY_TOLERANCE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("certificate", INFORMED)
+def test_without_any_information_a_search_finds_a_leak(certificate: str) -> None:
+    attacks = (lowest("certified", certificate, False, one, 1000) for one in (None, 4, 1, 0))
     assert any(energy < -100 * ENERGY_TOLERANCE for energy in attacks)
 
 
@@ -53,15 +59,16 @@ def test_the_attacks_break_the_laws_that_are_not_certified(law: str) -> None:
     assert lowest(law, "plain", True, None, 60) < -1e-3
 
 
-@pytest.mark.parametrize("certificate", CERTIFICATES)
-def test_the_attacks_leave_nearly_nothing(certificate: str) -> None:
-    results = list(results_of(PathTask("certified", certificate, True, None, 1, 60)))
-    assert sum(result.share_left < 0.01 for result in results) > 15
+def test_the_search_leaves_nearly_nothing() -> None:
+    task = PathTask("certified", "plain", True, SENSORS.index("anticipating"), 1, 400)
+    assert min(result.share_left for result in results_of(task)) < 0.01
 
 
-def truth_of(name: str) -> tuple[ground.TrueDevice, ground.Motion]:
+def truth_of(name: str) -> tuple[int, ground.Floats, ground.Floats]:
+    """Axes, device and state of a case."""
     case = path_case_of(name)
-    return device_of(case), ground.start(axes_of(case))
+    device = device_of(case)
+    return axes_of(case), device, ground.start(axes_of(case), device).state
 
 
 def test_a_bristle_gives_back_what_it_has_stored_and_loses_what_slides() -> None:
@@ -73,29 +80,41 @@ def test_a_bristle_gives_back_what_it_has_stored_and_loses_what_slides() -> None
 
 
 def test_a_motor_with_a_lag_works_as_the_sum_of_small_steps() -> None:
-    device, motion = truth_of("plain:1")
-    device = device._replace(lag=3e-4, gain=1.1)
-    step = np.full(motion.axes.shape[1], 1e-3)
-    motion.axes[ground.WRITTEN] = 2.0
-    coarse = motion.axes.copy()
-    work = ground.work_of_motor(device, step, 1e-3, coarse)
-    fine = motion.axes.copy()
-    parts = sum(ground.work_of_motor(device, step / 1000, 1e-6, fine) for _ in range(1000))
-    assert parts == pytest.approx(work)
-    assert coarse[ground.MOTOR] == pytest.approx(2.2 * (1.0 - math.exp(-1.0 / 0.3)))
+    axes, device, coarse = truth_of("lag:1")
+    lag, gain = 3e-4, 1.1
+    device[ground.SHARED, ground.LAG], device[ground.GAIN] = lag, gain
+    coarse[ground.WRITTEN] = 2.0
+    fine = coarse.copy()
+    step = np.full(axes, 1e-3)
+    work = ground.work_of_motor(axes, device, step, 1e-3, coarse)
+    parts = [ground.work_of_motor(axes, device, step / 1000, 1e-6, fine) for _ in range(1000)]
+    assert sum(parts) == pytest.approx(work)
+    assert coarse[ground.MOTOR, 0] == pytest.approx(2.0 * gain * (1.0 - math.exp(-1e-3 / lag)))
 
 
-def test_the_best_theft_takes_the_most_from_a_constant_force() -> None:
-    device, _ = truth_of("own_axes:4")
-    for force in (np.zeros(device.damping.size), device.friction * 3.0 + 1.0):
+def test_a_bristle_that_carries_a_weight_is_at_rest() -> None:
+    axes, device, state = truth_of("all:3")
+    stiffness = device[ground.FRICTION, :axes] / device[ground.PRESLIDING, :axes]
+    force = stiffness * state[ground.BRISTLE, :axes]
+    assert force == pytest.approx(-device[ground.WEIGHT, :axes])
+
+
+@pytest.mark.parametrize("name", ["plain:4", "own_axes:4"])
+def test_the_best_theft_takes_the_most_from_a_constant_force(name: str) -> None:
+    axes, device, state = truth_of(name)
+    b, f = device[ground.DAMPING, :axes], device[ground.FRICTION, :axes]
+    acts_on_axes = bool(device[ground.SHARED, ground.ON_EACH_AXIS])
+    for force in (np.zeros(axes), f * 3.0 + 1.0):
+        state[ground.MOTOR, :axes] = force
+        factor = ground.theft_factor(axes, device, state)
+        best = np.array([factor * ground.best_theft(axis, device, state) for axis in range(axes)])
 
         def spent(speeds: ground.Floats, force: ground.Floats = force) -> float:
-            viscous = np.sum(device.damping * speeds * speeds)
-            return float(viscous + np.sum(device.friction * np.abs(speeds)) + force @ speeds)
+            slid = f @ np.abs(speeds) if acts_on_axes else f[0] * math.hypot(*speeds)
+            return float(b @ (speeds * speeds) + slid + force @ speeds)
 
-        best = ground.best_theft(device, force)
-        for factor in (0.0, 0.9, 1.1, 2.0):
-            assert spent(best) <= spent(factor * best)
+        for scale in (0.0, 0.9, 1.1, 2.0):
+            assert spent(best) <= spent(scale * best)
 
 
 @pytest.mark.parametrize("sensor", range(len(SENSORS)))
@@ -106,7 +125,8 @@ def test_readings_are_wrong_by_at_most_half_the_resolution(sensor: int) -> None:
         assert case.sensor == sensor
         _, trace = attack_path("certified", case)
         r = case.numbers["resolution"] / 2.0
-        assert np.abs(trace[:, 2] - trace[:, 1]).max() <= r * (1.0 + 1e-9) + 1e-12
+        rounding = 1e-12 * (1.0 + np.abs(trace[:, 1]).max())
+        assert np.abs(trace[:, 2] - trace[:, 1]).max() <= r + rounding
 
 
 def size(certificate: str) -> int:
@@ -120,10 +140,11 @@ def test_a_case_is_made_again_from_its_name(certificate: str) -> None:
         case = path_case_of(name)
         assert case == path_case_of(name)
         dissipation_of(case)  # refuses what is out of range
-        times = plan_of(case)
-        assert (np.diff(times.read_ns) > 0).all()
-        assert (times.write_ns >= times.read_ns).all()
-        assert (times.write_ns[:-1] < times.read_ns[1:]).all()
+        times = plan_of(case).times
+        read_ns, write_ns = times[:, ground.READ], times[:, ground.WRITE]
+        assert (np.diff(read_ns) > 0).all()
+        assert (write_ns >= read_ns).all()
+        assert (write_ns[:-1] < read_ns[1:]).all()
         first, trace = attack_path("certified", case)
         again, trace_again = replay_path("certified", name)
         assert first == again
@@ -145,7 +166,7 @@ def test_the_campaign_reports_what_holds_and_what_leaks() -> None:
     assert reported[-1] == (document["runs"], document["runs"])
     assert row["holds"]
     assert row["runs"] == 80
-    assert row["without"]["runs"] == 4
+    assert row["without"]["runs"] == 40
     again: PathResult = replay_path("certified", row["without"]["case"])[0]
     assert again.margin == row["without"]["margin_min_j"]
     assert run_certificates(["certified"], ["own_axes"], 40, 40, 1, 2) == document

@@ -1,6 +1,7 @@
 """A device behind its bounder: stamps, cuts, hold limits and joints, by a device that notes all."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from builders import MS
@@ -49,6 +50,15 @@ class Told(Silent):
         self.limits.append(seconds)
 
 
+class Stamping(Told):
+    """A device whose writes take effect late."""
+
+    time_ns = delay_ns = 0
+
+    def stamps(self) -> tuple[int, int]:
+        return self.time_ns, self.time_ns + self.delay_ns
+
+
 class Lever:
     """Two levers of 0.5 m and 0.25 m, at right angles to their forces."""
 
@@ -75,6 +85,33 @@ def test_a_device_that_can_be_given_a_hold_limit_gets_the_shortest_one_first() -
     assert node.learns
     assert device.limits[-1] == pytest.approx(1.02e-3)
     assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
+
+
+def test_a_watchdog_that_may_be_early_is_given_a_longer_limit() -> None:
+    device = Told()
+    BoundedDevice(device, "none", replace(DISSIPATION, watchdog_tolerance=0.2), learns=True)
+    assert 0.8 * device.limits[-1] == pytest.approx(1.02e-3)
+
+
+def test_the_limit_follows_the_time_between_writes_not_between_readings() -> None:
+    device = Stamping()
+    node = bounded(device)
+    for tick in range(2000):
+        device.time_ns = tick * MS
+        device.delay_ns = 200_000 * (tick % 2)
+        node.write(device.time_ns, (0.0,), 1.0)
+    assert device.limits[-1] >= 1.2e-3
+
+
+def test_writes_later_than_the_device_states_are_counted() -> None:
+    device = Stamping()
+    node = bounded(device)
+    for tick in range(10):
+        device.time_ns = tick * MS
+        device.delay_ns = 200_000 * (tick % 2)
+        node.write(device.time_ns, (0.0,), 1.0)
+    assert node.report()["late_writes"] == 5
+    assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
 
 
 def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:

@@ -197,6 +197,18 @@ def test_a_reading_no_later_than_the_last_is_refused(time_ns: int) -> None:
     assert bounder.refused_readings == 1
 
 
+def test_a_reading_just_after_a_cut_is_not_counted_as_refused() -> None:
+    bounder = ForceBounder("certified", replace(PHANTOM, watchdog="reporting"))
+    bounder.start(0, (0.0,))
+    bounder.settle(bounder.bound(MS, (0.0,), (0.1,)))
+    bounder.report_cut(3 * MS, (0.0,))
+    bounder.settle(bounder.bound(3 * MS + 500, (0.0,), (0.1,)))
+    assert bounder.refused_readings == 0
+    bounder.settle(bounder.bound(3 * MS + 600, (0.0,), (0.1,)))
+    bounder.settle(bounder.bound(4 * MS, (math.nan,), (0.1,)))
+    assert bounder.refused_readings == 1
+
+
 def test_vectors_of_another_length_are_refused() -> None:
     bounder = ForceBounder("certified", PHANTOM, axes=2)
     with pytest.raises(ValueError, match="expected 2 positions"):

@@ -1,6 +1,7 @@
 """Late ticks on purpose, the hold limit learned from late ticks, and the warning about them."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from builders import MS
@@ -8,6 +9,8 @@ from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcebound.config.loader import load
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.late_ticks import LateTicks
@@ -81,6 +84,19 @@ def test_skipped_ticks_are_counted() -> None:
 def test_the_longest_lateness_is_not_below_the_shortest() -> None:
     with pytest.raises(ValueError, match=r"longest must be >= shortest, 0\.001 s, got 0\.0001 s"):
         LateTicks(shortest=1e-3, longest=1e-4)
+
+
+# Without a watchdog
+
+
+def test_without_a_watchdog_a_launch_file_must_bound_the_hold(tmp_path: Path) -> None:
+    file = tmp_path / "unbounded.yaml"
+    text = "forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {kind: phantom_premium_1_5, "
+    file.write_text(text + "watchdog: none}\n")
+    with pytest.raises(ConfigError, match=r"needs a watchdog_limit .* finite, got inf s: state"):
+        load(str(file))
+    file.write_text(text + "watchdog: none, watchdog_limit: 10 ms, allowance: 20 mJ}\n")
+    assert load(str(file)).device.servo.allowance == pytest.approx(0.02)
 
 
 # The hold limit

@@ -116,6 +116,8 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
         hold_limit=1.1e-3,
         longest_hold_limit=4e-3,
         refused_readings=2,
+        late_writes=5,
+        longest_write_delay=2e-4,
         largest_allowance=5e-4,
         allowance_repaid=True,
     )
@@ -128,6 +130,8 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
     rows = dict(summary_rows({**run, **added}))
     assert rows["hold limit mean/longest"] == "1.10/4.00 ms"
     assert rows["refused readings"] == "2"
+    late = "5, up to 0.2 ms after the reading: device.write_delay"
+    assert rows["writes later than stated"] == late
     assert rows["largest allowance used"] == "0.500 mJ, repaid"
     assert rows["energy cap"] == "20.00 mJ"
     assert rows["numbers of the device"] == "1 assumed, 2 measured"

@@ -285,6 +285,10 @@ CERTIFICATES = {
     "late_writes": Certificate(
         "writes late and a silent watchdog in a range", ("write_delay", "tolerance"), {}
     ),
+    "none_and_lag": Certificate("no watchdog, a lag", ("lag", "none"), {"lag": 0.0}),
+    "none_and_delay": Certificate(
+        "no watchdog, writes late", ("write_delay", "none"), {"write_delay": 0.0}
+    ),
     "lag_and_presliding": Certificate(
         "a lag and elastic friction", ("lag", "presliding"), {"lag": 0.0}
     ),
@@ -335,8 +339,10 @@ def _case(law: str, draft: Draft, stated: Dissipation) -> Case:
     clock = 3 if draft.case.get("ledger_only") else int(random.choice([0, 1, 2, 3, 3]))
     longest = 50.0 * stated.period
     if draft.case.get("watchdog") == "none":
-        longest = draft.case["late"]
+        longest = 2.0 * draft.fields["watchdog_limit"]
     punctual = draft.case.pop("punctual_only", False)
+    if draft.device[COMPENSATION].any() and draft.case.get("tolerance"):
+        draft.case["ledger_only"] = True  # an early cut lets the weight fall
     manner = Manner(
         int(random.integers(len(READINGS))),
         int(random.integers(len(COMMANDS))),

@@ -13,6 +13,7 @@ from experiments.independent_attack.paths import (
     CUT_TIME,
     DURATION,
     ENERGY,
+    FALLEN,
     LATE_STRUCK,
     LEFT,
     LOWEST,
@@ -34,6 +35,7 @@ from experiments.independent_attack.truth import (
     BRISTLE,
     COMPENSATION,
     ERROR,
+    FASTEST,
     OUTPUT,
     PRESLIDING,
     TARGET,
@@ -94,7 +96,9 @@ class Outcome:
     """What a run has found.
 
     Attributes:
-        lowest: Lowest energy of a punctual hold, J, the worst end of each hold included.
+        lowest: Lowest energy, J, the worst end of each hold included. If holds may be late: most
+            that it fell in a punctual hold while it was below zero, or that it was below zero
+            beyond the allowance that the bounder tells.
         late_margin: Lowest energy within late holds, plus the allowance, J.
         peak: Largest energy, J.
         share: Lowest energy over the peak before it, once that exceeds ``SMALLEST_PEAK``.
@@ -142,7 +146,7 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
     force: Vector = (0.0,) * axes
     holds = np.array([math.inf, stated.hold_limit, 0.0])
     padding = (0.0,) * (AXES - axes)
-    time_ns, excess = 0, -math.inf
+    time_ns, excess, hidden, before = 0, -math.inf, 0.0, 0.0
     for index in range(len(plan)):
         if index > 0:
             watch.before(index, time_ns, record, seen)
@@ -151,6 +155,9 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
             if applied[index] < 1.0:
                 force = tuple([applied[index] * f for f in force])
             watch.settle(index, time_ns, force)
+            # Known once the late force has been replaced, which may be after the next reading.
+            hidden = min(hidden, before + bounder.largest_allowance)
+            before = float(record[LOWEST])
             if watch.is_taken:
                 excess = max(excess, bounder.estimated_energy - float(record[ENERGY]))
             watch.set_holds(index, holds)
@@ -163,7 +170,7 @@ def run(case: Case, genes: Floats, bounder: ForceBounder, start: Floats) -> Outc
     lowest = min(float(record[STRUCK]), float(record[LOWEST]))
     late = case.late > 0.0  # then any hold so far may have been late
     return Outcome(
-        0.0 if late or case.ledger_only else lowest,
+        0.0 if case.ledger_only else min(float(record[FALLEN]), hidden) if late else lowest,
         min(float(record[LATE_STRUCK]), lowest) + case.allowance if late else math.inf,
         float(record[PEAK]),
         float(record[SHARE]),
@@ -215,7 +222,9 @@ class _Watch:
         case = self.case
         is_good = self.chances[index] >= case.refused
         # With a delay, the law waits with readings of which it does not know what force acted.
+        # A hand faster than stated has true readings refused.
         self.is_taken = is_good and not (case.write_delay > 0.0 and case.is_unsure)
+        self.is_taken &= case.numbers[FASTEST] <= case.stated.largest_speed
         if is_good:
             self.believed(time_ns, reading)
             return reading
@@ -240,7 +249,9 @@ class _Watch:
         """Say how long the device holds this force, and how long it is struck."""
         case, limit = self.case, self.limits[index]
         watched = case.watchdog != "none"
-        holds[0] = limit * (1.0 + case.tolerance * self.cuts[index]) if watched else math.inf
+        holds[0] = limit * (1.0 + case.tolerance * self.cuts[index])
+        if not watched:
+            holds[0] = case.stated.watchdog_limit
         holds[1] = limit * (1.0 + case.tolerance)
         holds[2] = case.late
 

@@ -46,8 +46,8 @@ READINGS = ("genes", "stick", "lead", "trail", "push", "pull", "quantised", "edg
 COMMANDS = ("genes", "along the motion", "against the motion", "alternating", "along the axis")
 
 # Places of the record of a run.
-ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK = range(9)
-RECORD = 9
+ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK, FALLEN = range(10)
+RECORD = 10
 
 # Rows of what is remembered from tick to tick besides the body.
 READING, LAST_MOVE, AT_CUT = range(3)
@@ -303,6 +303,8 @@ def tick(
         record[SHARE] = min(record[SHARE], low / record[PEAK])
     if record[PEAK] > LARGE_PEAK:
         record[LEFT] = min(record[LEFT], low)
+    if write <= 0.0 and numbers[LAG] <= 0.0:  # else the rest of an overdue force may act
+        record[FALLEN] = min(record[FALLEN], low - min(record[ENERGY], 0.0))
     if holds[2] > 0.0:
         late = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[2])
         record[LATE_STRUCK] = min(record[LATE_STRUCK], late + record[ENERGY])

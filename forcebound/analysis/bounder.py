@@ -32,6 +32,8 @@ COSTLY = ("presliding", "gain_error", "lag", "write_delay", "weight_error")  # o
 REPORTED = (
     "hold_limit_ms",
     "refused_readings",
+    "late_writes",
+    "longest_write_delay_ms",
     "largest_allowance_j",
     "allowance_repaid",
     "energy_cap_j",
@@ -64,6 +66,8 @@ def summarize_bounder(
           report of its bounder, since then :func:`forcebound.analysis.summary.summarize` counts
         * ``hold_limit_ms``: mean and longest hold limit of the run
         * ``refused_readings``: readings that could not be
+        * ``late_writes``: forces that took effect later after their reading than the device states;
+          ``longest_write_delay_ms``: the longest such time of the run
         * ``largest_allowance_j``: the most that late holds can have given the hand;
           ``allowance_repaid``: whether the ledger has it back
         * ``energy_cap_j``: most energy that the ledger may keep, if the launch file says so
@@ -77,12 +81,14 @@ def summarize_bounder(
     since = columns.slice(columns.time >= 0.0) if (columns.engagement > 0.0).any() else None
     causes = [] if since is None else causes_of_little_force(since, device, report)
     counted = {"hold_limit_overruns": report["overruns"]} if report else {}
-    limits = ("hold_limit", "longest_hold_limit")
-    mean, longest = (report[name] * 1e3 if report else None for name in limits)
+    times = ("hold_limit", "longest_hold_limit", "longest_write_delay")
+    mean, longest, delay = (report[name] * 1e3 if name in report else None for name in times)
     return {
         **counted,
         "hold_limit_ms": {"mean": mean, "longest": longest},
         "refused_readings": report.get("refused_readings"),
+        "late_writes": report.get("late_writes"),
+        "longest_write_delay_ms": delay,
         "largest_allowance_j": report.get("largest_allowance"),
         "allowance_repaid": report.get("allowance_repaid"),
         "energy_cap_j": None if cap == "auto" else cap,

@@ -88,11 +88,15 @@ def _bounder_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("hold limit mean/longest", f"{limits:.2f}/{longest:.2f} ms"))
     if refused:
         rows.append(("refused readings", str(refused)))
+    if late := summary.get("late_writes"):
+        delay = f"up to {summary['longest_write_delay_ms']:.3g} ms after the reading"
+        rows.append(("writes later than stated", f"{late}, {delay}: device.write_delay"))
     if used:
         repaid = "repaid" if summary["allowance_repaid"] else "not repaid"
         rows.append(("largest allowance used", f"{_quantity(used, 'mJ', 1e3, 3)}, {repaid}"))
-    if cap is not None:
-        rows.append(("energy cap", _quantity(cap, "mJ", 1e3, 2)))
+    if cap is not None or limits is not None:
+        words = "of the saturation" if cap is None else _quantity(cap, "mJ", 1e3, 2)
+        rows.append(("energy cap", words))
     if sources:
         words = ", ".join(f"{count} {source}" for source, count in sources)
         rows.append(("numbers of the device", words))

@@ -14,12 +14,12 @@ from forcebound.audit.campaign import PIECE, Progress, in_order
 from forcebound.audit.certificates import CERTIFICATES
 from forcebound.audit.path_run import PathResult, replay_path
 from forcebound.audit.paths import SENSORS, dimensions, encode, prefix
-from forcebound.audit.search import descend, objective
+from forcebound.audit.search import descend
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
 
 TIGHT = 0.01  # an attack that leaves less than this share of the energy is tight
-UNINFORMED = 0.05  # share of the runs that a law without information gets
+UNINFORMED = 0.5  # share of the runs that a law without information gets
 
 
 class PathTask(NamedTuple):
@@ -56,7 +56,7 @@ def results_of(task: PathTask) -> Iterator[PathResult]:
 
     def attack(noise: int, point: Sequence[float]) -> tuple[PathResult, float]:
         result = replay_path(task.law, title + encode(sensor, noise, point))[0]
-        return result, objective(result.margin, result.share_left)
+        return result, result.objective
 
     certificate = CERTIFICATES[task.certificate]
     rng = np.random.default_rng((task.seed, sensor))
@@ -119,7 +119,7 @@ def run_certificates(
         laws: Certified laws, keys of :data:`forcebound.bounding.LAWS`.
         certificates: Keys of :data:`forcebound.audit.certificates.CERTIFICATES`.
         runs: Random runs of each law with each certificate.
-        searched: Runs of each in a search; the uninformed law gets a twentieth of both.
+        searched: Runs of each in a search; the uninformed law gets half of both.
         seed: Seed of the first random run, and of the search.
         workers: Processes; None: one for each core; 0: this process.
         progress: Called with the progress, in this process.

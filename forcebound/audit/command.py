@@ -14,10 +14,14 @@ from forcebound.audit.path_run import replay_path
 from forcebound.audit.paths import SENSORS
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
+from forcebound.audit.sensitivity import run_sensitivity
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable, reason
 from forcebound.workers import progress_bar
+
+#: Where the part of the page begins that is not made by a campaign, and stays.
+BY_HAND = "## A second, independent attack"
 
 
 def run(
@@ -54,10 +58,18 @@ def run(
         chosen += "".join(f" --certificate {certificate}" for certificate in certificates)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
         try:
-            out.write_text(page(document, f"{command} --out {out}"), encoding="utf-8")
+            text = page(document, f"{command} --out {out}") + _written_by_hand(out)
+            out.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"cannot write the page {out}: {reason(error)}") from error
     return document
+
+
+def _written_by_hand(out: Path) -> str:
+    """Return the end of the page that is there already, which no campaign makes."""
+    before = out.read_text(encoding="utf-8") if out.exists() else ""
+    _, heading, rest = before.partition(BY_HAND)
+    return heading + rest
 
 
 def _campaigns(laws: Sequence[str], certificates: Sequence[str]) -> dict[str, Any]:
@@ -108,3 +120,13 @@ def _run_path_again(
         **result.case.numbers,
     }
     return document
+
+
+def run_mistakes(kind: str, runs: int, workers: int | None) -> dict[str, Any]:
+    """Search for the lowest energy with each wrong number; arguments as on the command line.
+
+    Raises:
+        ConfigError: If there is no such device.
+    """
+    with progress_bar("sensitivity") as show:
+        return run_sensitivity(kind, runs, workers, show)

@@ -4,12 +4,13 @@ The law is that of the device node, :class:`forcebound.bounding.ForceBounder` it
 """
 
 import math
-from typing import NamedTuple
+from operator import add
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from forcebound.audit import truth
-from forcebound.audit.paths import SAMPLES, PathCase, path_case_of
+from forcebound.audit.paths import PathCase, path_case_of
 from forcebound.audit.plan import axes_of, device_of, dissipation_of, plan_of
 from forcebound.audit.run import EARNED, TRACE_COLUMNS
 from forcebound.audit.truth import Floats
@@ -34,13 +35,11 @@ class PathResult(NamedTuple):
         """Whether the promise was never broken by more than rounding."""
         return self.margin >= -ENERGY_TOLERANCE
 
-
-class Lists(NamedTuple):
-    """Times of a plan, in ns, as numbers of Python."""
-
-    read_ns: list[int]
-    write_ns: list[int]
-    hold_ns: list[int]
+    @property
+    def objective(self) -> float:
+        """Value that a search minimises: a leak, else belief in too much, else the share left."""
+        worst = min(self.margin, 0.5 * self.reserve_min)
+        return worst if worst < -ENERGY_TOLERANCE else max(self.share_left, 0.0)
 
 
 def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
@@ -60,38 +59,38 @@ def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
     """
     device, plan, axes = device_of(case), plan_of(case), axes_of(case)
     bounder = ForceBounder(law, dissipation_of(case), axes)
-    walk, state = jit(truth.walk), truth.start(axes)
+    walk, motion = jit(truth.walk), truth.start(axes, device)
     readings, force = np.zeros((2, axes)), np.zeros(axes)
+    state, events = motion.state, motion.times
+    written: Any = force.data  # numpy takes longer to set a number
+    place = state[truth.POSITION].data
+    reports_cuts = case.certificate.watchdog == "reporting"
+    changes_hold_limit = case.is_stated and "hold_change" in case.numbers
+    truth.read(0, axes, plan.choices, device, state, readings[0])
+    bounder.start(0, tuple(readings[0].tolist()))
     rows = [(0.0,) * len(TRACE_COLUMNS)]
-    informs_of_cuts = case.certificate.watchdog == "reporting"
-    changes_hold_limit = "hold_change" in case.numbers
-    lists = Lists(*(one.tolist() for one in (plan.read_ns, plan.write_ns, plan.punctual_ns)))
-    first = device.half_resolution * plan.error[0] * (case.sensor > 0)
-    bounder.start(0, tuple(first.tolist()))
     reserve = math.inf
-    for n in range(1, SAMPLES):
-        energy, lowest, fall, cut_ns = walk(n, case.sensor, plan, device, force, *state, readings)
-        reading = tuple((readings[0] + plan.glitch[n]).tolist())
-        commanded = tuple(plan.commanded[n].tolist())
-        if changes_hold_limit:
-            bounder.set_hold_limit(lists.hold_ns[n] * 1e-9)
-        if informs_of_cuts and cut_ns > 0:
-            bounder.report_cut(cut_ns, tuple(readings[1].tolist()))
-        np.multiply(bounder.bound(lists.read_ns[n], reading, commanded), plan.applied[n], out=force)
-        bounder.settle(tuple(force.tolist()), lists.write_ns[n])
-        reserve = min(reserve, energy - bounder.estimated_energy)
-        rows.append(
-            (
-                lists.read_ns[n] * 1e-9,
-                float(state.axes[truth.POSITION, 0]),
-                reading[0],
-                commanded[0],
-                float(force[0]),
-                energy,
-                lowest,
-                fall,
-            )
+    for n in range(1, case.samples):
+        energy, lowest, fall, cut_ns = walk(
+            n, axes, plan.times, plan.choices, device, force, state, events, readings
         )
+        reading, at_cut = map(tuple, readings.tolist())
+        if n in plan.glitch:
+            reading = tuple(map(add, reading, plan.glitch[n]))
+        if changes_hold_limit:
+            bounder.set_hold_limit(plan.hold_limit[n])
+        if reports_cuts and cut_ns > 0:
+            bounder.report_cut(cut_ns, at_cut)
+        applied = bounder.bound(plan.stamp_ns[n], reading, plan.commanded[n])
+        if plan.applied[n] != 1.0:
+            applied = tuple([plan.applied[n] * one for one in applied])
+        bounder.settle(applied, plan.write_stamp_ns[n])
+        for axis, one in enumerate(applied):
+            written[axis] = one
+        reserve = min(reserve, energy - bounder.estimated_energy)
+        time = plan.stamp_ns[n] * 1e-9
+        shown = reading[0], plan.commanded[n][0], applied[0]
+        rows.append((time, place[0], *shown, energy, lowest, fall))
     trace = np.array(rows)
     return _result_of(law, case, trace, reserve), trace
 
@@ -99,7 +98,7 @@ def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
 def _result_of(law: str, case: PathCase, trace: Floats, reserve: float) -> PathResult:
     columns = dict(zip(TRACE_COLUMNS, trace.T, strict=True))
     lost = columns["loss_and_work"]
-    earned = np.maximum.accumulate(columns["energy"])
+    earned = np.maximum.accumulate(np.append(0.0, columns["energy"][:-1]))
     lowest = int(np.argmin(lost))
     share = np.divide(lost, earned, where=earned > EARNED, out=np.ones_like(lost))
     allowance = case.numbers.get("allowance", 0.0) if case.is_stated else 0.0

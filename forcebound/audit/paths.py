@@ -19,6 +19,7 @@ from forcebound.audit.certificates import CERTIFICATES, NUMBERS, WITHOUT, Certif
 from forcebound.errors import ConfigError
 
 SAMPLES = 250
+THEFT = 6
 PHASES = 4
 
 #: What a phase of a path decides, each by a number from 0 to 1 (``plan.py`` says what it means).
@@ -64,6 +65,8 @@ class PathCase:
         sensor: Index in :data:`SENSORS`.
         numbers: Of :data:`COMMON` and those of the certificate, SI units; others are 0.
         phases: For each phase one number from 0 to 1 for each entry of :data:`PHASE`.
+        samples: Length of the path.
+        theft: Samples at its end in which the tip takes what it can.
     """
 
     name: str
@@ -73,6 +76,8 @@ class PathCase:
     sensor: int
     numbers: Mapping[str, float]
     phases: Sequence[Sequence[float]]
+    samples: int = SAMPLES
+    theft: int = THEFT
 
 
 def ranges_of(certificate: Certificate) -> dict[str, Range]:
@@ -110,7 +115,7 @@ def path_case_of(name: str) -> PathCase:
     return PathCase(name, certificate, is_stated, seed, sensor, numbers, phases)
 
 
-Definition = tuple[int, int, dict[str, float], list[list[float]]]
+Definition = tuple[int, int, dict[str, float], Sequence[Sequence[float]]]
 
 
 def _draw(seed: int, certificate: Certificate) -> Definition:

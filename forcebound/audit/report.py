@@ -54,10 +54,12 @@ Each run lets the tip go along a path of {samples} samples that is chosen freely
 whatever a hand could do, some path does. All terms of the energy are known in closed form
 (`forcebound/audit/truth.py`); the law is the live bounder. The path drifts, trembles, follows the
 force so as to take the most, chooses readings that are wrong by up to half the resolution,
-intervals from 1 us to {longest:g} T, forces, and the imperfection that the certificate is about.
+intervals from 1 ns to {longest:g} T, forces, and the imperfection that the certificate is about.
 The search is CMA-ES over the whole path. *Tight*: runs that leave less than 1 % of the energy that
 was there; so the attacks come as close as the law allows. *Not informed*: what the same attacks
-find if the law's number for the imperfection is zero.
+find if the law's number for the imperfection is zero. Without a watchdog a punctual hold must not
+bring the energy below zero, and no hold below minus the allowance; the energy shown is what is left
+above that.
 """
 
 #: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.

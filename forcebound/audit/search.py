@@ -59,6 +59,7 @@ def descend(
     dimensions: int,
     runs: int,
     random: np.random.Generator,
+    first: Sequence[float] | None = None,
 ) -> Iterator[Found]:
     """Search for the lowest objective, and yield what every run has found.
 
@@ -68,6 +69,7 @@ def descend(
         dimensions: Of the point.
         runs: How many.
         random: Decides all.
+        first: Where the first search begins; None: anywhere, as every later one does.
 
     Raises:
         ConfigError: If the package ``cma`` is not installed.
@@ -81,8 +83,9 @@ def descend(
     left = runs
     while left > 0:
         noise = int(random.integers(NOISES))
+        anywhere = random.uniform(0.2, 0.8, dimensions)
         strategy = cma.CMAEvolutionStrategy(
-            random.uniform(0.2, 0.8, dimensions),
+            anywhere if first is None else first,
             SPREAD,
             {
                 "bounds": [0.0, 1.0],
@@ -92,6 +95,7 @@ def descend(
                 "verbose": -9,
             },
         )
+        first = None
         while left > 0 and not strategy.stop():
             points = strategy.ask()
             outcomes = [attack(noise, point) for point in points[:left]]

@@ -6,12 +6,14 @@ makes :data:`PIECES` of them. In each piece every term of the energy is known in
 * viscous loss, b v² h;
 * friction: f_c times the way, along the path or on each axis by itself. With presliding, the
   friction acts on a bristle: it follows the tip elastically over z_m, and then slides. The energy
-  that it stores is the hand's, too, so it counts as not lost;
+  that it stores can come back, so it counts with what the hand has put in;
 * work against the motor, whose force relaxes to the written one with the time constant of the
   amplifier's lag, and has an error of gain;
-* work against a weight that is not compensated.
+* work against a weight; the motor carries what it takes for the weight while it holds a force.
 
 Inertia would only add: the energy that the hand puts in is this energy and the kinetic one.
+
+Everything lies in few arrays of numbers, so that a compiled call from Python costs little.
 """
 
 import math
@@ -26,194 +28,226 @@ Floats: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
 
 PIECES = 3  # straight lines between two events
-
-
-class TrueDevice(NamedTuple):
-    """What the device really is; arrays have one number for each axis."""
-
-    damping: Floats  # N s/m
-    friction: Floats  # N; alike on all axes if it acts along the path
-    presliding: Floats  # m; likewise
-    half_resolution: Floats  # m
-    weight: Floats  # N, that nothing compensates
-    acts_on_each_axis: bool  # of friction
-    gain: float  # force of the motor per written force
-    lag: float  # s, time constant of the amplifier; 0: none
-    largest_speed: float  # m/s, that the hand never exceeds
-
-
-class Plan(NamedTuple):
-    """The path, as far as it does not depend on the forces; one row for each sample."""
-
-    read_ns: Integers  # time of the reading
-    write_ns: Integers  # time at which the force of this sample takes effect
-    cut_ns: Integers  # after the write, when the watchdog drops the force
-    punctual_ns: Integers  # after the write, until when the hold is punctual
-    rest_ns: Integers  # when the drift begins or ends, in the interval before the sample
-    rests_first: Integers  # 1: the drift begins there; 0: it ends
-    drift: Floats  # m/s, shape (samples, axes)
-    tremor: Floats  # m, shape (samples, axes): way in the interval before the sample, besides
-    thief: Floats  # speed as a share of that which takes the most energy
-    commanded: Floats  # N, shape (samples, axes)
-    glitch: Floats  # m, what a reading is wrong by besides, shape (samples, axes)
-    applied: Floats  # share of the bounded force that the device applies
-    error: Floats  # of readings, in half resolutions, shape (samples, axes)
-
-
-# Rows of the state of the device's axes, and places in its energies and times.
-POSITION, BRISTLE, MOTOR, WRITTEN = range(4)
-ENERGY, AT_WRITE, LOWEST, LOWEST_PUNCTUAL = range(4)
-WRITTEN_NS, CUT_AT_NS, WAS_CUT_NS, LATE_SINCE_NS = range(4)
 NEVER = np.iinfo(np.int64).max // 2
+
+# A device, shape (8, at least 4): rows with one number for each axis, and a row of shared numbers.
+DAMPING, FRICTION, PRESLIDING, HALF_RESOLUTION, WEIGHT, CARRIED, GAIN, SHARED = range(8)
+#: Columns of the shared numbers: whether friction acts on each axis by itself, the time constant of
+#: the amplifier in s, the largest speed in m/s, and the kind of reading error.
+ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR = range(4)
+
+# A path, as far as it does not depend on the forces: for each sample a row of times, in ns: of the
+# reading, of the write (-1: it is lost), how long after the write the watchdog drops the force and
+# until when the hold is punctual, when in the interval before the sample the drift begins or ends,
+# and 1 if it begins there.
+READ, WRITE, CUT_AFTER, PUNCTUAL, REST, RESTS_FIRST = range(6)
+#: And a row of numbers: speed as a share of that which takes the most energy, then for each of
+#: three axes the drift in m/s, the way of a tremor in m, the commanded force in N, the reading
+#: error in half resolutions.
+THIEF, DRIFT, TREMOR, COMMANDED, ERROR = 0, 1, 4, 7, 10
+CHOICES = 13
+
+# The state of the device, shape (5, at least 4): rows with one number for each axis (m, m, N, N),
+# and a row of energies, in J: now, at the last write, the lowest since the last reading, the most
+# by which a punctual hold has brought it below zero and below what it was at the write.
+POSITION, BRISTLE, MOTOR, WRITTEN, ENERGIES = range(5)
+NOW, AT_WRITE, LOWEST, PUNCTUAL_FALL = range(4)
+# Times of the device, in ns: of the coming cut, of the last one in this interval (0: none), when
+# the hold is late, and when a hold was first late.
+CUT, WAS_CUT, LATE, FIRST_LATE = range(4)
 
 
 class Motion(NamedTuple):
-    """The state of the device."""
+    """The state of the device: arrays with the rows and places named above."""
 
-    axes: Floats  # of each axis, shape (4, axes)
-    energies: Floats  # now, at the last write, and the lowest of this interval, see `walk`
-    times: Integers  # ns: of the last write, its cut, the last cut that happened, and lateness
+    state: Floats
+    times: Integers
 
 
-def start(axes: int) -> Motion:
-    """Return the state at rest."""
-    return Motion(np.zeros((4, axes)), np.zeros(4), np.full(4, NEVER))
+def start(axes: int, device: Floats) -> Motion:
+    """Return the state at rest: bristles carry the weight that nothing compensates."""
+    state = np.zeros((5, max(4, axes)))
+    for i in range(axes):
+        if device[PRESLIDING, i] > 0.0:
+            stiffness = device[FRICTION, i] / device[PRESLIDING, i]
+            state[BRISTLE, i] = -device[WEIGHT, i] / stiffness
+    return Motion(state, np.full(4, NEVER))
 
 
 def walk(
     n: int,
-    sensor: int,
-    plan: Plan,
-    device: TrueDevice,
-    force: Floats,
-    axes: Floats,
-    energies: Floats,
+    axes: int,
     times: Integers,
+    choices: Floats,
+    device: Floats,
+    force: Floats,
+    state: Floats,
+    events: Integers,
     readings: Floats,
 ) -> tuple[float, float, float, int]:
     """Go from reading ``n - 1`` to reading ``n``; ``force`` is the one written between them.
 
     Args:
         n: Sample, at least 1.
-        sensor: Kind of reading error.
-        plan: The path.
+        axes: Number of axes.
+        times: Of the path.
+        choices: Numbers of the path.
         device: The device.
-        force: In N, shape (axes,).
-        axes: State of each axis, see :class:`Motion`; with ``energies`` and ``times`` it changes.
-        energies: See :class:`Motion`.
-        times: See :class:`Motion`.
-        readings: Of this sample, and at the cut, shape (2, axes); they change.
+        force: In N.
+        state: See :class:`Motion`; it changes.
+        events: Times of the device, see :class:`Motion`; they change.
+        readings: Of this sample, and at the last cut, shape (2, axes); they change.
 
     Returns:
         The energy; the lowest since the last reading; the most by which a punctual hold has brought
-        it below what it had and below zero, in J; and the time of the last cut, in ns, or 0.
+        it below zero and below what it was, in J; and the time of the last cut, in ns, or 0.
     """
-    now, end, write = plan.read_ns[n - 1], plan.read_ns[n], plan.write_ns[n - 1]
-    times[WAS_CUT_NS] = 0
-    energies[LOWEST], energies[LOWEST_PUNCTUAL] = energies[ENERGY], 0.0
+    begin = now = times[n - 1, READ]
+    end, write, rest = times[n, READ], times[n - 1, WRITE], times[n, REST]
+    energies = state[ENERGIES]
+    events[WAS_CUT] = 0
+    energies[LOWEST], energies[PUNCTUAL_FALL] = energies[NOW], 0.0
     while True:
         if now == write:
-            axes[WRITTEN] = force
-            times[WRITTEN_NS], times[CUT_AT_NS] = write, write + plan.cut_ns[n - 1]
-            times[LATE_SINCE_NS] = write + plan.punctual_ns[n - 1]
-            energies[AT_WRITE] = energies[ENERGY]
+            events[CUT] = write + times[n - 1, CUT_AFTER]
+            events[LATE] = write + times[n - 1, PUNCTUAL]
+            energies[AT_WRITE] = energies[NOW]
+            for i in range(axes):
+                state[WRITTEN, i] = force[i] - device[CARRIED, i]
         if now >= end:
             break
-        if now == times[CUT_AT_NS]:
-            axes[WRITTEN] = 0.0
-            times[WAS_CUT_NS] = now
-            read(n, sensor, plan, device, axes, readings[1])
+        if now == events[CUT]:
+            events[WAS_CUT] = now
+            for i in range(axes):
+                state[WRITTEN, i] = 0.0
+            read(n, axes, choices, device, state, readings[1])
         until = end
-        for event in (write, times[CUT_AT_NS], times[LATE_SINCE_NS], plan.rest_ns[n]):
+        for event in (write, rest, events[CUT], events[LATE]):
             if now < event < until:
                 until = event
-        is_punctual = until <= times[LATE_SINCE_NS]
-        drifts = plan.rests_first[n] == (now >= plan.rest_ns[n])
-        share = (until - now) / (end - plan.read_ns[n - 1])
-        move(n, plan, device, (until - now) * 1e-9, share, drifts, is_punctual, axes, energies)
+        drifts = times[n, RESTS_FIRST] == (now >= rest)
+        if until > events[LATE]:
+            events[FIRST_LATE] = min(events[FIRST_LATE], now)
+        lowest = lowest_of_hold(until, device, state, events)
+        share = (until - now) / (end - begin)
+        move(choices[n], axes, device, (until - now) * 1e-9, share, drifts, lowest, state)
         now = until
-    read(n, sensor, plan, device, axes, readings[0])
-    return energies[ENERGY], energies[LOWEST], energies[LOWEST_PUNCTUAL], times[WAS_CUT_NS]
+    read(n, axes, choices, device, state, readings[0])
+    return energies[NOW], energies[LOWEST], energies[PUNCTUAL_FALL], events[WAS_CUT]
+
+
+def lowest_of_hold(until: int, device: Floats, state: Floats, events: Integers) -> float:
+    """Return what the energy must not fall below in this hold if it is punctual, in J.
+
+    A motor with a lag goes on giving the force of a late hold after it, so there nothing is asked.
+    """
+    is_tail = device[SHARED, LAG] > 0.0 and until > events[FIRST_LATE]
+    if until > events[LATE] or is_tail:
+        return -math.inf
+    return min(float(state[ENERGIES, AT_WRITE]), 0.0)
 
 
 def move(
-    n: int,
-    plan: Plan,
-    device: TrueDevice,
+    choice: Floats,
+    axes: int,
+    device: Floats,
     duration: float,
     share: float,
     drifts: bool,
-    is_punctual: bool,
-    axes: Floats,
-    energies: Floats,
+    lowest: float,
+    state: Floats,
 ) -> None:
-    """Move in :data:`PIECES` straight lines for ``duration``, in s, ``share`` of the interval."""
+    """Move in straight lines for ``duration``, in s, which is a ``share`` of the interval.
+
+    The energy must not fall below ``lowest``, in J; by how much it does is noted.
+    """
+    energies = state[ENERGIES]
     h = duration / PIECES
+    step = np.empty(axes)
     for _ in range(PIECES):
-        velocity = plan.tremor[n] * (share / duration)
-        if drifts:
-            velocity += plan.drift[n]
-        velocity += plan.thief[n] * best_theft(device, axes[MOTOR] + device.weight)
-        speed = math.sqrt(np.sum(velocity * velocity))
-        if speed > device.largest_speed:
-            velocity *= device.largest_speed / speed
-        step = velocity * h
-        spent = np.sum(device.damping * velocity * velocity) * h + np.sum(device.weight * step)
-        spent += work_of_motor(device, step, h, axes) + work_of_friction(device, step, axes)
-        axes[POSITION] += step
-        energies[ENERGY] += spent
-        energies[LOWEST] = min(energies[LOWEST], energies[ENERGY])
-        if is_punctual:
-            fall = energies[ENERGY] - min(energies[AT_WRITE], 0.0)
-            energies[LOWEST_PUNCTUAL] = min(energies[LOWEST_PUNCTUAL], fall)
+        theft = choice[THIEF] * theft_factor(axes, device, state)
+        square = 0.0
+        for i in range(axes):
+            velocity = choice[TREMOR + i] * (share / duration) + theft * best_theft(
+                i, device, state
+            )
+            if drifts:
+                velocity += choice[DRIFT + i]
+            square += velocity * velocity
+            step[i] = velocity * h
+        speed = math.sqrt(square)
+        if speed > device[SHARED, LARGEST_SPEED]:
+            step *= device[SHARED, LARGEST_SPEED] / speed
+        spent = work_of_motor(axes, device, step, h, state)
+        spent += work_of_friction(axes, device, step, state)
+        for i in range(axes):
+            spent += device[DAMPING, i] * step[i] * step[i] / h + device[WEIGHT, i] * step[i]
+            state[POSITION, i] += step[i]
+        energies[NOW] += spent
+        energies[LOWEST] = min(energies[LOWEST], energies[NOW])
+        energies[PUNCTUAL_FALL] = min(energies[PUNCTUAL_FALL], energies[NOW] - lowest)
 
 
-def best_theft(device: TrueDevice, force: Floats) -> Floats:
-    """Return the velocity, in m/s, at which a ``force``, in N, gives the most energy away."""
-    if device.acts_on_each_axis:
-        excess = np.maximum(np.abs(force) - device.friction, 0.0)
-        return np.asarray(-np.sign(force) * excess / (2.0 * device.damping))
-    size = math.sqrt(np.sum(force * force))
-    excess_share = max(1.0 - device.friction[0] / size, 0.0) if size > 0.0 else 0.0
-    return np.asarray(-force * (excess_share / (2.0 * device.damping[0])))
+def theft_factor(axes: int, device: Floats, state: Floats) -> float:
+    """Return the share of the force that friction along the path leaves; 1 if it acts on axes."""
+    if device[SHARED, ON_EACH_AXIS] == 1.0:
+        return 1.0
+    square = 0.0
+    for i in range(axes):
+        force = state[MOTOR, i] + device[WEIGHT, i]
+        square += force * force
+    return max(1.0 - device[FRICTION, 0] / math.sqrt(square), 0.0) if square > 0.0 else 0.0
 
 
-def work_of_motor(device: TrueDevice, step: Floats, h: float, axes: Floats) -> float:
+def best_theft(axis: int, device: Floats, state: Floats) -> float:
+    """Return the velocity, in m/s, at which the motor's force gives the most energy away.
+
+    Friction along the path is left to :func:`theft_factor`.
+    """
+    force = state[MOTOR, axis] + device[WEIGHT, axis]
+    excess = abs(force)
+    if device[SHARED, ON_EACH_AXIS] == 1.0:
+        excess = max(excess - device[FRICTION, axis], 0.0)
+    return -math.copysign(excess, force) / (2.0 * float(device[DAMPING, axis]))
+
+
+def work_of_motor(axes: int, device: Floats, step: Floats, h: float, state: Floats) -> float:
     """Let the motor's force relax for ``h``, in s; return the work against it, in J."""
-    work = 0.0
-    for i in range(step.size):
-        target = device.gain * axes[WRITTEN, i]
-        if device.lag > 0.0:
-            left = -math.expm1(-h / device.lag)
-            mean = target + (axes[MOTOR, i] - target) * left * device.lag / h
-            axes[MOTOR, i] += (target - axes[MOTOR, i]) * left
-        else:
-            mean = axes[MOTOR, i] = target
+    lag, work = device[SHARED, LAG], 0.0
+    for i in range(axes):
+        target = device[GAIN, i] * state[WRITTEN, i]
+        mean = target
+        if lag > 0.0:
+            passed = -math.expm1(-h / lag)
+            mean += (state[MOTOR, i] - target) * passed * lag / h
+            target = state[MOTOR, i] + (target - state[MOTOR, i]) * passed
+        state[MOTOR, i] = target
         work += mean * step[i]
     return work
 
 
-def work_of_friction(device: TrueDevice, step: Floats, axes: Floats) -> float:
+def work_of_friction(axes: int, device: Floats, step: Floats, state: Floats) -> float:
     """Move the bristles by ``step``, in m; return the energy lost or stored, in J.
 
     Of all ways to keep the bristles' ends within z_m of the tip, they go the shortest.
     """
-    bristle = axes[BRISTLE]
-    if device.acts_on_each_axis:
-        work = 0.0
-        for i in range(step.size):
-            length = abs(bristle[i] + step[i])
-            work += pull(device.friction[i], device.presliding[i], abs(bristle[i]), length)
-            bristle[i] += step[i]
-            if length > device.presliding[i]:
-                bristle[i] *= device.presliding[i] / length
+    bristle, work = state[BRISTLE], 0.0
+    if device[SHARED, ON_EACH_AXIS] == 1.0:
+        for i in range(axes):
+            way = device[PRESLIDING, i]
+            length = bristle[i] + step[i]
+            work += pull(device[FRICTION, i], way, abs(bristle[i]), abs(length))
+            bristle[i] = min(max(length, -way), way)
         return work
-    before = math.sqrt(np.sum(bristle * bristle))
-    bristle += step
-    length = math.sqrt(np.sum(bristle * bristle))
-    if length > device.presliding[0]:
-        bristle *= device.presliding[0] / length
-    return pull(device.friction[0], device.presliding[0], before, length)
+    before = after = 0.0
+    for i in range(axes):
+        before += bristle[i] * bristle[i]
+        bristle[i] += step[i]
+        after += bristle[i] * bristle[i]
+    before, after = math.sqrt(before), math.sqrt(after)
+    if after > device[PRESLIDING, 0]:
+        bristle[:axes] *= device[PRESLIDING, 0] / after
+    return pull(device[FRICTION, 0], device[PRESLIDING, 0], before, after)
 
 
 def pull(friction: float, presliding: float, before: float, length: float) -> float:
@@ -229,18 +263,19 @@ def pull(friction: float, presliding: float, before: float, length: float) -> fl
 
 
 def read(
-    n: int, sensor: int, plan: Plan, device: TrueDevice, axes: Floats, readings: Floats
+    n: int, axes: int, choices: Floats, device: Floats, state: Floats, readings: Floats
 ) -> None:
     """Read each axis at sample ``n``, at most half a resolution wrong."""
-    for i in range(readings.size):
-        r, x = device.half_resolution[i], axes[POSITION, i]
-        if sensor == 0:
+    sensor = device[SHARED, SENSOR]
+    for i in range(axes):
+        r, x, error = device[HALF_RESOLUTION, i], state[POSITION, i], choices[n, ERROR + i]
+        if sensor == 0.0:
             readings[i] = quantise(x, 2.0 * r)
-        elif sensor == 1:
-            readings[i] = x + r * plan.error[n, i]
-        elif sensor == 2:
-            readings[i] = x + math.copysign(r, plan.error[n, i])
-        elif sensor == 3:
-            readings[i] = x + math.copysign(r, plan.drift[n, i] - axes[WRITTEN, i])
+        elif sensor == 1.0:
+            readings[i] = x + r * error
+        elif sensor == 2.0:
+            readings[i] = x + math.copysign(r, error)
+        elif sensor == 3.0:
+            readings[i] = x + math.copysign(r, choices[n, DRIFT + i] - state[WRITTEN, i])
         else:
-            readings[i] = x - math.copysign(r, plan.commanded[n, i] - axes[WRITTEN, i])
+            readings[i] = x - math.copysign(r, choices[n, COMMANDED + i] - state[WRITTEN, i])

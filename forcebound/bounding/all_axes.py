@@ -6,7 +6,10 @@ several times more than compiled.
 
 A motor whose gain is uncertain has two ledgers, one for each end of the range. Loss and work are
 linear in the gain, penalties and costs of holds convex; so what both ledgers allow, every gain
-between allows.
+between allows. Several motors may have different gains. With P_i the work on axis i in the ledger,
+the worst of all their combinations has x (Σ|P_i| - |Σ P_i|) less than the worse of the two ledgers;
+that is then paid beforehand (:func:`spread_price`), and the hold's cost is that of the largest
+gain.
 """
 
 import math
@@ -44,6 +47,7 @@ from forcebound.bounding.timeline import (
     ENDS,
     FORCE,
     GAIN,
+    GIVEN,
     HELD_LIMIT,
     HELD_PRICE,
     IS_ALONG_PATH,
@@ -70,6 +74,7 @@ from forcebound.bounding.timeline import (
     UNTIL_WRITE,
     WANTED,
     WATCHDOG,
+    WORK,
     WRITE_DELAY,
     acting_cost,
     advance,
@@ -163,6 +168,9 @@ def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
                 if plan > 0.0:
                     available -= acting_cost(rows, axes, plan, gain)
                 rows[AVAILABLE + end] = available
+            if axes > 1 and rows[GAIN] > 0.0:
+                least = min(rows[AVAILABLE], rows[AVAILABLE + 1]) - spread_price(rows, axes)
+                rows[AVAILABLE] = rows[AVAILABLE + 1] = least
             want_direction(rows, commanded, magnitude)
             largest = min(largest, largest_force(rows, axes))
         return min(largest, rows[SATURATION]), added_damping, closing
@@ -189,6 +197,8 @@ def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
         rows[UNTIL_WRITE] = delay
         if delay <= 0.0:
             take_effect(rows, axes)
+        if limits_holds and axes > 1 and rows[GAIN] > 0.0:
+            least -= spread_price(rows, axes)
         return least
 
     allow_in_kernels([start_law, limit_force, settle_law, energy])
@@ -201,11 +211,11 @@ def begin(rows: Floats, position: Floats) -> None:
         block = AXES + axis * BLOCK
         store_axis(rows, block, 1, start_axis(position[axis]))
         store_motor(rows, block + MOTOR, NO_FORCE)
-        rows[block + PENDING] = rows[block + WANTED] = 0.0
+        rows[block + PENDING] = rows[block + WANTED] = rows[block + WORK] = 0.0
         rows[block + ORIGIN] = position[axis]
     rows[HELD_PRICE] = rows[SPENT] = rows[SINCE] = rows[IS_UNSURE] = 0.0
     rows[AVAILABLE] = rows[AVAILABLE + 1] = rows[LARGEST_LEAK] = 0.0
-    rows[AGE] = rows[BUDGET] = rows[PENDING_BUDGET] = 0.0
+    rows[AGE] = rows[GIVEN] = rows[BUDGET] = rows[PENDING_BUDGET] = 0.0
     rows[HELD_LIMIT] = rows[PENDING_LIMIT] = rows[PLANNED_LIMIT]
     rows[UNTIL_CUT], rows[UNTIL_WRITE], rows[IS_DROPPED] = math.inf, -1.0, 1.0
 
@@ -231,7 +241,7 @@ def observe_axes(
     """
     motion = NO_MOTION
     lag, gain = rows[LAG], 1.0 + rows[GAIN]
-    capability = work = price = 0.0
+    capability = work = uncertain = price = 0.0
     step = deviation = most_steps = 0.0
     for axis in range(position.size):
         block = AXES + axis * BLOCK
@@ -247,15 +257,17 @@ def observe_axes(
             mean = cost = 0.0
             capability += before.force * before.force * dt / (4.0 * one.damping)
             work += before.force * move
-            price += one.half_resolution * unsure_change(before.mean, before.force)
         after, motion = observe_axis(before, memory, position[axis], mean, cost, motion, one)
+        change = abs(mean - before.mean)
+        if is_unsure:
+            change = unsure_change(before.mean, before.force)
+            uncertain += rows[GAIN] * abs(before.force * move)
+            price += one.half_resolution * change
+        rows[block + WORK] += mean * move - one.half_resolution * change
         store_axis(rows, block, 1, after)
         store_motor(rows, block + MOTOR, begin_interval(motor))
     if is_unsure:
-        cost = max(
-            unsure_cost(rows, capability, work, dt, gain_at(rows, 0)),
-            unsure_cost(rows, capability, work, dt, gain_at(rows, 1)),
-        )
+        cost = unsure_cost(rows, gain * gain * capability, work - uncertain, dt)
         return with_prices(motion, cost, price)
     if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and rows[IS_ALONG_PATH] == 1.0:
         way = math.sqrt(motion.distance_square) + rows[RESOLUTION]
@@ -278,30 +290,28 @@ def path_penalty(rows: Floats, step: float, penalty: float, way: float) -> float
     return hold_cost(step, 2.0 * rows[PATH_FRICTION], way, damping, duration)
 
 
-def unsure_cost(rows: Floats, capability: float, work: float, dt: float, gain: float) -> float:
+def unsure_cost(rows: Floats, capability: float, work: float, dt: float) -> float:
     r"""Return the most that a hold can have cost that was cut at an unknown time, in J.
 
     For a cut at the share :math:`\bar s` of the interval, mean force and penalty give
 
-    .. math:: \gamma^2 \bar s (1 - \bar s) \frac{|F|^2 dt}{4b} - \gamma \bar s F \cdot \Delta q
+    .. math:: \bar s (1 - \bar s) \frac{|F|^2 dt}{4b} - \bar s F \cdot \Delta q
 
     which is concave in :math:`\bar s`, so the worst share of those possible is known.
 
     Args:
         rows: Of the bounder, at the end of the hold.
-        capability: :math:`|F|^2 dt / (4b)`, in J.
-        work: :math:`F \cdot \Delta q`, in J.
+        capability: :math:`|F|^2 dt / (4b)`, the most that it can be, in J.
+        work: :math:`F \cdot \Delta q`, the least that it can be, in J.
         dt: Length of the interval, in s.
-        gain: :math:`\gamma`.
     """
     earliest: float = rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE]) / dt
     latest: float = 1.0
     if rows[WATCHDOG] == SILENT:
         latest = min(rows[HELD_LIMIT] * (1.0 + rows[TOLERANCE]) / dt, 1.0)
-    most, slope = gain * gain * capability, gain * work
-    share = 0.5 - 0.5 * slope / most if most > 0.0 else latest
+    share = 0.5 - 0.5 * work / capability if capability > 0.0 else latest
     share = min(max(share, earliest), latest)
-    return most * share * (1.0 - share) - slope * share
+    return capability * share * (1.0 - share) - work * share
 
 
 def unsure_change(mean: float, force: float) -> float:
@@ -316,11 +326,24 @@ def restart(rows: Floats, position: Floats) -> None:
     """Forget what was measured before ``position``; the forces stay."""
     for axis in range(position.size):
         block = AXES + axis * BLOCK
-        force = load_axis(rows, block, 1).force
+        before = load_axis(rows, block, 1)
         store_axis(rows, block, 1, start_axis(position[axis]))
-        rows[block + FORCE] = force
+        rows[block + FORCE] = before.force
+        rows[block + WORK] -= load_constants(rows, axis).half_resolution * abs(before.mean)
         rows[block + ORIGIN] = position[axis]
         store_motor(rows, block + MOTOR, begin_interval(load_motor(rows, block + MOTOR)))
+
+
+def spread_price(rows: Floats, axes: int) -> float:
+    """Return what motors with different gains can give beyond motors with the same gain, in J."""
+    total = magnitudes = 0.0
+    for axis in range(axes):
+        block = AXES + axis * BLOCK
+        held = load_constants(rows, axis).half_resolution * abs(load_axis(rows, block, 1).mean)
+        work = rows[block + WORK] - held
+        total += work
+        magnitudes += abs(work)
+    return float(rows[GAIN] * (magnitudes - abs(total)))
 
 
 def drift_price(rows: Floats, position: Floats) -> float:

@@ -52,30 +52,42 @@ def largest_force(rows: Floats, axes: int) -> float:
     low, high = 0.0, float(rows[SATURATION])
     if rows[IS_RIGID] == 1.0:
         for end in range(int(rows[ENDS])):
-            high = min(high, _largest_rigid(rows, end, rows[AVAILABLE + end], planned_hold(rows)))
-            if rows[WATCHDOG] == NONE:
-                late = rows[AVAILABLE + end] + rows[ALLOWANCE]
-                high = min(high, _largest_rigid(rows, end, late, rows[WATCHDOG_LIMIT]))
+            for level in range(_levels(rows)):
+                most = _largest_rigid(rows, end, _most(rows, end, level), _duration(rows, level))
+                high = min(high, most)
         return high
-    if _may_be_held(rows, axes, high):
-        return high
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if _may_be_held(rows, axes, middle):
-            low = middle
+    force = high
+    for _ in range(HALVINGS):  # the saturation itself comes first
+        if _may_be_held(rows, axes, force):
+            low = force
         else:
-            high = middle
+            high = force
+        force = 0.5 * (low + high)
     return low
 
 
 def surplus(rows: Floats, axes: int, end: int) -> float:
     """Return what the force in ``WANTED`` leaves of the energy available, in J."""
-    gain, available = gain_at(rows, end), float(rows[AVAILABLE + end])
-    left = available - cost(rows, axes, gain, planned_hold(rows))
-    if rows[WATCHDOG] == NONE:
-        late = available + rows[ALLOWANCE] - cost(rows, axes, gain, rows[WATCHDOG_LIMIT])
-        left = min(left, late)
+    gain, left = gain_at(rows, end), math.inf
+    for level in range(_levels(rows)):
+        most = _most(rows, end, level)
+        left = min(left, most - cost(rows, axes, gain, _duration(rows, level)))
     return left
+
+
+def _levels(rows: Floats) -> int:
+    """Conditions that a force meets: for a punctual hold and, without a watchdog, a late one."""
+    return 2 if rows[WATCHDOG] == NONE else 1
+
+
+def _most(rows: Floats, end: int, level: int) -> float:
+    """Most that a hold may cost, in J."""
+    return float(rows[AVAILABLE + end] + level * rows[ALLOWANCE])
+
+
+def _duration(rows: Floats, level: int) -> float:
+    """How long it can last, in s."""
+    return float(rows[WATCHDOG_LIMIT]) if level == 1 else planned_hold(rows)
 
 
 def planned_hold(rows: Floats) -> float:
@@ -100,14 +112,11 @@ def _may_be_held(rows: Floats, axes: int, force: float) -> bool:
     In deficit it may cost what no force at all does: the rest of the old one, paid for before.
     """
     for end in range(int(rows[ENDS])):
-        available, gain, duration = rows[AVAILABLE + end], gain_at(rows, end), planned_hold(rows)
-        least = cost(rows, axes, 0.0, duration)
-        if cost(rows, axes, force * gain, duration) > max(available, least):
-            return False
-        if rows[WATCHDOG] == NONE:
-            duration = rows[WATCHDOG_LIMIT]
-            most = max(available + rows[ALLOWANCE], cost(rows, axes, 0.0, duration))
-            if cost(rows, axes, force * gain, duration) > most:
+        scale = force * gain_at(rows, end)
+        for level in range(_levels(rows)):
+            duration = _duration(rows, level)
+            most = max(_most(rows, end, level), cost(rows, axes, 0.0, duration))
+            if cost(rows, axes, scale, duration) > most:
                 return False
     return True
 

@@ -7,7 +7,7 @@ from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled
 from forcebound.bounding.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.bounding.dissipation import Dissipation
 from forcebound.bounding.laws import LAWS
-from forcebound.bounding.sample import DeviceConstants, Floats
+from forcebound.bounding.sample import DeviceConstants
 from forcebound.bounding.timeline import (
     ALLOWANCE,
     AXES,
@@ -41,7 +41,7 @@ from forcebound.errors import ConfigError
 
 Vector: TypeAlias = tuple[float, ...]
 
-SHORTEST_INTERVAL = 1e-6  # s; a reading sooner after the last proves nothing
+SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
 LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
@@ -91,9 +91,14 @@ class ForceBounder:
         self._rows = np.zeros(AXES + BLOCK * axes)
         self._numbers: Any = self._rows.data  # numpy takes longer to get or set a number
         self._positions, self._forces = np.zeros(axes), np.zeros(axes)
+        self._position_view: Any = self._positions.data
+        self._force_view: Any = self._forces.data
+        self._is_gated = dissipation.largest_speed < math.inf
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
         self._fill_settings(LAWS[law].limits_holds)
         self._longest_limit = self._limit_s = dissipation.hold_limit
+        self._limit_ns = round(dissipation.hold_limit * 1e9)
+        self._write_delay_ns = round(dissipation.write_delay * 1e9)
         self._slack = self._rows[RESOLUTION] = math.hypot(*dissipation.of_axes("resolution", axes))
         # Compile, or load from the cache, before time matters.
         rest = (0.0,) * axes
@@ -145,12 +150,12 @@ class ForceBounder:
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
-        self._held_limit_ns = round(self._limit_s * 1e9)
+        self._held_limit_ns = self._limit_ns
+        self._cut_ns = time_ns - 1_000_000_000  # none yet
+        _fill(self._position_view, position, "positions")
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
-        self.estimated_energy: float = self._start_law(
-            self._rows, _fill(self._positions, position, "positions")
-        )
+        self.estimated_energy: float = self._start_law(self._rows, self._positions)
 
     def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
         """Return the force to write at this sample.
@@ -171,12 +176,12 @@ class ForceBounder:
             ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
                 caller, since the safety chain has rejected such forces before.
         """
-        forces = _fill(self._forces, commanded, "forces")
+        _fill(self._force_view, commanded, "forces")
         magnitude = math.hypot(*commanded)
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
         before = self._position
-        limit, damping, dt = self._sample(read_ns, position, forces, magnitude)
+        limit, damping, dt = self._sample(read_ns, position, magnitude)
         force = commanded
         if damping > 0.0:
             rate = damping / dt
@@ -198,16 +203,13 @@ class ForceBounder:
         """
         now = self._now_ns
         write_ns = now if write_ns is None or write_ns < now else write_ns
-        delay = (write_ns - now) / 1e9
         if write_ns - self._written_ns > self._held_limit_ns:
             self.overruns += 1
-        if delay > self._dissipation.write_delay:
+        if write_ns - now > self._write_delay_ns:
             self.late_writes += 1
-        self._written_ns = write_ns
-        self._held_limit_ns = round(self._limit_s * 1e9)
-        self.estimated_energy = self._settle_force(
-            self._rows, _fill(self._forces, applied, "forces"), delay
-        )
+        self._written_ns, self._held_limit_ns = write_ns, self._limit_ns
+        _fill(self._force_view, applied, "forces")
+        self.estimated_energy = self._settle_force(self._rows, self._forces, (write_ns - now) / 1e9)
 
     def set_hold_limit(self, seconds: float) -> None:
         """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
@@ -216,7 +218,7 @@ class ForceBounder:
         """
         if seconds == self._limit_s:
             return
-        self._limit_s = seconds
+        self._limit_s, self._limit_ns = seconds, round(seconds * 1e9)
         self._numbers[PLANNED_LIMIT] = self._numbers[_LIMIT] = seconds
         if seconds > self._longest_limit:
             self._longest_limit = seconds
@@ -229,47 +231,50 @@ class ForceBounder:
             time_ns: When it dropped the force, in ns.
             position: Reading of each axis then, in m.
         """
+        self._cut_ns = time_ns
         if time_ns >= self._now_ns:
-            for axis in range(self._axes):
-                self._forces[axis] = 0.0
-            self._sample(time_ns, position, self._forces, 0.0, is_cut=True)
+            self._sample(time_ns, position, 0.0, is_cut=True)
         self._drop(self._rows, self._axes)
 
     def _sample(
-        self, read_ns: int, position: Vector, forces: Floats, magnitude: float, is_cut: bool = False
+        self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
     ) -> tuple[float, float, float]:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
-        closing = self._judge(read_ns, position)
-        if closing == REFUSED:
-            if not is_cut:
-                self.refused_readings += 1
-            readings = self._positions  # of no meaning
-        else:
-            readings = _fill(self._positions, position, "positions")
+        _fill(self._position_view, position, "positions")
+        since_ns = read_ns - self._taken_ns
+        closing = TAKEN
+        if (
+            since_ns < SHORTEST_NS
+            or read_ns < self._now_ns
+            or not math.hypot(*position) < LARGEST_READING
+        ):
+            closing = REFUSED
+        elif self._is_gated:
+            closing = self._judge(read_ns, position)
+        # Too soon after the reading at a cut is no fault of this one.
+        if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
+            self.refused_readings += 1
         if is_cut:
             self._numbers[IS_UNSURE] = 0.0
-        duration = max(read_ns - self._now_ns, 0) / 1e9
-        dt = (read_ns - self._taken_ns) / 1e9
+        passed_ns = read_ns - self._now_ns
+        if passed_ns > 0:
+            self._now_ns = read_ns
+        dt = since_ns / 1e9
         limit, damping, closing = self._limit_force(
-            self._rows, readings, forces, magnitude, duration, dt, closing
+            self._rows,
+            self._positions,
+            self._forces,
+            magnitude,
+            passed_ns / 1e9,
+            dt,
+            closing,
         )
-        self._now_ns = max(read_ns, self._now_ns)
         if closing != REFUSED:
             self._taken_ns, self._position = read_ns, position
         return limit, damping, dt
 
     def _judge(self, read_ns: int, position: Vector) -> int:
-        """Return whether a reading can be."""
-        if len(position) != self._axes:
-            raise ValueError(f"expected {self._axes} positions, got {len(position)}")
-        taken_ns = max(self._taken_ns, self._now_ns)
-        dt = (read_ns - self._taken_ns) / 1e9
-        if read_ns < taken_ns or dt < SHORTEST_INTERVAL:
-            return REFUSED
-        if not math.hypot(*position) < LARGEST_READING:
-            return REFUSED
-        if self._dissipation.largest_speed == math.inf:
-            return TAKEN
+        """Return whether the device can have moved to a reading."""
         candidate, self._candidate = self._candidate, None
         if candidate is not None and self._is_credible(candidate, read_ns, position):
             return RESTART  # it really is there: begin anew, with the price of not knowing how
@@ -284,13 +289,11 @@ class ForceBounder:
         return way <= self._dissipation.largest_speed * dt + self._slack
 
 
-def _fill(vector: Floats, values: Vector, what: str) -> Floats:
-    view: Any = vector.data
+def _fill(view: Any, values: Vector, what: str) -> None:
     if len(values) != len(view):
         raise ValueError(f"expected {len(view)} {what}, got {len(values)}")
     for axis, value in enumerate(values):
         view[axis] = value
-    return vector
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

@@ -50,7 +50,12 @@ def axis_constants(dissipation: Dissipation, axes: int) -> list[AxisConstants]:
         error += dissipation.gain_error * abs(weight)
         r = resolution / 2.0
         friction = 0.0 if along_path else f
-        constants.append(AxisConstants(b, friction, r, r + z, 2.0 * z, error, -weight))
+        if error > f or (along_path and error * math.sqrt(axes) > f):
+            raise ConfigError(
+                f"the friction, {f} N, must hold the error of the weight, {error} N: "
+                "else the device drifts off by itself, and no law can promise anything"
+            )
+        constants.append(AxisConstants(b, friction, r, r + z, 2.0 * z, error, weight))
     return constants
 
 

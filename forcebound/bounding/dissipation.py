@@ -44,8 +44,8 @@ class Dissipation:
         saturation: Largest force F_sat, in N.
         presliding: Way z_m over which friction yields elastically before it slides, in m: the
             friction divided by the bristle's stiffness; alike or for each axis.
-        gain_error: Largest relative error x of the motor's force, constant in a run: it gives
-            between 1 - x and 1 + x of what it should.
+        gain_error: Largest relative error x of a motor's force, constant in a run: it gives between
+            1 - x and 1 + x of what it should. The motors of several axes may differ within that.
         lag: Time constant τ of the amplifier, first order, in s.
         write_delay: Longest time from latching a reading to the effect of the force written
             thereafter, in s; what it is in each sample is measured.
@@ -58,10 +58,10 @@ class Dissipation:
         allowance: Most that the hand may get out of holds longer than the hold limit, ε, in J.
         energy_cap: Most energy that a ledger keeps, in J; None: the most that the saturation can
             use.
-        weight: Weight on each axis that the device compensates, in N, positive against positive
-            motion; alike or for each axis. It acts when the force is dropped.
-        weight_error: Largest error of the compensation, constant in a run, in N; alike or for each
-            axis.
+        weight: Weight on each axis that the device carries by itself, in N, positive against
+            positive motion; alike or for each axis. It acts when the force is dropped.
+        weight_error: Largest error of that, constant in a run, in N, less than the friction, which
+            must hold it; alike or for each axis.
         sources: Where numbers come from, by name: ``measured``, ``data sheet`` or ``assumed``. For
             reports alone.
 

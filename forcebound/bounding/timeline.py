@@ -37,7 +37,8 @@ UNTIL_WRITE, PENDING_LIMIT, PENDING_BUDGET = range(25, 28)
 LARGEST_LEAK = 28  # J, the most that a late hold can have given
 IS_UNSURE = 29  # whether the watchdog may have dropped the force since the last reading
 RESOLUTION = 30  # m, length of the vector of the axes' resolutions
-DEVICE = 31
+GIVEN = 31  # J, the most that the acting force can have given since it took effect
+DEVICE = 32
 PATH_FRICTION = DEVICE + DeviceConstants._fields.index("path_friction")
 MEMORY = DEVICE + DEVICE_ROWS
 AXES = MEMORY + MEMORY_ROWS
@@ -49,7 +50,8 @@ CONSTANT_ROWS = len(AxisConstants._fields)
 PENDING = CONSTANTS + CONSTANT_ROWS  # N, force that was written
 WANTED = PENDING + 1  # N, or a direction: what a cost is asked of
 ORIGIN = PENDING + 2  # m, reading at the start
-BLOCK = PENDING + 3
+WORK = PENDING + 3  # J, in the ledger, of this axis: less the prices that grow with the gain
+BLOCK = PENDING + 4
 
 
 def load_constants(rows: Floats, axis: int) -> AxisConstants:
@@ -86,15 +88,20 @@ def advance(rows: Floats, axes: int, duration: float) -> None:
 
 def _run_motors(rows: Floats, axes: int, piece: float) -> None:
     """Let ``piece`` pass, in s, in which nothing happens."""
-    rows[SPENT] += acting_cost(rows, axes, piece, 1.0 + rows[GAIN])
+    cost = acting_cost(rows, axes, piece, 1.0 + rows[GAIN])
+    rows[GIVEN] += cost
     for axis in range(axes):
         first = AXES + axis * BLOCK + MOTOR
         store_motor(rows, first, run(load_motor(rows, first), piece, rows[LAG]))
     rows[AGE] += piece
     rows[SINCE] += piece
     rows[UNTIL_CUT] -= piece
+    if rows[WATCHDOG] == NONE and rows[AGE] > rows[HELD_LIMIT] and rows[IS_DROPPED] == 0.0:
+        rows[LARGEST_LEAK] = max(rows[LARGEST_LEAK], rows[GIVEN] - max(rows[BUDGET], 0.0))
     if may_be_dropped(rows):
         rows[IS_UNSURE] = 1.0
+        cost += dropped_cost(rows, axes, piece)
+    rows[SPENT] += cost
 
 
 def may_be_dropped(rows: Floats) -> bool:
@@ -111,14 +118,11 @@ def may_be_dropped(rows: Floats) -> bool:
 
 def take_effect(rows: Floats, axes: int) -> None:
     """Let the force act that was written last."""
-    if rows[WATCHDOG] == NONE and rows[AGE] > rows[HELD_LIMIT]:
-        cost = acting_cost(rows, axes, rows[AGE], 1.0 + rows[GAIN])
-        rows[LARGEST_LEAK] = max(rows[LARGEST_LEAK], cost - max(rows[BUDGET], 0.0))
     for axis in range(axes):
         block = AXES + axis * BLOCK
         _retarget(rows, block + MOTOR, rows[block + PENDING])
     limit = rows[PENDING_LIMIT]
-    rows[AGE] = rows[IS_DROPPED] = 0.0
+    rows[AGE] = rows[GIVEN] = rows[IS_DROPPED] = 0.0
     rows[HELD_LIMIT], rows[BUDGET], rows[UNTIL_WRITE] = limit, rows[PENDING_BUDGET], -1.0
     if rows[WATCHDOG] == SILENT:
         rows[UNTIL_CUT] = limit * (1.0 + rows[TOLERANCE])
@@ -151,6 +155,19 @@ def acting_cost(rows: Floats, axes: int, duration: float, gain: float) -> float:
             total += axis_cost(load_constants(rows, axis), force, duration)
         square += force * force
     if rows[IS_ALONG_PATH] == 0.0:
+        return total
+    return path_cost(rows, math.sqrt(square), duration)
+
+
+def dropped_cost(rows: Floats, axes: int, duration: float) -> float:
+    """Return the most that weights which are not carried can give in ``duration``, in s, in J."""
+    total = square = 0.0
+    for axis in range(axes):
+        one = load_constants(rows, axis)
+        if rows[IS_ALONG_PATH] == 0.0:
+            total += axis_cost(one, abs(one.dropped), duration)
+        square += one.dropped * one.dropped
+    if square == 0.0 or rows[IS_ALONG_PATH] == 0.0:
         return total
     return path_cost(rows, math.sqrt(square), duration)
 

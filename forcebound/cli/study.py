@@ -120,6 +120,37 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
         click.echo(f"{name:<22}{value:.6g}" if isinstance(value, float) else f"{name:<22}{value}")
 
 
+@audit.command()
+@click.option(
+    "--device", "kind", default="phantom_premium_1_5", show_default=True, help="Kind of device."
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    help="Runs of the search for each wrong number.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=0),
+    help="Number of processes; 0: only this one. Default: one per core.",
+)
+@json_option
+@reports_errors
+def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> None:
+    """Show what each wrong number of a device costs: the lowest energy that a search finds."""
+    from forcebound.audit.command import run_mistakes
+    from forcebound.audit.report import show_energy
+
+    document = run_mistakes(kind, runs, workers)
+    if as_json:
+        print_json(document)
+        return
+    for row in document["mistakes"]:
+        click.echo(f"{row['summary']:<46}{show_energy(row['energy_min_j']):>12}")
+
+
 @click.command(short_help="Repeat the paper's experiments.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(

@@ -76,12 +76,12 @@ class PhantomPremium15(StatedImperfections):
     def is_plain(self) -> bool:
         """Whether the sweep's kernel can simulate it: alike axes, and no imperfection."""
         stated = (self.gain_error, self.lag, self.write_delay, self.largest_speed)
+        watchdog = (self.watchdog == "none", self.watchdog_tolerance)
         own = (getattr(self, name) for name in ("presliding", "weight", "weight_error"))
         return (
             self.truth is None
-            and self.watchdog != "none"
             and not any(isinstance(getattr(self, name), tuple) for name in PER_AXIS)
-            and not any((*stated, *own))
+            and not any((*stated, *own, *watchdog))
         )
 
     def body(self, operator: Operator) -> AxesBody:

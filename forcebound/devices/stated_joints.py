@@ -54,7 +54,8 @@ class StatedJoints(StatedImperfections):
     Attributes:
         inertia: Of each joint, with the links that it carries; it does not change with the pose.
         damping: Minimum viscous damping of the joints; one number, or one of each.
-        friction: Minimum Coulomb friction of each joint by itself.
+        friction: Minimum Coulomb friction; one of each joint gives more force than one number,
+            which counts along the path of all joints.
         resolution: Of the encoders.
         saturation: Largest torque: length of the vector of the joints' torques.
         presliding: Angle over which friction yields elastically before it dissipates.

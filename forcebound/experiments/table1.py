@@ -259,7 +259,7 @@ def draw(table: list[Row], half: list[Row], certified: list[Row]) -> Figure:
         axes.set_xlim(0.4, 13.0)
         axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0], ["0.5", "1", "2", "5", "10"])
         axes.minorticks_off()
-        names = [name.replace("_", " ") for name in reversed(HEIGHTS)]
+        names = [name.replace("_", " ") for name in HEIGHTS]
         axes.set_yticks(range(1, len(HEIGHTS) + 1), names)
         axes.set_title(f"{WORDS[quantity]}, {speed} speed", fontsize=10)
         style_axes(axes, "N/mm")

@@ -1,0 +1,302 @@
+"""The ledger for devices as they are: costs of holds by brute force, and each number's effect."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from bounding_traces import PHANTOM, forces, run, steady
+from builders import MS
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.bounding.hold_cost import hold_cost, lagging_cost, rigid_cost
+from forcebound.bounding.sample import AxisConstants
+from forcebound.bounding.waveform import NO_FORCE, mean_force, penalty, retarget
+from forcebound.bounding.waveform import run as run_motor
+from forcebound.errors import ConfigError
+
+PRESS = [2e-4 * min(n, 30) for n in range(1, 200)]  # m, into a wall and rest there
+NAN = (math.nan,)
+
+
+def pressed(device: Dissipation, asked: float = 9.0) -> list[float]:
+    return forces(run("certified", device, steady(PRESS, [asked] * len(PRESS))))
+
+
+# Costs, by brute force
+
+
+@given(
+    force=st.floats(0, 8),
+    friction=st.floats(0, 1),
+    way=st.floats(0, 2e-3),
+    damping=st.floats(0.05, 3),
+    duration=st.floats(1e-4, 5e-3),
+)
+def test_the_cost_of_a_hold_is_that_of_its_worst_displacement(
+    force: float, friction: float, way: float, damping: float, duration: float
+) -> None:
+    furthest = force * duration / damping
+    ways = [furthest * k / 2000 for k in range(2001)]
+    worst = max(force * d - friction * max(d - way, 0) - damping * d * d / duration for d in ways)
+    cost = hold_cost(force, friction, way, damping, duration)
+    assert worst <= cost + 1e-15
+    assert cost <= worst + 1e-3 * (force + friction) * furthest
+    assert rigid_cost(force, friction, damping, duration) == pytest.approx(
+        hold_cost(force, friction, 0.0, damping, duration)
+    )
+
+
+@given(
+    before=st.floats(0, 8),
+    after=st.floats(0, 8),
+    lag=st.floats(1e-5, 3e-3),
+    share=st.floats(0, 1),
+)
+def test_a_lagging_hold_costs_no_more_wherever_it_is_cut(
+    before: float, after: float, lag: float, share: float
+) -> None:
+    damping, duration, steps = 0.27, 1.25e-3, 4000
+    cut = share * duration
+    dt = (cut + 8 * lag) / steps
+    worst, at_cut = 0.0, before
+    for n in range(steps):
+        t = (n + 0.5) * dt
+        if t < cut:
+            force = at_cut = after + (before - after) * math.exp(-t / lag)
+        else:
+            force = at_cut * math.exp(-(t - cut) / lag)
+        worst += force * force * dt / (4 * damping)
+    assert worst <= lagging_cost(before, after, damping, duration, lag) * 1.01 + 1e-9
+
+
+@given(
+    old=st.floats(-4, 4),
+    new=st.floats(-4, 4),
+    share=st.floats(0.01, 0.99),
+    way=st.floats(-1e-3, 1e-3),
+    friction=st.floats(0, 0.5),
+)
+def test_a_step_within_an_interval_costs_no_more_than_its_penalty(
+    old: float, new: float, share: float, way: float, friction: float
+) -> None:
+    dt, damping = 2e-3, 0.27
+    axis = AxisConstants(damping, friction, 0.0, 0.0, 0.0, 0.0, 0.0)
+    motor = run_motor(retarget(NO_FORCE, old, 0.0, True), share * dt, 0.0)
+    motor = run_motor(retarget(motor, new, 0.0, False), (1 - share) * dt, 0.0)
+    claimed = damping * way**2 / dt + friction * abs(way) + mean_force(motor, dt, 0.0) * way
+    claimed -= penalty(motor, dt, 0.0, 1.0, way, axis)
+    for k in range(-200, 201):
+        at_step = share * way + k * 2.5e-5
+        rest = way - at_step
+        loss = damping * (at_step**2 / (share * dt) + rest**2 / ((1 - share) * dt))
+        loss += friction * (abs(at_step) + abs(rest))
+        assert loss + old * at_step + new * rest >= claimed - 1e-12
+
+
+# Each number of a device
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        {"presliding": 6e-5},
+        {"gain_error": 0.05},
+        {"lag": 1e-4},
+        {"write_delay": 1e-4},
+        {"watchdog_tolerance": 0.1},
+        {"weight_error": 0.02},
+        {"energy_cap": 5e-3},
+    ],
+)
+def test_what_a_device_does_not_do_exactly_costs_force(worse: dict[str, float]) -> None:
+    exact, poor = pressed(PHANTOM), pressed(replace(PHANTOM, **worse))  # type: ignore[arg-type]
+    assert 0.3 * exact[-1] < poor[-1] < exact[-1]
+
+
+def test_an_axis_that_is_stated_by_itself_is_the_same_axis() -> None:
+    alone = replace(PHANTOM, damping=(0.27,), friction=(0.12,), resolution=(3e-5,))
+    assert pressed(alone) == pressed(PHANTOM)
+
+
+@pytest.mark.parametrize("watchdog", ["reporting", "none"])
+def test_a_punctual_hold_is_the_same_with_any_watchdog(watchdog: str) -> None:
+    other = replace(PHANTOM, watchdog=watchdog, watchdog_limit=0.1, allowance=10.0)  # type: ignore[arg-type]
+    assert pressed(other) == pressed(PHANTOM)
+
+
+def test_the_cap_that_comes_by_itself_never_limits_below_the_saturation() -> None:
+    far = [2e-3 * n for n in range(1, 2000)]  # 4 m at 2 m/s
+    assert forces(run("certified", PHANTOM, steady(far, [0.0] * 1998 + [9.0])))[-1] == 8.5
+    bounder = ForceBounder("certified", PHANTOM)
+    for n, x in enumerate(far):
+        bounder.settle(bounder.bound((n + 1) * MS, (x,), (0.0,)))
+    assert bounder.estimated_energy == pytest.approx((8.5 - 0.12) ** 2 / (4 * 216.0))
+
+
+def test_the_better_axis_of_a_pair_is_used() -> None:
+    pair = replace(PHANTOM, damping=(0.27, 2.7), friction=(0.12, 0.4))
+    worst = replace(PHANTOM, damping=(0.27, 0.27), friction=(0.12, 0.12))
+    trace = [(MS, (0.0, x), (0.0, 9.0)) for x in PRESS]
+    assert (
+        run("certified", pair, trace, 2)[-1].limit > 2 * run("certified", worst, trace, 2)[-1].limit
+    )
+
+
+def test_motors_with_different_gains_are_paid_for() -> None:
+    """Work on one axis and against another cancels in a ledger that knows one gain."""
+    device = Dissipation(0.27, (0.12, 0.12), 0.0, 1e-3, 1e-3, 8.5, gain_error=0.1)
+    bounder = ForceBounder("certified", device, 2)
+    position, energy, gains = [0.0, 0.0], 0.0, (1.1, 0.9)
+    for n in range(1500):
+        asked = 0.0 if n < 50 else 8.5
+        force = bounder.bound((n + 1) * MS, tuple(position), (asked, asked))
+        bounder.settle(force)
+        assert bounder.estimated_energy <= energy + 1e-12
+        moves = (3e-4, 3e-4) if n < 50 else (-5e-6, 5e-6)
+        for i, d in enumerate(moves):
+            position[i] += d
+            energy += 0.27 * d * d / 1e-3 + 0.12 * abs(d) + gains[i] * force[i] * d
+
+
+# Readings that cannot be
+
+
+def test_a_refused_reading_does_not_forget_the_force_that_acted() -> None:
+    device = replace(PHANTOM, resolution=0.0, hold_limit=1e-3)
+    bounder = ForceBounder("certified", device)
+    x, energy, time_ns = 0.0, 0.0, 0
+    for _ in range(20):
+        x, time_ns = x + 2e-4, time_ns + MS
+        energy += 0.27 * 0.2**2 * 1e-3 + 0.12 * 2e-4
+        bounder.settle(bounder.bound(time_ns, (x,), (0.0,)))
+    for _ in range(20):
+        force = bounder.bound(time_ns := time_ns + MS, (x,), (8.5,))[0]
+        bounder.settle((force,))
+        d = max(force - 0.12, 0.0) * 1e-3 / (2 * 0.27)
+        x -= d
+        energy += 0.27 * d * d / 1e-3 + 0.12 * d - force * d
+        bounder.settle((min(force, bounder.bound(time_ns := time_ns + MS, NAN, (8.5,))[0]),))
+        bounder.settle(bounder.bound(time_ns := time_ns + MS, (x,), (0.0,)))
+        assert bounder.estimated_energy <= energy + 1e-12
+        assert energy >= -1e-12
+    assert bounder.refused_readings == 20
+
+
+def test_a_glitch_of_one_sample_is_refused_and_earns_nothing() -> None:
+    device = replace(PHANTOM, largest_speed=1.0)
+    bounder = ForceBounder("certified", device)
+    for n in range(1, 20):
+        reading = 0.1 if n == 10 else 0.0
+        force = bounder.bound(n * MS, (reading,), (9.0,))
+        bounder.settle(force)
+        assert abs(force[0]) <= 0.12
+    assert bounder.refused_readings == 1
+    assert ForceBounder("certified", PHANTOM).refused_readings == 0
+
+
+def test_a_device_that_really_is_elsewhere_is_believed_without_credit() -> None:
+    device = replace(PHANTOM, largest_speed=1.0)
+    bounder = ForceBounder("certified", device)
+    for n in range(1, 20):
+        bounder.settle(bounder.bound(n * MS, (0.1 if n >= 10 else 0.0,), (9.0,)))
+    assert bounder.refused_readings == 1
+    assert bounder.estimated_energy < 0.0
+    bounder.settle(bounder.bound(20 * MS, (0.1005,), (9.0,)))
+    assert bounder.estimated_energy > 0.0
+
+
+# Late ticks
+
+
+def late(
+    device: Dissipation, lateness_ns: int, reports: bool = False
+) -> tuple[float, ForceBounder]:
+    """Press, rest, and let one write be late; return the share of the limit that is left."""
+    bounder = ForceBounder("certified", device)
+    time_ns = 0
+    for x in PRESS:
+        bounder.settle(bounder.bound(time_ns := time_ns + MS, (x,), (9.0,)))
+    before, rest = bounder.limit, (PRESS[-1],)
+    if reports:
+        bounder.report_cut(time_ns + round(device.hold_limit * 1e9), rest)
+    bounder.settle(bounder.bound(time_ns + MS + lateness_ns, rest, (9.0,)))
+    return bounder.limit / before, bounder
+
+
+def test_a_reported_cut_takes_nearly_nothing_from_a_hand_at_rest() -> None:
+    left, bounder = late(replace(PHANTOM, watchdog="reporting"), 2 * MS, reports=True)
+    assert 0.97 < left <= 1.0
+    assert bounder.overruns == 1
+
+
+def test_a_cut_that_ought_to_have_been_reported_is_not_taken_for_a_hold() -> None:
+    told, _ = late(replace(PHANTOM, watchdog="reporting"), 2 * MS, reports=True)
+    silent, _ = late(replace(PHANTOM, watchdog="reporting"), 2 * MS)
+    assert silent < 0.9 * told
+
+
+def test_a_force_that_stays_on_costs_a_hand_at_rest_nothing_but_is_counted() -> None:
+    device = replace(PHANTOM, watchdog="none", watchdog_limit=0.01, allowance=0.05)
+    left, bounder = late(device, 2 * MS)
+    assert left == pytest.approx(1.0)
+    assert 0.0 < bounder.largest_allowance <= 0.05
+    assert bounder.allowance_repaid
+
+
+def test_without_an_allowance_the_longest_hold_is_planned_for() -> None:
+    strict = replace(PHANTOM, watchdog="none", watchdog_limit=0.01)
+    longer = replace(PHANTOM, hold_limit=0.01)
+    assert pressed(strict) == pressed(longer)
+    with pytest.raises(ConfigError, match="watchdog_limit"):
+        replace(PHANTOM, watchdog="none")
+
+
+def test_a_hold_limit_may_change_from_hold_to_hold() -> None:
+    bounder = ForceBounder("certified", PHANTOM)
+    limits = []
+    for n, x in enumerate(PRESS):
+        if n == 150:
+            bounder.set_hold_limit(5e-3)
+        bounder.settle(bounder.bound((n + 1) * MS, (x,), (9.0,)))
+        limits.append(bounder.limit)
+    assert limits[150] < 0.6 * limits[149]
+    bounder.settle(bounder.bound(204 * MS, (PRESS[-1],), (9.0,)))
+    assert bounder.overruns == 0
+
+
+def test_a_write_later_than_stated_is_counted() -> None:
+    bounder = ForceBounder("certified", replace(PHANTOM, write_delay=1e-4))
+    bounder.settle(bounder.bound(MS, (0.0,), (0.1,)), MS + 100_000)
+    assert bounder.late_writes == 0
+    bounder.settle(bounder.bound(2 * MS, (0.0,), (0.1,)), 2 * MS + 100_001)
+    assert bounder.late_writes == 1
+
+
+# Descriptions that cannot be
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"damping": (0.27, 0.3)}, "friction of each axis"),
+        ({"gain_error": 1.0}, "gain_error"),
+        ({"friction": (0.1, 0.1), "damping": (0.2, 0.2, 0.2)}, "equally many"),
+        ({"sources": {"damping": "guessed"}}, "source of damping"),
+        ({"largest_speed": 0.0}, "largest_speed"),
+        ({"watchdog": "loud"}, "watchdog"),
+    ],
+)
+def test_a_description_that_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        replace(PHANTOM, **wrong)  # type: ignore[arg-type]
+
+
+def test_numbers_that_do_not_fit_the_axes_are_refused() -> None:
+    with pytest.raises(ConfigError, match="friction of each axis"):
+        ForceBounder("certified", replace(PHANTOM, presliding=1e-5), 2)
+    with pytest.raises(ConfigError, match="2 numbers for 3 axes"):
+        ForceBounder("certified", replace(PHANTOM, friction=(0.1, 0.1)), 3)
+    with pytest.raises(ConfigError, match="must hold the error of the weight"):
+        ForceBounder("certified", replace(PHANTOM, weight_error=0.2))
