@@ -13,6 +13,6 @@ HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
 HEARTBEAT_TIMEOUT_MS = 300
 MAX_CONNECTIONS = 64  # of one port, established or not
 MAX_UNFINISHED = 4_000_000  # bytes of a peer without the end of a message
-UNFINISHED_LOOK_NS = 50_000_000  # between two looks for such a peer; it sends some 10 MB meanwhile
+UNFINISHED_LOOK_NS = 10_000_000  # between two looks for such a peer; it sends some 10 MB meanwhile
 MAX_PEERS = 16  # established ones of one port
 NO_ANSWER_NS = 3_000_000_000  # after this time without a connection it is reported, once
