@@ -303,7 +303,7 @@ def test_the_same_section_gives_both_ends_their_keys(tmp_path: Path) -> None:
     several = replace(section, environment_keys=("server", "second"))
     with pytest.raises(ConfigError, match="secrets of several"):
         several.end("environment", tmp_path / "b")
-    assert RemoteSection("127.0.0.1").end("graph").key is None
+    assert RemoteSection("127.0.0.1", insecure=True).end("graph").key is None
 
 
 def test_a_flood_of_notices_is_counted_and_summed_up() -> None:
