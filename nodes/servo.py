@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from forcebound.bounding import Dissipation
 from forcebound.devices import DeviceModel
+from forcebound.errors import ConfigError
 from forcebound.nodes.hold_limit import FIXED, FLOOR
 from forcebound.nodes.late_ticks import LateTicks
 from forcebound.quantities import (
@@ -98,7 +99,7 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         ConfigError: If the numbers are out of range or do not go together.
     """
     stated = {name: getattr(model, name, None) for name in STATED}
-    return Dissipation(
+    dissipation = Dissipation(
         damping=model.damping,
         friction=model.friction,
         resolution=model.resolution,
@@ -109,3 +110,11 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
         **{name: value for name, value in stated.items() if value is not None},
     )
+    certain = 1.0 - dissipation.watchdog_tolerance  # share of the hold limit
+    if servo.hold_limit != "auto" and servo.hold_limit * certain < 1.0:
+        raise ConfigError(
+            f"a watchdog with a tolerance of {dissipation.watchdog_tolerance:.0%} may drop a force"
+            f" before the period is over: expected a hold_limit of at least {1.0 / certain:.3g}"
+            f" periods, or auto, got {servo.hold_limit:g}"
+        )
+    return dissipation

@@ -99,6 +99,18 @@ def test_without_a_watchdog_a_launch_file_must_bound_the_hold(tmp_path: Path) ->
     assert load(str(file)).device.servo.allowance == pytest.approx(0.02)
 
 
+def test_a_watchdog_that_may_cut_every_hold_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "early.yaml"
+    text = "forcebound: 1\ninclude: stiff_wall.yaml\n"
+    early = "device: {watchdog: silent, watchdog_tolerance: 20 %, hold_limit: "
+    file.write_text(f"{text}{early}1.2}}\n")
+    with pytest.raises(ConfigError, match=r"hold_limit of at least 1\.25 periods, or auto"):
+        load(str(file))
+    for enough in ("1.25", "auto"):
+        file.write_text(f"{text}{early}{enough}}}\n")
+        assert load(str(file)).device.servo.hold_limit in (1.25, "auto")
+
+
 # The hold limit
 
 

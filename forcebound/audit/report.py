@@ -55,11 +55,11 @@ whatever a hand could do, some path does. All terms of the energy are known in c
 (`forcebound/audit/truth.py`); the law is the live bounder. The path drifts, trembles, follows the
 force so as to take the most, chooses readings that are wrong by up to half the resolution,
 intervals from 1 ns to {longest:g} T, forces, and the imperfection that the certificate is about.
-The search is CMA-ES over the whole path. *Tight*: runs that leave less than 1 % of the energy that
-was there; so the attacks come as close as the law allows. *Not informed*: what the same attacks
-find if the law's number for the imperfection is zero. Without a watchdog a punctual hold must not
-bring the energy below zero, and no hold below minus the allowance; the energy shown is what is left
-above that.
+The search is CMA-ES over the whole path. *Tight*: share of the runs that leave less than 1 % of the
+energy that was there; searches get there, random paths hardly do. *Not informed*: what the same
+attacks find if the law's number for the imperfection is zero. Without a watchdog a punctual hold
+must not bring the energy below zero, and no hold below minus the allowance; the energy shown is
+what is left above that.
 """
 
 #: Difficulties listed for each law: the assumptions of the paper's laws, and one step beyond.
@@ -131,7 +131,7 @@ def _certificates(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         without = show_energy(row["without"]["margin_min_j"]) if row["without"] else "–"
         yield (
             f"| {row['summary']} | `{row['law']}` | {row['runs']:,} | {lowest} "
-            f"| {row['tight_share']:.0%} | {verdict_of_certificate(row)} | {without} |"
+            f"| {row['tight_share']:.1%} | {verdict_of_certificate(row)} | {without} |"
         )
     yield "\nRuns that break a law which is not informed, and certificates that are broken:\n"
     for row in rows:
@@ -239,7 +239,7 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
         without = row["without"] and show_energy(row["without"]["margin_min_j"])
         yield (
             f"{row['certificate']:<20}{row['law']:<22}{lowest:>10}  "
-            f"{verdict_of_certificate(row):<9}tight {row['tight_share']:>4.0%}"
+            f"{verdict_of_certificate(row):<9}tight {row['tight_share']:>5.1%}"
             + (f"  not informed {without}" if without else "")
             + ("" if row["holds"] else f"\n    case {row['case']}")
         )
