@@ -11,12 +11,13 @@ needed. Two things are handled here and nowhere else:
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar
+
+from forcebound.folders import runtime_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,7 +31,8 @@ def _cache_folder() -> str | None:
         digest.update(source.read_bytes())
     home = os.path.expanduser("~")
     bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
-    for base in [*bases, Path(tempfile.gettempdir()) / f"forcebound-{os.getuid()}"]:
+    private = runtime_folder()  # others may not put compiled code there
+    for base in [*bases, *([private] if private else [])]:
         folder = base / "forcebound" / digest.hexdigest()[:16]
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -27,6 +27,7 @@ from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable
+from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.run_lock import exclusive, shared
@@ -311,7 +312,7 @@ def run_directory() -> Iterator[Path]:
         for name in names
     )
     remove_left_over(run_folders())
-    folder = tempfile.mkdtemp(prefix=PREFIX)
+    folder = tempfile.mkdtemp(prefix=PREFIX, dir=runtime_folder())
     if len(os.fsencode(folder)) + longest > IPC_PATH_LIMIT:
         os.rmdir(folder)
         folder = tempfile.mkdtemp(prefix=PREFIX, dir=SHORTEST)
@@ -323,8 +324,13 @@ def run_directory() -> Iterator[Path]:
 
 
 def run_folders() -> set[Path]:
-    """Return the folders that hold run directories."""
-    return {Path(tempfile.gettempdir()), Path(SHORTEST)}
+    """Return the folders that may hold run directories."""
+    return {*runtime_folders(), Path(tempfile.gettempdir()), Path(SHORTEST)}
+
+
+def own_run_directories(folders: Iterable[Path]) -> list[Path]:
+    """Return what is named like a run directory and belongs to this user, in folders of anybody."""
+    return sorted(path for each in folders for path in each.glob(f"{PREFIX}*") if is_own(path))
 
 
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
@@ -334,10 +340,8 @@ def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     hold no recording: after a crash it may be of use.
     """
     removed = []
-    for run_dir in sorted(path for folder in folders for path in folder.glob(f"{PREFIX}*")):
+    for run_dir in own_run_directories(folders):
         try:
-            if run_dir.is_symlink() or run_dir.stat().st_uid != os.getuid():
-                continue
             run = RunDocument.read(run_dir)
             if not run.is_temporary or (run_dir / RECORDING).exists():
                 continue

@@ -101,6 +101,7 @@ class Supervisor:
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
         self._not_started: list[str] = []
+        self._has_requests = False  # more than the last turn has answered
         self._events = EventLog(LAUNCHER)
 
     def run(self) -> bool:
@@ -162,7 +163,7 @@ class Supervisor:
                 advance(event)
                 if isinstance(event, Reported) and event.node in awaited:
                     self._announce_changes(event.node)
-            control.serve(answer)
+            self._has_requests = control.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._follow_script(time.monotonic_ns())
 
@@ -200,7 +201,7 @@ class Supervisor:
                 stack.callback(child.end)
 
     def _timeout(self, lifecycle: Lifecycle, now_ns: int) -> float | None:
-        if self._not_started:
+        if self._not_started or self._has_requests:
             return 0.0
         if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING) or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9

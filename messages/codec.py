@@ -9,8 +9,9 @@ Strategy:
    here.
 2. :func:`encode` does not check values.
 3. :func:`decode` trusts no sender: any bytes give a packet or a :class:`PacketError`. Compiled code
-   does the checks except two, which follow here: that ``packet`` and ``version`` were present (by
-   the number of pairs, which also reveals a duplicate key), and that all vectors have one length.
+   does the checks except four, which follow here: that ``packet`` and ``version`` were present,
+   that no key came twice (by the number of pairs), that all vectors have one length, and that
+   names are printable, because they reach logs and terminals.
 4. The reason of a rejection is determined only afterwards, by decoding the frame again without a
    schema. Its memory is bounded by the size of the frame (``MAX_BYTES``) and the length that an
    array or map may state. The reasons, in the order of the checks:
@@ -19,10 +20,11 @@ Strategy:
    malformed not one msgpack map with text keys: cut short, trailing bytes, too large or too deep
    version   another version of the wire format
    keys      a key is missing, unknown or duplicate, or it is another packet than expected
-   value     a value has the wrong type, range or length, or two vectors differ in length
+   value     a value has the wrong type, range or length, a name has a control or format
+             character, or two vectors differ in length
    ========= =====================================================================================
 
-Not-a-number and infinity *are* decoded: the safety chain of the device rejects and counts them.
+Not-a-number and infinity *are* decoded: device and environment reject and count them.
 """
 
 import re
@@ -32,12 +34,13 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import msgpack
-from msgspec import MsgspecError
+from msgspec import MsgspecError, Struct
 from msgspec.msgpack import Decoder, Encoder
 
 from forcebound.errors import PacketError
 from forcebound.messages.packets import (
     MAX_LENGTH,
+    NAMES,
     TOPIC_OF,
     TOPICS,
     VERSION,
@@ -52,6 +55,13 @@ MAX_BYTES = 4096  # the largest packet, telemetry of six axes with 32 reasons, h
 _REFUSALS = (MsgspecError, ValueError, RecursionError, OverflowError)
 
 
+class _Head(Struct, gc=False):
+    """Keys that the decoder of a packet would let pass if they were missing."""
+
+    packet: str
+    version: int
+
+
 class _Form(NamedTuple):
     """Remaining checks of a decoded packet."""
 
@@ -60,6 +70,7 @@ class _Form(NamedTuple):
     keys: tuple[str, ...]
     vectors: tuple[str, ...]  # the first is never nil
     vectors_of: Callable[[Packet], tuple[Any, ...]] | None  # None: there is only one
+    names: tuple[str, ...]
 
 
 def _form(kind: type[Packet]) -> _Form:
@@ -68,7 +79,8 @@ def _form(kind: type[Packet]) -> _Form:
     head = msgpack.Packer().pack_map_header(len(keys))
     vectors = tuple(name for name, hint in types.items() if hint in (Vector, Vector | None))
     vectors_of = attrgetter(*vectors) if len(vectors) > 1 else None
-    return _Form(head, len(head), keys, vectors, vectors_of)
+    names = tuple(name for name in types if name in NAMES)
+    return _Form(head, len(head), keys, vectors, vectors_of, names)
 
 
 def plain(value: Any) -> float | dict[Any, Any]:
@@ -89,6 +101,7 @@ _DECODE: dict[type[Packet] | None, Callable[[bytes | memoryview], Packet]] = {
     None: Decoder(Packet).decode,
     **{kind: Decoder(kind).decode for kind in TOPIC_OF},
 }
+_DECODE_HEAD = Decoder(_Head).decode
 
 #: As :func:`encode`, for the loop: whether it is a packet at all is not checked either.
 encode_unchecked: Callable[[Packet], bytes] = Encoder(enc_hook=plain).encode
@@ -121,6 +134,7 @@ def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Pa
         raise PacketError("malformed", f"expected at most {MAX_BYTES} bytes, got {len(data)}")
     try:
         packet = _DECODE[expected](data)
+        _DECODE_HEAD(data)
     except _REFUSALS as error:
         raise _refusal(data, expected, str(error)) from None
     form = _FORMS[type(packet)]
@@ -132,6 +146,10 @@ def decode(data: bytes | memoryview, expected: type[Packet] | None = None) -> Pa
         for vector in others:
             if vector is not None and len(vector) != axes:
                 raise _axes_error(packet, form)
+    for name in form.names:
+        text = getattr(packet, name)
+        if text is not None and not text.isprintable():
+            raise _name_text_error(packet, name, text)
     return packet
 
 
@@ -197,6 +215,14 @@ def _axes_error(packet: Packet, form: _Form) -> PacketError:
     return PacketError(
         "value",
         f"{TOPIC_OF[type(packet)]}: expected vectors of one length, got axes {', '.join(axes)}",
+    )
+
+
+def _name_text_error(packet: Packet, name: str, text: str) -> PacketError:
+    return PacketError(
+        "value",
+        f"{TOPIC_OF[type(packet)]}: {name} must be printable text on one line, got "
+        f"{reprlib.repr(text)}",
     )
 
 

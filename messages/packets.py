@@ -22,6 +22,7 @@ MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
 MAX_LENGTH = 64  # of any array or map on the wire
 MAX_NAME = 64  # characters of a name
+NAMES = ("environment", "node", "event")  # keys whose text is a name: printable, on one line
 MAX_TEXT = 500  # characters of a text for people
 
 Vector: TypeAlias = tuple[float, ...]

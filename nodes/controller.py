@@ -66,6 +66,15 @@ class ControllerNode(Node):
                 self._take_reply(packet, time_ns, packets)
         return packets
 
+    def admit(self, packet: Packet, source: str, time_ns: int) -> bool:
+        """Admit replies of one environment at a time; see :class:`forcebound.nodes.Node`."""
+        if type(packet) is not EnvironmentReply:
+            return True
+        if self._lease.admit(packet.environment, source, time_ns):
+            return True
+        self.reject("second_environment")
+        return False
+
     def reject(self, reason: str) -> None:
         """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1

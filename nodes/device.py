@@ -27,6 +27,7 @@ from forcebound.messages.packets import (
     Telemetry,
     Vector,
 )
+from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import BOUNDER_REPORTED, STATE_INTERVAL_NS, EventLog
@@ -53,7 +54,7 @@ _UNKNOWN = _Unknown()
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
-class DeviceNode:
+class DeviceNode(Node):
     """The servo of one device; the module's docstring defines a tick.
 
     It publishes states and writes zero force from its first step on; the force engages, and a

@@ -11,6 +11,7 @@ graph knows of it.
 
 import logging
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, ClassVar
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
@@ -115,6 +116,9 @@ class EnvironmentNode(Node):
         replies: list[Packet] = []
         for packet in received:
             if type(packet) is EnvironmentQuery:
+                if not all(map(isfinite, (*packet.position, *packet.velocity, packet.elapsed))):
+                    self.reject("not_finite")
+                    continue
                 self._is_serving = packet.environment == self.name
                 if self._is_serving or packet.environment is None:
                     self._refused_for = None

@@ -17,6 +17,14 @@ settings.register_profile("random", print_blob=True, deadline=None)
 settings.load_profile("daily")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def runtime_folder() -> Iterator[None]:
+    """A runtime folder of the tests, so that they touch nothing of the user's."""
+    with tempfile.TemporaryDirectory(prefix="fb-") as path, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", path)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def leak_check(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory

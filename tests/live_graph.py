@@ -56,13 +56,14 @@ class LiveGraph:
         variables: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = folder
+        self.variables = {"XDG_RUNTIME_DIR": str(folder), **(variables or {})}
         self.record = folder / "run.mcap"
         self.log_path = folder / "log"
         command = [*prefix, sys.executable, "-m", "forcebound", "launch", *words]
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(
                 [*command, "--duration", "1200 s", "--record", str(self.record), "--json"],
-                env={**os.environ, "TMPDIR": str(folder), **(variables or {})},
+                env={**os.environ, **self.variables},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -75,8 +76,13 @@ class LiveGraph:
 
     @property
     def run_dir(self) -> Path:
-        [run_dir] = self.folder.glob("forcebound-*")
+        [run_dir] = (path.parent for path in self.runtime.glob("forcebound-*/control-launcher"))
         return run_dir
+
+    @property
+    def runtime(self) -> Path:
+        """Folder of run directories."""
+        return Path(self.variables["XDG_RUNTIME_DIR"])
 
     def until(self, happened: Callable[[], object], what: str) -> None:
         """Wait until something happened, in bounded time, while the launcher lives."""
@@ -101,7 +107,7 @@ class LiveGraph:
 
     def wait_until_in_contact(self) -> None:
         """Wait until the hand presses into a wall whose force is wholly engaged."""
-        self.until(lambda: list(self.folder.glob("forcebound-*/control-launcher")), "the launcher")
+        self.until(lambda: list(self.runtime.glob("forcebound-*/control-launcher")), "the launcher")
         self.until(lambda: self.status()["phase"] == "running", "an engaged force")
         self.wait_for_telemetry(
             lambda t: t.engagement == 1.0 and abs(t.commanded_force[0]) > HARD, "contact"
@@ -137,7 +143,7 @@ class LiveGraph:
         """Run another command of forcebound, beside the graph."""
         return subprocess.run(
             [sys.executable, "-m", "forcebound", *words],
-            env={**os.environ, "TMPDIR": str(self.folder)},
+            env={**os.environ, **self.variables},
             capture_output=True,
             text=True,
             timeout=PATIENCE,

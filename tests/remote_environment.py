@@ -17,7 +17,12 @@ class RemoteEnvironment:
     """``forcebound node environment FILE`` as a process of its own; see :func:`serving`."""
 
     def __init__(
-        self, file: Path, folder: Path, prefix: Sequence[str] = (), keys: Path | None = None
+        self,
+        file: Path,
+        folder: Path,
+        prefix: Sequence[str] = (),
+        keys: Path | None = None,
+        runtime: Path | None = None,
     ) -> None:
         self.log_path = folder / "log"
         self._said = ""
@@ -26,7 +31,7 @@ class RemoteEnvironment:
                 [*prefix, sys.executable, "-m", "forcebound", "node", "environment", str(file)],
                 env={
                     **os.environ,
-                    "TMPDIR": str(folder),
+                    "XDG_RUNTIME_DIR": str(runtime or folder),
                     **({} if keys is None else {"FORCEBOUND_KEYS": str(keys)}),
                 },
                 stdin=subprocess.DEVNULL,
@@ -49,7 +54,10 @@ class RemoteEnvironment:
 
 @contextmanager
 def serving(
-    file: Path, prefix: Sequence[str] = (), keys: Path | None = None
+    file: Path,
+    prefix: Sequence[str] = (),
+    keys: Path | None = None,
+    runtime: Path | None = None,
 ) -> Iterator[RemoteEnvironment]:
     """Start an environment that serves a graph elsewhere; afterwards nothing of it is left.
 
@@ -57,9 +65,10 @@ def serving(
         file: Launch file.
         prefix: In front of its command line.
         keys: Its key folder.
+        runtime: Its runtime folder, shared with other processes; None: one of its own.
     """
     with tempfile.TemporaryDirectory(prefix="fe-") as folder:
-        environment = RemoteEnvironment(file, Path(folder), prefix, keys)
+        environment = RemoteEnvironment(file, Path(folder), prefix, keys, runtime)
         try:
             yield environment
         finally:

@@ -43,7 +43,7 @@ class Peer:
 
     def turn(self) -> None:
         self.notices += self.link.watch(time.monotonic_ns())
-        self.got += self.link.subscriber.receive()
+        self.got += [data for _, data in self.link.channel.receive()]
 
     def kinds(self) -> set[str]:
         return {notice.kind for notice in self.notices}

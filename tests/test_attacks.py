@@ -313,7 +313,7 @@ def test_false_forces_floods_and_rubbish_in_place_of_the_environment(tmp_path: P
     random_ = random.Random(2)
     nan = float("nan")
     port = free_port()
-    remote = f"address: 127.0.0.1, port: {port}, local: true"
+    remote = f"address: 127.0.0.1, port: {port}, local: true, insecure: true"
     with live_graph(str(write_launch_file(tmp_path, "a.yaml", remote))) as graph:
         with in_place_of_the_environment(graph, port) as one:
             seq = iter(range(10**9))

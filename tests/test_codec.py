@@ -109,7 +109,7 @@ REASONS = ("malformed", "version", "keys", "value")
 
 numbers = st.floats()
 counts = st.integers(0, MAX_COUNT)
-names = st.text(min_size=1, max_size=MAX_NAME)
+names = st.text(min_size=1, max_size=MAX_NAME).filter(str.isprintable)
 
 
 @st.composite
@@ -467,6 +467,26 @@ def test_a_key_given_twice_is_refused(packet: Packet) -> None:
             error = refusal(data)
             assert error.reason == "keys"
             assert "duplicate key" in str(error)
+
+
+def test_a_key_given_twice_does_not_stand_in_for_a_missing_one(packet: Packet) -> None:
+    for missing in ("packet", "version"):
+        pairs = [(key, value) for key, value in as_map(packet).items() if key != missing]
+        pairs.append(("seq", 9))
+        body = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in pairs)
+        error = refusal(msgpack.Packer().pack_map_header(len(pairs)) + body, type(packet))
+        assert error.reason == "keys"
+
+
+@pytest.mark.parametrize(
+    "name", ["\x1b[2J", "wall\n[device] all is well", "\x00", "\x9b31m", "a\u202eb", "a\u2028b"]
+)
+def test_a_name_that_a_terminal_would_obey_is_refused(name: str) -> None:
+    for packet in (REPLY, replace(QUERY, environment="wall")):
+        error = refused_map(as_map(packet) | {"environment": name})
+        assert error.reason == "value"
+        assert str(error).isprintable()
+    assert decode(encode(replace(REPLY, environment="Wand 7 – grün"))).environment  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", ["devicestate", "", None, 1, ["device_state"]])

@@ -54,9 +54,9 @@ def test_a_good_machine_is_fine_in_all_respects() -> None:
         ({"clock_resolution": 4e-3}, "note", "coarse_timers", "4 ms", "HIGH_RES"),
         ({"clock_source": "hpet"}, "note", "slow_clock", "hpet", "echo tsc"),
         ({"has_curve": False}, "note", "no_curve", "without CURVE", "pip install"),
-        ({"free": None}, "problem", "no_temporary_folder", "cannot be written", "TMPDIR"),
-        ({"free": 1_000_000}, "problem", "no_space", "1.0 MB are free", "TMPDIR"),
-        ({"free": 100_000_000}, "note", "little_space", "100 MB are free", "TMPDIR"),
+        ({"free": None}, "problem", "no_temporary_folder", "cannot be written", "XDG_RUNTIME_DIR"),
+        ({"free": 1_000_000}, "problem", "no_space", "1.0 MB are free", "XDG_RUNTIME_DIR"),
+        ({"free": 100_000_000}, "note", "little_space", "100 MB are free", "XDG_RUNTIME_DIR"),
         (
             {"key_problems": (("others can replace the keys in /k", "chmod 700 /k"),)},
             "note",
@@ -108,6 +108,7 @@ def test_a_temporary_folder_that_is_not_there_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "missing"))
     assert machine.look().free is None
 
 

@@ -437,6 +437,18 @@ def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
     assert node.wake_ns is None
 
 
+@pytest.mark.parametrize("key", ["position", "velocity", "elapsed"])
+def test_a_query_that_is_not_finite_is_counted_and_not_answered(key: str) -> None:
+    node = EnvironmentNode(Wall())
+    for number in (math.nan, math.inf):
+        assert (
+            node.step(0, [replace(query(0), **{key: number if key == "elapsed" else (number,)})])
+            == []
+        )
+    assert node.status()["rejected"] == {"not_finite": 2}
+    assert node.answered == 0
+
+
 def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
     node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
     assert node.step(0, [query(0)]) == []

@@ -1,5 +1,6 @@
 """Runners with a link to another machine, and runners whose parameters change."""
 
+import os
 import re
 import socket
 import time
@@ -317,6 +318,36 @@ def test_an_address_is_a_number_or_a_name(tmp_path: Path, address: str) -> None:
     config = load(remote_file(tmp_path, f"{{address: '{address}', insecure: true}}"))
     assert config.remote is not None
     assert config.remote.address == address
+
+
+def test_on_loopback_only_this_user_takes_part_unless_insecure_is_set(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(run_dir))
+    section = RemoteConfig("localhost")
+    graph, environment = section.end("graph"), section.end("environment")
+    assert graph.key is not None
+    assert environment.key is not None
+    assert set(graph.peers) == {environment.key.public}
+    assert set(environment.peers) == {graph.key.public}
+    assert section.end("graph").key == graph.key  # as another process reads it
+    for path in (run_dir / "forcebound").rglob("*.key_secret"):
+        assert path.stat().st_mode & 0o077 == 0
+    assert RemoteConfig("localhost", insecure=True).end("graph").key is None
+
+
+def test_without_a_private_folder_loopback_is_not_left_open(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "")
+    monkeypatch.setattr("tempfile.tempdir", str(run_dir))
+    (run_dir / f"forcebound-run-{os.getuid()}").symlink_to(run_dir)
+    section = RemoteConfig("127.0.0.1")
+    if Path(f"/run/user/{os.getuid()}").exists():
+        pytest.skip("this machine has a runtime folder")
+    for check in (section.check_here, section.end):
+        with pytest.raises(ConfigError, match="set XDG_RUNTIME_DIR"):
+            check("graph")
 
 
 # --- What a live run needs of this machine --------------------------------------------------------

@@ -23,19 +23,22 @@ def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() ->
         assert not graph.record.exists()  # it would hold nothing, and stand in the way of the next
 
 
-def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path) -> None:
+def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path, run_dir: Path) -> None:
     port = free_port()
     remote = f"address: 127.0.0.1, port: {port}, listens: environment"
     file = write_launch_file(tmp_path, "a.yaml", remote)
-    where = f"127.0.0.1 port {port}, without keys"
-    with serving(file) as environment:
-        until(lambda: f"listening at {where}; no peer yet" in environment.log, "its address")
+    where = f"127.0.0.1 port {port}, with the key this-user"
+    with serving(file, runtime=run_dir) as environment:
+        until(
+            lambda: f"listening at {where}-environment; no peer yet" in environment.log,
+            "its address",
+        )
         name = re.findall(r"this environment is (\S+)", environment.log)[0]
-        with live_graph(str(file)) as graph:
+        with live_graph(str(file), variables={"XDG_RUNTIME_DIR": str(run_dir)}) as graph:
             until(lambda: f"serving this graph now, as {name}" in environment.log, "its start")
             ended = graph.end()
         environment.end()
-    assert f"connecting to {where}" in ended.log
+    assert f"connecting to {where}-graph" in ended.log
     assert f"environment {name} serves now" in ended.log
     (connected,) = re.findall(r"connected from .*", environment.log)
     assert re.fullmatch(r"connected from \S+", connected)

@@ -132,12 +132,55 @@ def test_a_directory_of_no_run_is_refused_with_those_that_run(
             find(wrong, [tmp_path])
 
 
-def test_by_default_it_looks_where_the_launcher_makes_its_directories(
-    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
+def test_a_link_of_anybody_in_a_shared_folder_disables_nothing(
+    tmp_path: Path, make_run: MakeRun
 ) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    run_dir = make_run(tmp_path, "a")
-    assert run_dir in running()
+    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    (tmp_path / "forcebound-x").symlink_to("forcebound-x")
+    (tmp_path / "forcebound-y").symlink_to(run_dir)
+    assert find(None, [tmp_path]) == run_dir
+    assert remove_left_over([tmp_path]) == []
+    with pytest.raises(ConfigError, match="not the run directory of a running graph"):
+        find(tmp_path / "forcebound-x", [tmp_path])
+
+
+def test_by_default_it_looks_where_the_launcher_makes_its_directories(
+    run_dir: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    private, shared_folder = run_dir / "a", run_dir / "b"
+    private.mkdir(mode=0o700)
+    shared_folder.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(private))
+    monkeypatch.setattr("tempfile.tempdir", str(shared_folder))
+    former = make_run(shared_folder, "a")
+    with run_directory() as made:
+        assert made.parent == private
+        RunDocument(os.getpid(), None, "", []).write(made)
+        assert {former, made.resolve()} <= running().keys()
+
+
+def test_a_run_directory_is_made_where_nobody_else_may_enter(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = run_dir / "open"
+    others.mkdir(mode=0o755)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(others))
+    monkeypatch.setattr("tempfile.tempdir", str(run_dir))
+    fallback = run_dir / f"forcebound-run-{os.getuid()}"
+    with run_directory() as made:
+        assert made.parent in (fallback, Path(f"/run/user/{os.getuid()}"))
+        assert made.parent.stat().st_mode & 0o077 == 0
+
+
+def test_a_name_that_another_user_has_taken_prevents_no_run(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "")
+    monkeypatch.setattr("tempfile.tempdir", str(run_dir))
+    (run_dir / f"forcebound-run-{os.getuid()}").symlink_to(run_dir / "elsewhere")
+    with run_directory() as made:
+        assert made.stat().st_mode & 0o077 == 0
+        assert not (run_dir / "elsewhere").exists()
 
 
 def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
@@ -202,10 +245,9 @@ with run_directory() as run_dir:
 def test_the_directory_of_a_killed_owner_is_removed_by_the_next_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER],
-        env={**os.environ, "TMPDIR": str(tmp_path)},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

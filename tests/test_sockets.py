@@ -3,7 +3,9 @@
 import os
 import socket
 import threading
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -12,7 +14,7 @@ from waiting import PATIENCE, until
 
 from forcebound.errors import ConfigError
 from forcebound.network import sockets
-from forcebound.network.control import ControlClient
+from forcebound.network.control import SERVE_LIMIT, ControlClient
 from forcebound.network.keys import KeyPair
 from forcebound.network.limits import MAX_FRAME
 from forcebound.network.sockets import Guard, Network, Publisher
@@ -219,6 +221,35 @@ def test_a_request_is_answered(network: Network, run_dir: Path) -> None:
     server.serve(lambda request: {"heard": request["request"]})
     until(client.pending, "the answer")
     assert client.answer() == {"heard": "status"}
+
+
+def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Path) -> None:
+    server = network.control_server(f"ipc://{run_dir}/control")
+    raw = zmq.Context()
+    flood = raw.socket(zmq.DEALER, socket_class=zmq.Socket)
+    try:
+        flood.linger = 0
+        flood.connect(f"ipc://{run_dir}/control")
+        for _ in range(500):
+            flood.send_multipart([b"", msgpack.packb({"request": "status"})])
+        until(server.pending, "the requests")
+        answered: list[object] = []
+
+        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+            answered.append(request)
+            sockets.wait((), 1_000_000)  # so that more are there by then
+            return {}
+
+        until(lambda: server.serve(answer), "more requests than one turn serves")
+        turns = 1
+        while len(answered) < 500:
+            before = len(answered)
+            server.serve(answer)
+            assert len(answered) - before <= SERVE_LIMIT
+            turns += 1
+        assert turns >= 500 // SERVE_LIMIT
+    finally:
+        raw.destroy()
 
 
 def test_a_request_may_follow_one_without_an_answer(network: Network, run_dir: Path) -> None:

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -241,7 +240,7 @@ def test_who_does_not_stop_is_killed(run_dir: Path) -> None:
 def test_a_live_run_leaves_its_samples_and_nothing_else(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(run_dir))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(run_dir))
     result = run_live(load("stiff_wall.yaml"), 0.5)
     assert result.summary["samples"] > 100
     assert result.summary["law"] == "certified"
@@ -269,7 +268,7 @@ class Launched:
         command = [sys.executable, "-m", "forcebound", "launch", "stiff_wall.yaml", *words]
         self.process = subprocess.Popen(
             [*command, "--duration", "600 s", "--record", str(self.record), "--json"],
-            env={**os.environ, "TMPDIR": str(run_dir)},
+            env={**os.environ, "XDG_RUNTIME_DIR": str(run_dir)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -374,3 +373,19 @@ def test_a_peer_that_paused_causes_no_stale_force_afterwards(launched: Launched)
     delays = [p.loop_delay for p in launched.telemetry() if any(p.commanded_force)]
     assert delays
     assert max(delay for delay in delays if delay is not None) < 0.1  # the age limit
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_a_run_without_standard_streams_goes_on_to_its_end(run_dir: Path, closed: str) -> None:
+    record = run_dir / "run.mcap"
+    words = f"-m forcebound launch stiff_wall.yaml --duration '0.3 s' --record {record}"
+    done = subprocess.run(
+        ["sh", "-c", f"exec {sys.executable} {words} {closed}"],
+        env={**os.environ, "XDG_RUNTIME_DIR": str(run_dir)},
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert record.stat().st_size > 0
+    assert list(run_dir.iterdir()) == [record]

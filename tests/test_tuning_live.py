@@ -43,12 +43,16 @@ def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_p
 
 
 @pytest.mark.slow
-def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path) -> None:
+def test_a_stand_by_is_told_from_the_environment_that_serves(tmp_path: Path, run_dir: Path) -> None:
     remote = f"address: 127.0.0.1, port: {free_port()}, local: true"
     file = write_launch_file(tmp_path, "a.yaml", remote)
-    with live_graph(str(file)) as graph, serving(file) as there:
+    variables = {"XDG_RUNTIME_DIR": str(run_dir)}
+    with (
+        live_graph(str(file), variables=variables) as graph,
+        serving(file, runtime=run_dir) as there,
+    ):
         graph.until(lambda: "waiting until it leaves" in there.log, "a stand-by elsewhere")
-        [elsewhere] = there.log_path.parent.glob("forcebound-*")
+        [elsewhere] = set(run_dir.glob("forcebound-*")) - {graph.run_dir}
         run, far = ("--run", str(graph.run_dir)), ("--run", str(elsewhere))
         refused = graph.order("param", "set", "links.environment_reply.delay:=15 ms", *far)
         assert refused.returncode == 2

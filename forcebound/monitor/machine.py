@@ -17,6 +17,7 @@ from typing import Any
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
+from forcebound.folders import runtime_folder
 from forcebound.monitor.findings import Finding
 from forcebound.network import keys, sockets
 
@@ -55,7 +56,7 @@ def look() -> Machine:
     """Return the properties of this machine."""
     folder = keys.key_folder()
     try:
-        temporary = Path(tempfile.gettempdir())
+        temporary = runtime_folder() or Path(tempfile.gettempdir())
     except OSError:  # none of the usual ones can be used
         temporary = Path("/tmp")
     version, has_curve = sockets.library()

@@ -1,8 +1,9 @@
 """The graphs that run on this machine, found by their run directories and by nothing else.
 
-A run directory is named ``forcebound-...``, lies in the folder for temporary files, belongs to the
-user, has a run's document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher
-or by nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
+A run directory is named ``forcebound-...``, lies in the user's runtime folder
+(:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
+document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher or by nodes that
+were started by hand (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
@@ -11,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import PREFIX, RunDocument, run_folders
+from forcebound.folders import is_own
+from forcebound.launch.live import RunDocument, own_run_directories, run_folders
 from forcebound.launch.run_lock import is_held
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
@@ -24,7 +26,7 @@ def running(folders: Iterable[Path] | None = None) -> dict[Path, RunDocument]:
         folders: Where to look; by default where the launcher makes run directories.
     """
     folders = run_folders() if folders is None else folders
-    found = {run_dir.resolve() for folder in folders for run_dir in folder.glob(f"{PREFIX}*")}
+    found = {_real(run_dir) for run_dir in own_run_directories(folders)}
     documents = {run_dir: _document(run_dir) for run_dir in sorted(found)}
     return {run_dir: document for run_dir, document in documents.items() if document is not None}
 
@@ -52,7 +54,7 @@ def find(
     known = running(folders)
     if run is None:
         return _only(known, of_graph, option)
-    run_dir = run.resolve()
+    run_dir = _real(run)
     document = _document(run_dir)  # the directory may lie elsewhere
     if document is None:
         others = f"these are:{_list(known)}" if known else "none runs"
@@ -94,11 +96,15 @@ def while_running(run_dir: Path) -> Iterator[None]:
         raise RunError(f"the graph in {run_dir} has ended meanwhile") from error
 
 
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))  # a link to itself is no error here, as it is of resolve
+
+
 def _document(run_dir: Path) -> RunDocument | None:
     """Return the document of a run of this user that goes on; None: there is no such run."""
     try:
         # Others can make such a directory, too, and would then be asked in place of the graph.
-        if not run_dir.is_dir() or run_dir.stat().st_uid != os.getuid():
+        if not is_own(run_dir):
             return None
         document = RunDocument.read(run_dir)
     except (ConfigError, OSError):

@@ -35,7 +35,7 @@ _LOOP_DELAY = "loop delay p50 {p50:.1f ms}, p99 {p99:.1f ms}"
 _NO_ANSWER = "no answer younger than the age limit of {age_limit:g ms}"
 _LESS_DELAY = "less delay or loss on the links, or a larger device.age_limit"
 _ONE_ENVIRONMENT = "end one of the two; the other takes over after 1 s"
-_ROOM = ("make room, or name another folder", "TMPDIR=FOLDER forcebound launch FILE")
+_ROOM = ("make room, or name another folder", "XDG_RUNTIME_DIR=FOLDER forcebound launch FILE")
 
 # Of a graph.
 FINDINGS: dict[str, Text] = {

@@ -7,12 +7,14 @@ tries again every 20 ms, for ever, which floods both logs. In all these cases ``
 ``connect`` are called here, with a growing pause between.
 """
 
+from collections.abc import Collection
 from contextlib import suppress
 
 import zmq
 
 from forcebound.network.channel import Channel
-from forcebound.network.limits import NO_ANSWER_NS
+from forcebound.network.descriptors import Grip
+from forcebound.network.limits import MAX_UNFINISHED, NO_ANSWER_NS
 from forcebound.network.monitor import Monitor, SocketEvent
 from forcebound.network.notices import Notice
 from forcebound.network.zap import FULL
@@ -59,6 +61,9 @@ class Connector:
         self._retry_ns: int | None = None  # disconnected by us until then
         self._pause_ns = FIRST_PAUSE_NS
         self._has_more = False
+        self._grip = Grip()
+        self._descriptor = -1  # of the present connection
+        self._received = 0  # bytes on it, at the last look that found a whole message
 
     @property
     def established(self) -> int:
@@ -112,6 +117,20 @@ class Connector:
             notices.append(self._notice("no_answer"))
         return notices
 
+    def look(self, time_ns: int, limit: int, heard: Collection[bytes]) -> list[Notice]:
+        """Leave a listener that sends too much without the end of a message.
+
+        Arguments are as of :meth:`forcebound.network.listener.Listener.look`.
+        """
+        received = self._grip.bytes_received(self._descriptor) if self._is_up else 0
+        if heard:
+            self._received = received
+        elif received - self._received > MAX_UNFINISHED:
+            self._is_up, self._received = False, received
+            self._leave(time_ns, self._pause_ns)
+            return [self._notice("broken")]
+        return []
+
     def greet(self, channel: Channel) -> list[Notice]:
         """Greet the listener."""
         if self._is_up:
@@ -120,6 +139,7 @@ class Connector:
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
         if event.kind == zmq.EVENT_CONNECTED:
+            self._descriptor, self._received = event.value, 0
             self._since_ns, self._lost_ns = time_ns, None
         elif event.kind in (zmq.EVENT_CONNECT_DELAYED, zmq.EVENT_CONNECT_RETRIED):
             self._lost_ns = None

@@ -8,6 +8,7 @@ import msgpack
 import zmq
 
 _EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
+SERVE_LIMIT = 4  # requests answered at once; a node looks 100 times a second
 _MAX_ITEMS = 256  # in a list or map of a request or its answer
 
 
@@ -22,16 +23,22 @@ class ControlServer:
         """Whether a request is there."""
         return _has(self._socket, _POLLIN)
 
-    def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
-        """Answer all requests that are there; one that is not a map gets an ``error``."""
-        while self.pending():
-            data = _receive(self._socket)
+    def serve(self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> bool:
+        """Answer the requests that are there; one that is not a map gets an ``error``.
+
+        Returns:
+            Whether more may be there: at most ``SERVE_LIMIT`` are answered in one turn of a loop,
+            so that a flood does not hold it.
+        """
+        for _ in range(SERVE_LIMIT):
+            data = _receive(self._socket) if self.pending() else None
             if data is None:
-                return
+                return False
             request = _unpack_map(data)
             reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
             with suppress(zmq.Again):
                 self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
+        return self.pending()
 
 
 class ControlClient:

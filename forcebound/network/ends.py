@@ -2,14 +2,20 @@
 
 What is wrong with the section on any machine is an error when it is made; what this machine lacks
 (a key file, an address, a free port) is one of :meth:`RemoteSection.check_here`.
+
+A section without keys is for loopback, which every user of the machine can reach. So both ends use
+the keys of :func:`loopback_keys` there, which only processes of the same user can read.
 """
 
+import fcntl
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from forcebound.errors import ConfigError
+from forcebound.folders import runtime_folder
 from forcebound.network import keys
 from forcebound.network.addresses import Host, check_free, numeric_address, resolve
 from forcebound.network.keys import KeyPair
@@ -18,6 +24,8 @@ from forcebound.quantities import CheckedText, Range, check_ranges
 DEFAULT_PORT = 7410
 Role = Literal["graph", "environment"]
 T = TypeVar("T")
+
+LOOPBACK = "this-user-graph", ("this-user-environment",)  # names of keys on loopback
 
 _WITHOUT_KEYS = (
     "without keys a link stays on this machine. Make a key pair on each machine with "
@@ -60,7 +68,7 @@ class RemoteSection:
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose
             secret is on this machine is that of this environment.
-        insecure: Whether a link without keys may leave this machine.
+        insecure: Whether to use no keys, so that anybody who reaches the port may take part.
 
     Raises:
         ConfigError: If something in it would be wrong on any machine; the message begins with the
@@ -118,7 +126,9 @@ class RemoteSection:
         """
         pair: KeyPair | None = None
         peers: dict[str, str] = {}
-        if self.graph_key is not None:
+        if self._is_open:
+            pair, peers = _keys_of(role, *LOOPBACK, loopback_keys())
+        elif self.graph_key is not None:
             pair, peers = _keys_of(role, self.graph_key, self.environment_keys, folder)
         listens = role == self.listens
         return RemoteEnd(role, listens, self.address, self.port, pair, peers, self.insecure)
@@ -137,6 +147,8 @@ class RemoteSection:
         if host is not None:
             before = len(problems)
             _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
+            if self._is_open and len(problems) == before:
+                _noting(problems, "", loopback_keys)
             if listens and len(problems) == before:
                 _noting(problems, "remote.address: ", check_free, host, 0)
             if listens and len(problems) == before:
@@ -147,6 +159,38 @@ class RemoteSection:
     @property
     def _is_open(self) -> bool:
         return self.graph_key is None and not self.insecure
+
+
+def loopback_keys() -> Path:
+    """Return the folder with the keys for links on loopback, of this user and this session.
+
+    They are made when they are first needed, in the user's runtime folder.
+
+    Raises:
+        ConfigError: If there is no such folder, or the keys in it cannot be used.
+    """
+    runtime = runtime_folder()
+    if runtime is None:
+        raise ConfigError(
+            "no private folder for the keys of a link on this machine: set XDG_RUNTIME_DIR to a "
+            "folder of your own (mkdir -m 700 DIR); or write insecure: true, if every user of this "
+            "machine may feed forces to the hand"
+        )
+    folder = runtime / "forcebound"
+    graph, environments = LOOPBACK
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise ConfigError(f"cannot keep keys in {folder}: {error.strerror}") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)  # both ends may start at once; it takes milliseconds
+        for name in (graph, *environments):
+            if not keys.has_secret(name, folder):
+                keys.new_key(name, folder)
+    finally:
+        os.close(descriptor)
+    return folder
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:

@@ -11,21 +11,24 @@ handshake names nothing. What can be relied on:
 4. A descriptor is closed only after its DISCONNECTED is in the monitor's queue. So a duplicate of
    it, made before a look at the queue that finds no such event, is of that connection for sure.
 
-libzmq has no limit on connections. Here, beyond ``MAX_CONNECTIONS``, the oldest that is not
-established is shut (4 makes sure that no other is hit): a peer that holds a key is through its
-handshake in milliseconds, one that holds none can only wait.
+libzmq has no limit on connections. Here, beyond ``MAX_CONNECTIONS`` or what the descriptors of the
+process allow, the oldest that is not established is shut (4 makes sure that no other is hit): a
+peer that holds a key is through its handshake in milliseconds, one that holds none can only wait.
+
+libzmq limits the size of a frame, not that of a message: it keeps the frames of one that never
+ends. A connection on which more than ``MAX_UNFINISHED`` bytes came without a message is shut, too.
 """
 
-import os
 import socket
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import zmq
 
 from forcebound.network import limits
 from forcebound.network.channel import Channel, Greeting
+from forcebound.network.descriptors import Grip, most_connections
 from forcebound.network.monitor import WRONG_KEY, Monitor, SocketEvent
 from forcebound.network.notices import Notice
 
@@ -37,6 +40,7 @@ class _Connection:
     since_ns: int
     greeting: Greeting | None = None  # once it is established
     is_shut: bool = False
+    received: int = 0  # bytes, at the last look that found a whole message
 
     def __str__(self) -> str:
         host = f"[{self.address}]" if ":" in self.address else self.address
@@ -52,6 +56,8 @@ class Listener:
         self._open: dict[int, _Connection] = {}
         self._refused = 0
         self._failure: SocketEvent | None = None
+        self._grip = Grip()
+        self._most: int | None = None  # connections; None: not known yet
         self.due_ns: int | None = None
 
     @property
@@ -88,18 +94,42 @@ class Listener:
                 notices.append(self._notice("came", connection))
         channel.greetings.clear()
         peers = self._open.values()
-        channel.set_routes([c.greeting.route for c in peers if c.greeting is not None])
+        channel.set_peers(c.greeting for c in peers if c.greeting is not None)
         return notices
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events; :attr:`due_ns` is set if there may be more."""
+        if self._most is None:
+            self._most = most_connections()
         notices: list[Notice] = []
         self.due_ns = time_ns if self._read(time_ns, limit, notices) else None
-        while sum(not c.is_shut for c in self._open.values()) > limits.MAX_CONNECTIONS:
-            if not self._shut_one(time_ns, limit, notices):
+        while len(alive := self._alive()) > self._most:
+            # The oldest that is not established; if all are, the newest.
+            descriptor, victim = next((e for e in alive if e[1].greeting is None), alive[-1])
+            if not self._shut(descriptor, victim, "too_many", time_ns, limit, notices):
                 self.due_ns = time_ns
                 break
         return notices
+
+    def look(self, time_ns: int, limit: int, heard: Collection[bytes]) -> list[Notice]:
+        """Shut connections on which too much came without a message.
+
+        Args:
+            time_ns: Now, in ns.
+            limit: Of events, as for :meth:`take`.
+            heard: Routes on which a message came since the last look.
+        """
+        notices: list[Notice] = []
+        for descriptor, connection in self._alive():
+            received = self._grip.bytes_received(descriptor)
+            if connection.greeting is not None and connection.greeting.route in heard:
+                connection.received = received
+            elif received - connection.received > limits.MAX_UNFINISHED:
+                self._shut(descriptor, connection, "unfinished", time_ns, limit, notices)
+        return notices
+
+    def _alive(self) -> list[tuple[int, _Connection]]:
+        return [(fd, c) for fd, c in self._open.items() if not c.is_shut]
 
     def _read(self, time_ns: int, limit: int, notices: list[Notice]) -> bool:
         """Handle events; return whether the limit ended it."""
@@ -112,7 +142,7 @@ class Listener:
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
         if event.kind == zmq.EVENT_ACCEPTED:
-            self._open[event.value] = _Connection(*_peer_of(event.value), time_ns)
+            self._open[event.value] = _Connection(*self._peer_of(event.value), time_ns)
         elif event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
             self._refused += 1  # the authenticator has reported why
         elif event.kind in (
@@ -151,15 +181,18 @@ class Listener:
             data |= {"key": key, "name": self._names.get(key, "")}
         return Notice(code, data)
 
-    def _shut_one(self, time_ns: int, limit: int, notices: list[Notice]) -> bool:
-        """Shut the oldest connection that is not established; if all are, the newest.
-
-        Return False if there are too many events to be certain which connection that would hit.
-        """
-        alive = [(fd, c) for fd, c in self._open.items() if not c.is_shut]
-        descriptor, victim = next(((fd, c) for fd, c in alive if c.greeting is None), alive[-1])
+    def _shut(
+        self,
+        descriptor: int,
+        victim: _Connection,
+        code: str,
+        time_ns: int,
+        limit: int,
+        notices: list[Notice],
+    ) -> bool:
+        """Shut a connection; False if there are too many events to be certain which one it is."""
         try:
-            with _duplicate(descriptor) as connection:
+            with self._grip.hold(descriptor) as connection:
                 if self._read(time_ns, limit, notices):
                     return False
                 if self._open.get(descriptor) is victim:
@@ -167,27 +200,13 @@ class Listener:
         except OSError:
             pass  # it is gone, and its event is on the way
         victim.is_shut = True
-        notices.append(self._notice("too_many", victim))
+        notices.append(self._notice(code, victim))
         return True
 
-
-@contextmanager
-def _duplicate(descriptor: int) -> Iterator[socket.socket]:
-    """Hold on to the connection behind a descriptor, which libzmq may close at any time."""
-    duplicate = os.dup(descriptor)
-    try:
-        connection = socket.socket(fileno=duplicate)
-    except OSError:
-        os.close(duplicate)
-        raise
-    with connection:
-        yield connection
-
-
-def _peer_of(descriptor: int) -> tuple[str, int]:
-    """Return address and port of a connection; unknown if it has gone already."""
-    with suppress(OSError), _duplicate(descriptor) as connection:
-        if connection.family in (socket.AF_INET, socket.AF_INET6):
-            host, port, *_ = connection.getpeername()
-            return str(host).removeprefix("::ffff:"), int(port)
-    return "unknown address", 0
+    def _peer_of(self, descriptor: int) -> tuple[str, int]:
+        """Return address and port of a connection; unknown if it has gone already."""
+        with suppress(OSError), self._grip.hold(descriptor) as connection:
+            if connection.family in (socket.AF_INET, socket.AF_INET6):
+                host, port, *_ = connection.getpeername()
+                return str(host).removeprefix("::ffff:"), int(port)
+        return "unknown address", 0

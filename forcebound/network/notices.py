@@ -13,6 +13,7 @@ from forcebound.network.limits import (
     HEARTBEAT_TIMEOUT_MS,
     MAX_CONNECTIONS,
     MAX_FRAME,
+    MAX_UNFINISHED,
     NO_ANSWER_NS,
 )
 
@@ -115,6 +116,11 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
         "too_many_connections",
         "ended the connection of {address}: this port has more than "
         f"{MAX_CONNECTIONS} connections",
+    ),
+    "unfinished": (
+        "protocol_error",
+        f"{{peer}} at {{address}} sent over {MAX_UNFINISHED // 10**6} MB without the end of a "
+        "message: the connection was ended",
     ),
     "there_full": (
         "refused_there",

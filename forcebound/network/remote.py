@@ -30,7 +30,6 @@ from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
 from forcebound.network.notices import Notice, NoticeLimit
 from forcebound.network.sockets import Guard, Network
-from forcebound.network.subscriber import Subscriber
 from forcebound.network.zap import ALLOWED, ENDPOINT, FULL, Verdict, ZapHandler
 
 EVENT_LIMIT = 200  # events handled in one call of watch; about 2 ms
@@ -44,14 +43,14 @@ class RemoteLink:
     Args:
         network: Where it is opened and, at the latest, closed.
         end: Which end this is.
-        newest_only: Whether only the newest packet counts; else all are given, as for a link with
-            an impairment.
+        newest_only: Whether only the newest packet of a peer counts; else all are given, as for a
+            link with an impairment.
 
     Attributes:
         send: Sends a packet to who is there: queries of a graph, replies of an environment.
-        subscriber: What comes; see :class:`forcebound.network.subscriber.Subscriber`. To be asked
-            whether something is pending before its descriptor is waited for.
-        descriptors: To wait for, besides that of ``subscriber``; edge-triggered.
+        channel: What comes, and from whom. To be asked whether something is pending before its
+            descriptor is waited for.
+        descriptors: To wait for, besides that of ``channel``; edge-triggered.
 
     Raises:
         ConfigError: If an address cannot be found, used or, without keys, left to others.
@@ -61,7 +60,7 @@ class RemoteLink:
         host = resolve(end.address)
         refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
-        self._due_ns = 0
+        self._due_ns = self._looked_ns = 0
         keys = "without keys" if end.key is None else f"with the key {end.key.name}"
         where = {"address": end.address, "port": str(end.port), "keys": keys}
         self._first = [Notice("listening" if end.listens else "connecting", where)]
@@ -85,9 +84,8 @@ class RemoteLink:
             own = ("", "") if end.key is None else (end.key.name, end.key.public)
             key, name = next(iter(end.peers.items()), ("", ""))
             self._peer = Connector(socket, endpoint, monitor, own, (name, key))
-        self._channel = Channel(socket)
-        self.send = self._channel.send
-        self.subscriber = Subscriber(socket, newest_only, self._channel.receive)
+        self.channel = Channel(socket, newest_only)
+        self.send = self.channel.send
 
     @property
     def connected(self) -> bool:
@@ -97,7 +95,7 @@ class RemoteLink:
     @property
     def due_ns(self) -> int:
         """When :meth:`watch` wants to be called at the latest, on the clock that it is given."""
-        return 0 if self._channel.greetings else self._due_ns
+        return 0 if self.channel.greetings else self._due_ns
 
     def status(self) -> dict[str, Any]:
         """Return how the link is doing, as a map of plain values."""
@@ -109,7 +107,7 @@ class RemoteLink:
             "connected": self.connected,
             "peers": self._peer.peers,
             "connections": self._peer.connections,
-            "superseded": self.subscriber.superseded,
+            "superseded": self.channel.superseded,
             "counts": dict(self._limit.counts),  # by kind, also of notices that were not reported
         }
 
@@ -128,13 +126,23 @@ class RemoteLink:
             if self._handler is not None and self._serve(self._handler, notices):
                 due.append(time_ns)
             notices += self._peer.take(time_ns, EVENT_LIMIT)
-            notices += self._peer.greet(self._channel)
+            notices += self._peer.greet(self.channel)
+            if self._peer.connections:
+                due.append(self._look(time_ns, notices))
             if self._peer.due_ns is not None:
                 due.append(self._peer.due_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
             notices.append(Notice("socket_error", {"error": str(error)}))
         self._due_ns = min(due)
         return self._limit.admit(time_ns, notices)
+
+    def _look(self, time_ns: int, notices: list[Notice]) -> int:
+        """Look for messages without an end; return when to look again, in ns."""
+        if time_ns - self._looked_ns >= limits.UNFINISHED_LOOK_NS:
+            self._looked_ns = time_ns
+            notices += self._peer.look(time_ns, EVENT_LIMIT, self.channel.heard)
+            self.channel.heard.clear()
+        return self._looked_ns + limits.UNFINISHED_LOOK_NS
 
     def close(self) -> None:
         """Close the sockets; the network closes them, too."""

@@ -47,6 +47,7 @@ from forcebound.network.limits import (
     MAX_FRAME,
     QUEUE_LIMIT,
     RECONNECT_MS,
+    REQUEST_QUEUE,
     TCP_CONNECT_MS,
     TCP_RECEIVE_QUEUE,
     TCP_RECONNECT_MAX_MS,
@@ -130,14 +131,13 @@ def make_socket(
         if bind:
             _refuse_to_steal(endpoint)
         socket.bind(endpoint) if bind else socket.connect(endpoint)
-    except zmq.ZMQError as error:
-        socket.close()
+    except BaseException as error:
+        socket.close()  # else the end of the context would wait for it for ever
+        if not isinstance(error, zmq.ZMQError):
+            raise
         advice = ADVICE.get(error.errno or 0, error.strerror)
         verb = "bind" if bind else "connect"
         raise ConfigError(f"cannot {verb} to {endpoint}: {advice}") from None
-    except BaseException:  # a socket that stays open would be waited for when its context ends
-        socket.close()
-        raise
     return socket
 
 
@@ -162,6 +162,8 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
             zmq.SNDHWM: TCP_SEND_QUEUE,
             zmq.RCVHWM: TCP_RECEIVE_QUEUE,
         }
+    if kind == zmq.REP:  # requests wait at their senders while the process has other work
+        options[zmq.RCVHWM] = REQUEST_QUEUE
     if endpoint.startswith("inproc:"):
         options[zmq.RCVHWM] = 0  # its writer is the input and output thread: see 10
     if kind == zmq.REQ:  # a request without an answer may be followed by another one

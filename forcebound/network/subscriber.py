@@ -5,7 +5,6 @@ that reads such a socket, and all but its last frame are lost without a word (tr
 :mod:`forcebound.network.sockets`). So the socket keeps everything, and is emptied here.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import zmq
@@ -23,11 +22,8 @@ class Subscriber:
     """One stream in.
 
     Args:
-        socket: SUB without CONFLATE, or another one that receives.
+        socket: SUB without CONFLATE.
         newest_only: Whether only the newest packet counts.
-        read: Takes one message from the socket in place of a SUB's way: returns the packet, ``b""``
-            for a malformed message, None for one that is no packet; raises ``zmq.Again`` if there
-            is none.
 
     Attributes:
         newest_only: Whether only the newest packet counts; may be changed.
@@ -37,14 +33,8 @@ class Subscriber:
         superseded: Packets for which a newer one was there already.
     """
 
-    def __init__(
-        self,
-        socket: "zmq.Socket[bytes]",
-        newest_only: bool,
-        read: Callable[[], bytes | None] | None = None,
-    ) -> None:
+    def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
         self._socket = socket
-        self._read = self._receive_whole if read is None else read
         socket.set(zmq.RCVTIMEO, WAIT_MS)
         self._recv = partial(_CompiledSocket.recv, socket)
         # The compiled method: pyzmq's Python one makes an enum member of the name first.
@@ -84,13 +74,13 @@ class Subscriber:
         newest: bytes | None = None
         for _ in range(DRAIN_LIMIT if self.newest_only else 1):
             try:
-                data = self._read()
+                data = self._receive_whole()
             except zmq.Again:
                 self.emptied = True
                 break
             if data == b"":
                 self._malformed += 1
-            elif data is not None:
+            else:
                 self.superseded += newest is not None
                 newest = data
             if not self._has_message():

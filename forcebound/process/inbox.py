@@ -12,7 +12,7 @@ Strategy:
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
 from forcebound.network import sockets
+from forcebound.network.channel import Channel
 from forcebound.network.link import Link
 from forcebound.network.sockets import Network
 from forcebound.network.subscriber import Subscriber
@@ -27,6 +28,8 @@ from forcebound.process.endpoints import topic_endpoint
 
 LONGEST_WAIT_NS = 10_000_000  # then the runner polls its control socket
 SLEPT_NS = 5_000  # a receiving call that took longer has slept
+
+HERE = ""  # source of packets of this machine
 
 _clock = time.monotonic_ns
 
@@ -38,6 +41,7 @@ class Inbox:
         subscribes: Packets of the node.
         links: Impaired links by topic; a topic that is not here has a perfect link.
         reject: Called with the reason for each packet that is rejected.
+        admit: :meth:`forcebound.nodes.Node.admit`, asked before a link or a newer packet decides.
 
     Attributes:
         received: Packets that came, by topic.
@@ -48,14 +52,16 @@ class Inbox:
         subscribes: Sequence[type[Packet]],
         links: Mapping[str, Link[Packet]],
         reject: Callable[[str], None],
+        admit: Callable[[Packet, str, int], bool],
     ) -> None:
         self.received = {TOPIC_OF[packet]: 0 for packet in subscribes}
         self._topics = {packet: TOPIC_OF[packet] for packet in subscribes}
         self._expected = subscribes[0] if len(subscribes) == 1 else None
         self._links = {TOPICS[t].packet: link for t, link in links.items() if t in self.received}
         self._rejected = reject
+        self._admit = admit
         self._local: Subscriber | None = None
-        self._remote: Subscriber | None = None
+        self._remote: Channel | None = None
         self._remote_expected: type[Packet] | None = None
         self._forward: Callable[[bytes], Any] | None = None
 
@@ -66,19 +72,19 @@ class Inbox:
             self._local = network.subscriber(*endpoints, newest_only=False)
 
     def listen_remotely(
-        self, expected: type[Packet], subscriber: Subscriber, forward: Callable[[bytes], Any]
+        self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
     ) -> None:
         """Receive one class of packet from another machine, too.
 
         Args:
             expected: The class; packets of others are rejected, whatever the node takes from here.
-            subscriber: Of the remote link.
+            channel: Of the remote link.
             forward: Called with each packet that came, for observers on this machine.
         """
         self._remote_expected = expected
-        self._remote = subscriber
+        self._remote = channel
         self._forward = forward
-        subscriber.newest_only = not self._links
+        channel.newest_only = not self._links
 
     @property
     def is_impaired(self) -> bool:
@@ -120,14 +126,12 @@ class Inbox:
         if data is None:
             return time_ns, ()
         if time_ns - begun_ns < SLEPT_NS:
-            return time_ns, self._take((data, *local.receive()), self._expected, time_ns)
-        try:
-            packet = decode(data, self._expected)
-            self.received[self._topics[type(packet)]] += 1
-        except (PacketError, KeyError) as error:
-            self._reject(error)
-            return time_ns, ()
-        return time_ns, (packet,)
+            newest: dict[type[Packet], Packet] = {}
+            for each in (data, *local.receive()):
+                self._accept(each, self._expected, HERE, time_ns, newest)
+            return time_ns, list(newest.values())
+        packet = self._decoded(data, self._expected, HERE, time_ns)
+        return time_ns, () if packet is None else (packet,)
 
     def _sleep(self, wake_ns: int | None, stop_descriptor: int) -> None:
         """Wait for descriptors until the next time of the node or of a link."""
@@ -141,39 +145,50 @@ class Inbox:
 
     def take(self, time_ns: int) -> list[Packet]:
         """Return the packets that have passed their links; never waits."""
-        came = self._local.receive() if self._local is not None else ()
-        received = self._take(came, self._expected, time_ns)
+        newest: dict[type[Packet], Packet] = {}
+        if self._local is not None:
+            for data in self._local.receive():
+                self._accept(data, self._expected, HERE, time_ns, newest)
         if self._remote is not None:
-            came = self._remote.receive()
-            received += self._take(came, self._remote_expected, time_ns, self._forward)
+            assert self._forward is not None
+            for source, data in self._remote.receive():
+                if self._accept(data, self._remote_expected, source, time_ns, newest):
+                    self._forward(data)
+        received = list(newest.values())
         for link in self._links.values():
             received += link.due(time_ns)
         return received
 
-    def _take(
+    def _accept(
         self,
-        arrived: Iterable[bytes],
+        data: bytes,
         expected: type[Packet] | None,
+        source: str,
         time_ns: int,
-        forward: Callable[[bytes], Any] | None = None,
-    ) -> list[Packet]:
-        """Decode frames; return the newest packets of perfect links, give the links theirs."""
-        newest: dict[type[Packet], Packet] = {}
-        for data in arrived:
-            try:
-                packet = decode(data, expected)
-                self.received[self._topics[type(packet)]] += 1
-            except (PacketError, KeyError) as error:
-                self._reject(error)
-                continue
-            link = self._links.get(type(packet))
-            if link is None:
-                newest[type(packet)] = packet
-            else:
-                link.accept(time_ns, packet, len(data))
-            if forward is not None:
-                forward(data)
-        return list(newest.values())
+        newest: dict[type[Packet], Packet],
+    ) -> bool:
+        """Decode a frame, and give its packet to its link or, where that is perfect, to newest."""
+        packet = self._decoded(data, expected, source, time_ns)
+        if packet is None:
+            return False
+        link = self._links.get(type(packet))
+        if link is None:
+            newest[type(packet)] = packet
+        else:
+            link.accept(time_ns, packet, len(data))
+        return True
+
+    def _decoded(
+        self, data: bytes, expected: type[Packet] | None, source: str, time_ns: int
+    ) -> Packet | None:
+        """Return the packet in a frame; None, and counted, if it is rejected."""
+        try:
+            packet = decode(data, expected)
+            self.received[self._topics[type(packet)]] += 1
+        except (PacketError, KeyError) as error:
+            self._reject(error)
+            return None
+        return packet if self._admit(packet, source, time_ns) else None
 
     def _reject(self, error: PacketError | KeyError) -> None:
         # A packet of another class than expected: the decoder gives the reason.

@@ -102,7 +102,7 @@ class Runner:
             if packet is not Event
         }
         self._publish[Event] = network.publisher(event_endpoint(run_dir, name)).send
-        self._inbox = Inbox(node.subscribes, links, self._reject)
+        self._inbox = Inbox(node.subscribes, links, self._reject, node.admit)
         if remote is None or remote.end.role == "graph":
             self._inbox.listen(network, run_dir)
         if remote is not None:
@@ -232,7 +232,7 @@ class Runner:
         self._publish[sent] = both
         endpoint = remote_endpoint(self._run_dir, TOPIC_OF[came])
         forward = self._network.publisher(endpoint).send
-        self._inbox.listen_remotely(came, remote.subscriber, forward)
+        self._inbox.listen_remotely(came, remote.channel, forward)
 
     def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
         assert self._configure is not None
