@@ -127,8 +127,12 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
         status: dict[str, Any] = ask_launcher(run_dir, {"request": "status"})["nodes"][name]
         return status
 
+    def phase() -> object:
+        return ask_launcher(run_dir, {"request": "status"})["phase"]
+
     def user() -> None:
         until(lambda: (run_dir / "engaged").exists(), "an engaged force")
+        until(lambda: phase() == "running", "that the launcher knows it")
         before = node("controller")
         stop_node(run_dir, "environment")
         seen["stopped"] = node("environment")
