@@ -26,7 +26,7 @@ from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError, RunError
-from forcebound.files import check_writable
+from forcebound.files import check_writable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.results import RunResult, run_metadata
@@ -52,6 +52,7 @@ from forcebound.processes import LAUNCHER, PROCESSES
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop.
 SLOWEST, FASTEST = 10.0, 5000.0
+MAX_DOCUMENT = 100_000  # bytes of a run's document
 
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
@@ -95,7 +96,7 @@ class RunDocument:
             ConfigError: If it is not there, not yet or not any more, or not of this version.
         """
         try:
-            return cls(**json.loads((run_dir / RUN_FILE).read_text(encoding="utf-8")))
+            return cls(**json.loads(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT)))
         except (OSError, ValueError, TypeError) as error:
             raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
 

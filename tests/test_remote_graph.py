@@ -336,6 +336,19 @@ def test_on_loopback_only_this_user_takes_part_unless_insecure_is_set(
     assert RemoteConfig("localhost", insecure=True).end("graph").key is None
 
 
+def test_a_damaged_key_of_loopback_is_told_before_the_start(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(run_dir))
+    section = RemoteConfig("localhost")
+    section.check_here("environment")
+    (secret,) = (run_dir / "forcebound").glob("*graph.key_secret")
+    secret.write_text("")
+    for check in (section.check_here, section.end):
+        with pytest.raises(ConfigError, match=secret.name):
+            check("graph")
+
+
 def test_without_a_private_folder_loopback_is_not_left_open(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

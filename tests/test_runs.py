@@ -144,6 +144,18 @@ def test_a_link_of_anybody_in_a_shared_folder_disables_nothing(
         find(tmp_path / "forcebound-x", [tmp_path])
 
 
+def test_a_pipe_in_place_of_the_document_is_not_waited_for(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    other = tmp_path / "forcebound-b"
+    other.mkdir(mode=0o700)
+    os.mkfifo(other / RUN_FILE)
+    assert find(None, [tmp_path]) == run_dir
+    with pytest.raises(ConfigError, match="not the run directory of a running graph"):
+        find(other, [tmp_path])
+
+
 def test_by_default_it_looks_where_the_launcher_makes_its_directories(
     run_dir: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -124,12 +124,7 @@ class RemoteSection:
         Raises:
             ConfigError: If a key is missing or unsafe, or the parts do not fit together.
         """
-        pair: KeyPair | None = None
-        peers: dict[str, str] = {}
-        if self._is_open:
-            pair, peers = _keys_of(role, *LOOPBACK, loopback_keys())
-        elif self.graph_key is not None:
-            pair, peers = _keys_of(role, self.graph_key, self.environment_keys, folder)
+        pair, peers = self._keys(role, folder)
         listens = role == self.listens
         return RemoteEnd(role, listens, self.address, self.port, pair, peers, self.insecure)
 
@@ -142,19 +137,27 @@ class RemoteSection:
         listens = role == self.listens
         problems: list[str] = []
         if self.graph_key is not None:
-            _noting(problems, "", _keys_of, role, self.graph_key, self.environment_keys, folder)
+            _noting(problems, "", self._keys, role, folder)
         host = _noting(problems, "remote.address: ", resolve, self.address)
         if host is not None:
             before = len(problems)
             _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
             if self._is_open and len(problems) == before:
-                _noting(problems, "", loopback_keys)
+                _noting(problems, "", self._keys, role, folder)
             if listens and len(problems) == before:
                 _noting(problems, "remote.address: ", check_free, host, 0)
             if listens and len(problems) == before:
                 _noting(problems, "remote.port: ", check_free, host, self.port)
         if problems:
             raise ConfigError("\n".join(problems))
+
+    def _keys(self, role: Role, folder: Path | None) -> tuple[KeyPair | None, dict[str, str]]:
+        """Return the pair of an end, None without keys, and the other end's names by public key."""
+        if self._is_open:
+            return _keys_of(role, *LOOPBACK, loopback_keys())
+        if self.graph_key is not None:
+            return _keys_of(role, self.graph_key, self.environment_keys, folder)
+        return None, {}
 
     @property
     def _is_open(self) -> bool:
