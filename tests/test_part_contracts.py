@@ -105,6 +105,14 @@ class Odd(PhantomPremium15):
         return Held(self)
 
 
+def test_a_law_that_was_replaced_and_put_back_ships_again() -> None:
+    shipped = LAWS["certified"]
+    LAWS["certified"] = replace(shipped, is_certified=False)
+    assert not LAWS.is_shipped("certified")
+    LAWS["certified"] = shipped
+    assert LAWS.is_shipped("certified")
+
+
 @pytest.mark.parametrize(
     ("changed", "promise"),
     [

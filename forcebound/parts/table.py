@@ -107,7 +107,10 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
     def __setitem__(self, kind: str, part: Part) -> None:
         self.form.check(part, kind)
-        self._added[kind] = part
+        if part is self._loaded.get(kind):  # the one that ships is put back
+            self._added.pop(kind, None)
+        else:
+            self._added[kind] = part
 
     def __delitem__(self, kind: str) -> None:
         del self._added[kind]
