@@ -10,9 +10,12 @@
 #endif
 
 enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNESS, HAND_DAMPING,
-       LAW, ENVIRONMENT = 14, OPERATOR = 18, CONSTANTS = 21,
-       INERTIA = 21, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, READING, SAMPLE, VELOCITY,
-       PLAY, PATH, FORCE, STATE, OLDER, YOUNGER, VISCOUS, BETWEEN, ROWS };
+       /* DeviceConstants, bounding/sample.py */
+       LAW_DAMPING, LAW_FRICTION, HALF_RESOLUTION, PERIOD, HOLD_LIMIT, AXES, PATH_FRICTION,
+       START_PRICE, ENERGY_CAP,
+       ENVIRONMENT, OPERATOR = ENVIRONMENT + 4, CONSTANTS = OPERATOR + 3,
+       INERTIA = CONSTANTS, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY,
+       STATE, ENERGY, READING, FORCE, MEAN, PLAY, WAY, OLDER, YOUNGER, PATH, LOSS, BETWEEN, ROWS };
 
 enum { ANCHOR_SAMPLES = 8 }; /* bounding/sample.py */
 
@@ -82,6 +85,56 @@ static void move(double *restrict s, double duration, int64_t steps, double elap
     LANES AT(TARGET) += AT(TARGET_VELOCITY) * duration;
 }
 
+/* The first reading; no force is held. */
+static void start(double *restrict s)
+{
+    LANES {
+        AT(READING) = AT(PLAY) = AT(OLDER) = AT(YOUNGER) = quantise(AT(X), AT(RESOLUTION));
+        AT(STATE) = AT(ENERGY) = -AT(START_PRICE);
+    }
+}
+
+/* bounding/one_axis.py; the ages of the anchors, in s, count up to this sample. */
+static void bound(double *restrict s, double dt, double older_age, double younger_age,
+                  int moves_anchors, const double *restrict commanded)
+{
+    LANES {
+        double damping = AT(LAW_DAMPING), friction = AT(LAW_FRICTION), r = AT(HALF_RESOLUTION);
+        double held = AT(FORCE), younger = AT(YOUNGER), between = AT(BETWEEN);
+        double reading = quantise(AT(X), AT(RESOLUTION));
+        /* sample.py: observe_axis, observe */
+        double position = larger(reading - r, smaller(reading + r, AT(PLAY)));
+        double moved = fabs(position - AT(PLAY));
+        double way = AT(WAY) + moved;
+        double path = sqrt(way * way);
+        double loss = AT(LOSS) + damping * clear_square(reading, AT(READING), r) / dt;
+        loss = larger(loss, damping * clear_square(reading, AT(OLDER), r) / older_age);
+        loss = larger(loss, between + damping * clear_square(reading, younger, r) / younger_age);
+        double friction_loss = friction * moved + AT(PATH_FRICTION) * (path - AT(PATH));
+        double price = r * fabs(held);
+        /* certified.py: limit, energy */
+        double ledger = AT(STATE) - r * fabs(held - AT(MEAN));
+        ledger += loss - AT(LOSS) + friction_loss + held * (reading - AT(READING));
+        double state = smaller(ledger, AT(ENERGY_CAP) + price);
+        double energy = state - price;
+        /* hold_cost.py: rigid_force */
+        double largest = friction + 2.0 * sqrt(damping / AT(HOLD_LIMIT) * larger(energy, 0.0));
+        largest = smaller(largest, AT(SATURATION));
+        AT(FORCE) = smaller(larger(commanded[i], -largest), largest);
+        AT(STATE) = state;
+        AT(ENERGY) = energy;
+        AT(READING) = reading;
+        AT(MEAN) = held;
+        AT(PLAY) = position;
+        AT(WAY) = way;
+        AT(PATH) = path;
+        AT(OLDER) = moves_anchors ? younger : AT(OLDER);
+        AT(YOUNGER) = moves_anchors ? reading : younger;
+        AT(LOSS) = moves_anchors ? loss - between : loss;
+        AT(BETWEEN) = moves_anchors ? loss - between : between;
+    }
+}
+
 void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, double cutoff,
          const int64_t *restrict answered, const double *restrict engagement, double *restrict s,
          double *restrict answers, int64_t answers_rows, double *restrict traces)
@@ -93,7 +146,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
     double since_sample = period_ns * 1e-9;
     double angle = 2.0 * M_PI * cutoff * since_sample;
     double share = angle / (1.0 + angle);
-    double elapsed = period_ns / 1e9;
+    double dt = period_ns / 1e9;
     int64_t last = answers_rows - 1;
     double older_age = 0.0, younger_age = 0.0;
     int since_anchor = 0;
@@ -129,80 +182,24 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             scale = magnitude > saturation ? scale * shortened : scale;
             out[WIDTH + i] = commanded * scale;
         }
-        if (k > 0) {
-            older_age += elapsed;
-            younger_age += elapsed;
-            since_anchor++;
-        }
-        int moves_anchors = since_anchor == ANCHOR_SAMPLES;
-        LANES {
-            double commanded = out[WIDTH + i], saturation = AT(SATURATION);
-            double damping = AT(LAW), friction = AT(LAW + 1), half_resolution = AT(LAW + 2);
-            double hold_limit = AT(LAW + 4), axes = AT(LAW + 5);
-            double reading = quantise(AT(X), AT(RESOLUTION));
-            double held = AT(FORCE), magnitude = fabs(held);
-            double state, playing, gone, force;
-            if (k == 0) {
-                state = -friction * half_resolution * sqrt(axes);
-                playing = reading;
-                gone = force = 0.0;
-                AT(OLDER) = AT(YOUNGER) = reading;
-            } else {
-                double moved = reading - AT(READING);
-                double before = AT(VISCOUS), between = AT(BETWEEN);
-                double viscous = before
-                    + clear_square(reading, AT(READING), half_resolution) / elapsed;
-                viscous = larger(viscous, clear_square(reading, AT(OLDER), half_resolution)
-                                          / older_age);
-                viscous = larger(viscous, between
-                                 + clear_square(reading, AT(YOUNGER), half_resolution)
-                                   / younger_age);
-                playing = larger(reading - half_resolution,
-                                 smaller(reading + half_resolution, AT(PLAY)));
-                gone = AT(PATH) + fabs(playing - AT(PLAY));
-                /* certified.py: limit */
-                double stiffness = damping / hold_limit;
-                double excess = larger(magnitude - friction, 0.0);
-                double blind = excess * excess * hold_limit / (4.0 * damping);
-                double square = larger(held * held, 1e-30), work = held * moved;
-                double clear = larger(fabs(moved) - 2.0 * half_resolution * sqrt(axes), 0.0);
-                double share = 0.5 - 2.0 * damping * work / (square * elapsed);
-                share = smaller(larger(share, 0.0), hold_limit / elapsed);
-                double seeing = share * (1.0 - share) * held * held * elapsed / (4.0 * damping);
-                seeing -= share * work + damping * clear * clear / elapsed;
-                double cut = AT(STATE) - smaller(blind, seeing);
-                cut -= half_resolution * magnitude + friction * half_resolution * sqrt(axes);
-                double kept = AT(STATE) + damping * (viscous - before)
-                    + friction * (gone - AT(PATH)) + held * moved;
-                int is_cut = elapsed > hold_limit;
-                state = is_cut ? cut : kept;
-                double surplus = larger(is_cut ? cut : kept - half_resolution * magnitude, 0.0);
-                double largest = friction + 2.0 * sqrt(stiffness * surplus);
-                largest = smaller(largest, saturation);
-                force = smaller(larger(commanded, -largest), largest);
-                double younger = AT(YOUNGER);
-                AT(OLDER) = moves_anchors ? younger : AT(OLDER);
-                AT(YOUNGER) = moves_anchors ? reading : younger;
-                viscous = moves_anchors ? viscous - between : viscous;
-                AT(BETWEEN) = moves_anchors ? viscous : between;
-                AT(VISCOUS) = viscous;
+        if (k == 0) {
+            start(s);
+        } else {
+            older_age += dt;
+            younger_age += dt;
+            int moves_anchors = ++since_anchor == ANCHOR_SAMPLES;
+            bound(s, dt, older_age, younger_age, moves_anchors, out + WIDTH);
+            if (moves_anchors) {
+                older_age = younger_age;
+                younger_age = 0.0;
+                since_anchor = 0;
             }
-            AT(STATE) = state - half_resolution * fabs(force - held);
-            AT(READING) = reading;
-            AT(PLAY) = playing;
-            AT(PATH) = gone;
-            AT(FORCE) = force;
-        }
-        if (moves_anchors) {
-            older_age = younger_age;
-            younger_age = 0.0;
-            since_anchor = 0;
         }
         LANES {
-            double force = AT(FORCE), v = AT(V);
+            double v = AT(V);
             out[i] = AT(READING);
-            out[2 * WIDTH + i] = force;
-            out[3 * WIDTH + i] = AT(STATE) - AT(LAW + 2) * fabs(force);
+            out[2 * WIDTH + i] = AT(FORCE);
+            out[3 * WIDTH + i] = AT(ENERGY);
             out[4 * WIDTH + i] = AT(WORK) - 0.5 * AT(HAND_MASS) * v * v;
             out[5 * WIDTH + i] = AT(X);
         }
