@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli import check, graph, keys, run, study
+from forcebound.cli import check, emulate, graph, keys, run, study
 from forcebound.cli.common import INTERRUPTED, print_table
 from forcebound.files import printable
 
@@ -33,6 +33,7 @@ COMMANDS = (
     study.draw_map,
     keys.keys_group,
     check.check,
+    emulate.emulate,
 )
 
 
