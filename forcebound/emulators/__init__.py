@@ -1,0 +1,1 @@
+"""Emulators: what plays the board of a device on a pseudo-terminal."""
