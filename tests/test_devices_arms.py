@@ -227,7 +227,7 @@ def test_an_arm_has_the_same_watchdog_stamps_and_saturation() -> None:
     assert cut[0] == 2_300_000
 
 
-def drawn(model: FiveBar | SerialArm, substep: float) -> list[tuple[float, float]]:
+def drawn(model: Arm, substep: float) -> list[tuple[float, float]]:
     """Energy that the device counts, and that the hand counts at the tip, in each substep."""
     device: SimulatedDevice = replace(model, substep=substep).open(CirclingHand(), hold_limit=9.0)
     device.read(0)
