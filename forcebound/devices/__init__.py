@@ -158,6 +158,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
         "five_bar": "forcebound.devices.five_bar:FiveBar",
+        "knob": "forcebound.devices.knob:Knob",
         "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.devices.serial_arm:SerialArm",
     },
