@@ -34,8 +34,6 @@ NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
-
-
 LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 

@@ -1,0 +1,132 @@
+"""A serial port in a servo loop: whole messages out, bytes in until a deadline.
+
+pyserial opens and sets up the port (raw, without flow control). Reading and writing go to its
+descriptor: a reader that waits for a share of a millisecond needs ``select`` and ``read``, no more.
+
+A port belongs to one process. The lock on the file keeps other programs out that ask for one, the
+exclusive mode of the terminal those that do not.
+"""
+
+import errno
+import fcntl
+import os
+import select
+import termios
+import time
+from contextlib import suppress
+
+import serial
+
+from forcebound.errors import DeviceError
+
+CHUNK = 4096  # bytes; more than a terminal keeps
+
+
+class Port:
+    """An open serial port.
+
+    Args:
+        path: Of the port, such as ``/dev/ttyACM0``.
+        baud: Bits a second; USB-CDC and pseudo-terminals ignore it.
+
+    Attributes:
+        path: Of the port.
+        descriptor: Open and not blocking; of this object.
+        has_low_latency: Whether the port's driver was told to pass bytes on at once. Many have no
+            such mode and need none: USB-CDC, pseudo-terminals.
+
+    Raises:
+        DeviceError: If it cannot be opened.
+    """
+
+    def __init__(self, path: str, baud: int = 115_200) -> None:
+        self.path = path
+        try:
+            self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise DeviceError(_describe_opening(path, error)) from error
+        self.descriptor: int = self._serial.fileno()
+        self.has_low_latency = False
+        with suppress(ValueError, OSError):
+            self._serial.set_low_latency_mode(True)
+            self.has_low_latency = True
+        fcntl.ioctl(self.descriptor, termios.TIOCEXCL)
+
+    def write(self, message: bytes) -> None:
+        """Give a whole message to the port, in one piece; never waits.
+
+        Raises:
+            DeviceError: If it does not take all of it.
+        """
+        try:
+            count = os.write(self.descriptor, message)
+        except BlockingIOError:
+            count = 0
+        except OSError as error:
+            raise self._lost(error) from error
+        if count != len(message):
+            raise DeviceError(
+                f"{self.path} took {count} of {len(message)} bytes: the device does not read;"
+                " unplug it, plug it in, and start again"
+            )
+
+    def read(self, count: int, deadline_ns: int) -> bytes:
+        """Return ``count`` bytes, or fewer: what has come by the deadline.
+
+        Args:
+            count: Of bytes.
+            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
+
+        Raises:
+            DeviceError: If the device is unplugged.
+        """
+        descriptor, data = self.descriptor, b""
+        while len(data) < count:
+            wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
+            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
+                break
+            data += self._take(count - len(data))
+        return data
+
+    def drain(self) -> bytes:
+        """Return what has come and nobody has read.
+
+        Raises:
+            DeviceError: If the device is unplugged.
+        """
+        data = b""
+        while select.select((self.descriptor,), (), (), 0.0)[0]:
+            data += self._take(CHUNK)
+        return data
+
+    def close(self) -> None:
+        """Close the port."""
+        self._serial.close()
+
+    def _take(self, count: int) -> bytes:
+        try:
+            data = os.read(self.descriptor, count)
+        except OSError as error:
+            raise self._lost(error) from error
+        if not data:  # it was readable: this is the end of the stream
+            raise self._lost(OSError(errno.EIO, os.strerror(errno.EIO)))
+        return data
+
+    def _lost(self, error: OSError) -> DeviceError:
+        return DeviceError(
+            f"{self.path} is gone ({error.strerror}): the device is unplugged, or has no power"
+        )
+
+
+def _describe_opening(path: str, error: Exception) -> str:
+    """Return why a port cannot be opened, and what to try."""
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return f"there is no port {path}; `forcebound device list` says which there are"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"{path} may not be opened by this user; `forcebound doctor` says how to permit it"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return f"{path} is in use by another program; end it (`fuser -v {path}` names it)"
+    if number == errno.EISDIR or isinstance(getattr(error, "__context__", None), termios.error):
+        return f"{path} is no serial port; `forcebound device list` says which there are"
+    return f"{path} cannot be opened: {error}"

@@ -1,0 +1,87 @@
+"""The serial ports of this machine: which there are, what they seem to be, which one is meant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from forcebound.errors import DeviceError
+
+#: Kind of device by the USB vendor and product of its board.
+BOARDS = {
+    (0x2341, 0x003E): "haply_2diy",  # native port of an Arduino Due, on which the hAPI board rests
+    (0x1209, 0x0D31): "odrive",  # ODrive v3; these three are registered for it
+    (0x1209, 0x0D32): "odrive",
+    (0x1209, 0x0D33): "odrive",
+}
+
+
+@dataclass(frozen=True)
+class SerialPort:
+    """A serial port of this machine.
+
+    Attributes:
+        path: To open.
+        description: Of the device behind it, in its maker's words.
+        serial_number: Of its USB device; empty if it has none.
+        seems: Kind of device, a key of ``forcebound.devices.DEVICES``, by its USB vendor and
+            product; empty if unknown. A board of this kind may also be something else.
+    """
+
+    path: str
+    description: str = ""
+    serial_number: str = ""
+    seems: str = ""
+
+    def __str__(self) -> str:
+        number = f", serial number {self.serial_number}" if self.serial_number else ""
+        seems = f", seems to be {self.seems}" if self.seems else ""
+        return f"{self.path} ({self.description or 'no description'}{number}{seems})"
+
+
+def listed() -> list[SerialPort]:
+    """Return the serial ports that have a device, in the order of their paths."""
+    from serial.tools import list_ports
+
+    return sorted(
+        (
+            SerialPort(
+                port.device,
+                "" if port.description in (None, "n/a") else port.description,
+                port.serial_number or "",
+                BOARDS.get((port.vid, port.pid), ""),
+            )
+            for port in list_ports.comports()
+        ),
+        key=lambda port: port.path,
+    )
+
+
+def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -> str:
+    """Return the path of a port.
+
+    Args:
+        name: A path; the serial number of a USB device; or ``auto``: the only port that seems to be
+            of this kind, else the only one of all.
+        kind: Of the device, for ``auto``.
+        among: The ports of the machine; by default those that :func:`listed` returns.
+
+    Raises:
+        DeviceError: If there is no such port, or ``auto`` may mean several.
+    """
+    if "/" in name:
+        return name
+    ports = listed() if among is None else among
+    if name == "auto":
+        alike = [port for port in ports if kind and port.seems == kind]
+        found = alike or list(ports)
+        wanted = "a device on a serial port"
+    else:
+        found = [port for port in ports if port.serial_number == name]
+        wanted = f"a device with the serial number {name!r}"
+    if len(found) == 1:
+        return found[0].path
+    there = "; ".join(map(str, found or ports)) or "none"
+    if found:
+        raise DeviceError(f"port {name!r} may mean several: {there}; name one by its path")
+    raise DeviceError(
+        f"expected {wanted}, found none: plug it in, switch it on; serial ports here: {there}"
+    )

@@ -1,0 +1,1 @@
+"""Identification: the numbers of a connected device, measured."""

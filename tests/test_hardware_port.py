@@ -1,0 +1,124 @@
+"""Serial ports: whole messages, reading until a deadline, and which port is meant."""
+
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from forcebound.errors import DeviceError
+from forcebound.hardware.port import Port
+from forcebound.hardware.ports import SerialPort, find, listed
+
+SOON_NS = 20_000_000
+HAPLY = SerialPort("/dev/ttyACM0", "Arduino Due", "1A2B", "haply_2diy")
+ODRIVE = SerialPort("/dev/ttyACM1", "ODrive", "3C4D", "odrive")
+OTHER = SerialPort("/dev/ttyUSB0")
+
+
+@dataclass
+class Line:
+    """Both ends of a pseudo-terminal: the board's, and an open port."""
+
+    board: int
+    port: Port
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    board, slave = os.openpty()
+    path = os.ttyname(slave)
+    port = Port(path)
+    os.close(slave)
+    yield Line(board, port)
+    port.close()
+    os.close(board)
+
+
+def soon_ns() -> int:
+    return time.monotonic_ns() + SOON_NS
+
+
+def test_any_bytes_pass_both_ways_unchanged(line: Line) -> None:
+    message = bytes(range(256))
+    line.port.write(message)
+    assert os.read(line.board, 4096) == message
+    os.write(line.board, message)
+    assert line.port.read(256, soon_ns()) == message
+
+
+def test_a_short_reply_is_what_came_by_the_deadline(line: Line) -> None:
+    os.write(line.board, b"abc")
+    assert line.port.read(9, soon_ns()) == b"abc"
+    assert line.port.read(9, soon_ns()) == b""
+
+
+def test_no_more_is_read_than_was_asked_for_and_the_rest_can_be_drained(line: Line) -> None:
+    os.write(line.board, b"abcdef")
+    assert line.port.read(2, soon_ns()) == b"ab"
+    assert line.port.drain() == b"cdef"
+    assert line.port.drain() == b""
+
+
+def test_what_is_there_is_read_after_the_deadline_too(line: Line) -> None:
+    os.write(line.board, b"abc")
+    assert line.port.read(3, 0) == b"abc"
+
+
+def test_a_port_that_takes_no_more_is_an_error_and_is_not_waited_for(line: Line) -> None:
+    def fill() -> None:
+        while True:
+            line.port.write(bytes(4096))
+
+    with pytest.raises(DeviceError, match="does not read"):
+        fill()
+
+
+def test_an_unplugged_device_is_said_when_read_and_when_written() -> None:
+    board, slave = os.openpty()
+    port = Port(os.ttyname(slave))
+    os.close(slave)
+    os.close(board)
+    with pytest.raises(DeviceError, match="unplugged"):
+        port.read(1, soon_ns())
+    with pytest.raises(DeviceError, match="unplugged"):
+        port.write(b"a")
+    port.close()
+
+
+def test_a_port_in_use_is_not_opened_a_second_time(line: Line) -> None:
+    with pytest.raises(DeviceError, match="in use by another program"):
+        Port(line.port.path)
+
+
+def test_a_port_that_is_not_there_or_none_is_said_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(DeviceError, match="there is no port"):
+        Port(str(tmp_path / "nothing"))
+    with pytest.raises(DeviceError, match="is no serial port"):
+        Port(str(tmp_path))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DeviceError, match="is no serial port"):
+        Port(str(tmp_path / "file"))
+
+
+def test_auto_is_the_only_port_of_the_kind_or_the_only_one() -> None:
+    assert find("auto", "haply_2diy", [HAPLY, ODRIVE, OTHER]) == "/dev/ttyACM0"
+    assert find("auto", "haply_2diy", [OTHER]) == "/dev/ttyUSB0"
+    with pytest.raises(DeviceError, match=r"may mean several: .*ttyACM0.*ttyACM1"):
+        find("auto", "", [HAPLY, ODRIVE])
+    with pytest.raises(DeviceError, match=r"found none.*plug it in.*ports here: none"):
+        find("auto", "odrive", [])
+
+
+def test_a_port_is_found_by_the_serial_number_of_its_device() -> None:
+    assert find("3C4D", among=[HAPLY, ODRIVE, OTHER]) == "/dev/ttyACM1"
+    assert find("/any/path", among=[]) == "/any/path"
+    with pytest.raises(DeviceError, match=r"'5E6F', found none.*serial number 1A2B, seems to be h"):
+        find("5E6F", among=[HAPLY])
+
+
+def test_the_ports_of_this_machine_are_in_order() -> None:
+    paths = [port.path for port in listed()]
+    assert paths == sorted(paths)
