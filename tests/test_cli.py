@@ -40,6 +40,35 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert out.splitlines()[-1] == "[]"
 
 
+@pytest.mark.parametrize("words", [["schema"], ["--help"]])
+def test_output_that_cannot_be_written_is_told_in_one_line(words: list[str]) -> None:
+    command = [sys.executable, "-m", "forcebound", *words]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "forcebound: cannot write: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "stiff_wall", "--record", "NAME"],
+        ["simulate", "NAME"],
+        ["plot", "NAME"],
+        ["delay", "NAME"],
+        ["delay", "run.mcap", "-o", "NAME"],
+        ["doctor", "--run", "NAME"],
+        ["sweep", "NAME"],
+        ["map", "NAME"],
+        ["audit", "-o", "NAME.md"],
+    ],
+)
+def test_a_name_that_is_too_long_for_a_file_is_told(words: list[str]) -> None:
+    done = invoke(*(word.replace("NAME", "x" * 5000) for word in words))
+    assert done.exit_code == 2
+    assert re.search("File name too long|there is no|is not the run directory", done.stderr)
+
+
 def test_simulate_prints_one_document_with_the_promised_keys() -> None:
     result = invoke("simulate", "stiff_wall.yaml", "--json", *QUICK)
     assert result.exit_code == 0

@@ -37,9 +37,9 @@ AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the pane
 LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 
-def in_figure(text: str) -> str:
+def in_figure(text: str, longest: int = LONGEST_NAME) -> str:
     """Return a name from outside for a figure, where a dollar sign would begin a formula."""
-    return printable(text, LONGEST_NAME).replace("$", r"\$")
+    return printable(text, longest).replace("$", r"\$")
 
 
 @dataclass(frozen=True)
