@@ -19,6 +19,7 @@ from forcebound.identification.windows import points_of
 RANGE = 0.7  # share of the reach that is measured; the rest is for turning
 BEYOND = 1.4  # times the reach: the rig stops there
 TOO_FAST = 4.0  # times the largest speed of the passes
+FINER = 3  # times the parts of the range: where cogging is looked for
 TURNS = 4  # damping and inertia each need the other
 SETTLED = 2.5  # time constants of the position control, until a speed is even
 PUSHED = 0.8  # share of what friction holds
@@ -60,8 +61,8 @@ class AxisFound:
         friction_of_parts: Estimate by pose of the other axes and part of the range.
         presliding: z_m, in m (rad).
         resolution: Of the encoder, in m (rad).
-        load: Force that depends on the place (weight, cogging), in N (N m), positive against positive
-            motion: its mean; the bound is of the largest, without sign.
+        load: Force that depends on the place (weight, cogging), in N (N m), positive against
+            positive motion: its mean; the bound is of the largest, without sign.
         inertia: In kg (kg m^2).
         decay: Loss in free motion over what damping and friction say: 1 if they agree.
         speeds: From slowest to fastest, in m/s (rad/s).
@@ -237,8 +238,10 @@ def _losses(
     friction, parts = estimators.friction(slow, damping)
     least = estimators.below_all(whole, max(damping.lower, 0.0), friction.lower)
     friction = Bounded(friction.estimate, least, friction.upper)
-    points = (*whole, *slow)
-    return _Losses(damping, friction, parts, estimators.load(slow), inertia, points)
+    slowest = [one for one in passes if one.level == 0]
+    fine = [one.at_rest(inertia) for one in points_of(slowest, low, high, FINER * plan.parts)]
+    points = (*whole, *slow, *fine)
+    return _Losses(damping, friction, parts, estimators.load(fine), inertia, points)
 
 
 def _below_friction(axis: int, losses: _Losses) -> float:
