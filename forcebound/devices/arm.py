@@ -14,7 +14,7 @@ from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 
 if TYPE_CHECKING:
-    from forcebound.devices.stated_joints import StatedJoints
+    from forcebound.devices.simulated_arm import SimulatedArm
 
 
 class ArmBody:
@@ -28,7 +28,7 @@ class ArmBody:
         DeviceError: If the hand begins where the arm does not reach.
     """
 
-    def __init__(self, model: "StatedJoints", operator: Operator) -> None:
+    def __init__(self, model: "SimulatedArm", operator: Operator) -> None:
         axes = model.axes
         start = pad(operator.target(0.0), axes)
         angles = model.angles(start)

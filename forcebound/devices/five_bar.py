@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.errors import ConfigError
@@ -70,7 +70,7 @@ def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiveBar(StatedJoints):
+class FiveBar(SimulatedArm):
     """Parameters of the simulated five-bar, of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
@@ -114,7 +114,7 @@ class FiveBar(StatedJoints):
         return (self.proximal, self.distal, self.base, *self.origin)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`StatedJoints`."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         return ArmKinematics(five_bar_pose, self.geometry, 2, 0.1 * self.proximal**2)
 
     def angles(self, position: Vector) -> Vector | None:

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.messages.packets import Vector
@@ -41,7 +41,7 @@ def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knob(StatedJoints):
+class Knob(SimulatedArm):
     """Parameters of the simulated knob.
 
     Attributes:
@@ -74,7 +74,7 @@ class Knob(StatedJoints):
         return (self.lever,) * self.joints
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`StatedJoints`."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         return ArmKinematics(knob_pose, self.geometry, self.joints, 0.1 * self.lever**self.joints)
 
     def angles(self, position: Vector) -> Vector:

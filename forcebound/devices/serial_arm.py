@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.errors import ConfigError
@@ -78,7 +78,7 @@ def spatial_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialArm(StatedJoints):
+class SerialArm(SimulatedArm):
     """Parameters of the simulated serial arm.
 
     Attributes:
@@ -124,7 +124,7 @@ class SerialArm(StatedJoints):
         return (self.upper, self.lower, *self.origin, 0.0)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`StatedJoints`."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         pose = planar_pose if self.joints == 2 else spatial_pose
         volume = (self.upper * self.lower) if self.joints == 2 else self.upper**2 * self.lower
         return ArmKinematics(pose, self.geometry, self.joints, 0.1 * volume)

@@ -1,15 +1,10 @@
-"""What an arm states, numbers of its joints, and the simulated arm that has them."""
+"""What an arm states: numbers of its joints."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated, TypeAlias
 
-from forcebound.devices.kinematics import ArmKinematics
-from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated import StatedImperfections, check_count
 from forcebound.devices.true_values import TrueMotor
-from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -20,9 +15,6 @@ from forcebound.quantities import (
     Time,
     Torque,
 )
-
-if TYPE_CHECKING:
-    from forcebound.devices.arm import ArmBody
 
 # One number for all joints alike, or a list of one for each joint.
 DampingOfJoints: TypeAlias = (
@@ -56,8 +48,8 @@ class TrueJoints(TrueMotor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedJoints(StatedImperfections, ABC):
-    """Parameters of an arm beside its geometry, which each kind of arm adds.
+class StatedJoints(StatedImperfections):
+    """What an arm states beside the numbers without a unit of their own.
 
     Attributes:
         inertia: Of each joint, with the links that it carries; it does not change with the pose.
@@ -93,25 +85,3 @@ class StatedJoints(StatedImperfections, ABC):
             check_count(getattr(self, name), name, self.axes)
             check_count(getattr(self.truth, name, None), f"truth: {name}", self.axes)
         check_count(getattr(self.truth, "gain", None), "truth: gain", self.axes)
-
-    @abstractmethod
-    def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
-
-    @abstractmethod
-    def angles(self, position: Vector) -> Vector | None:
-        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
-
-    def body(self, operator: Operator) -> "ArmBody":
-        """Return the body; see :class:`forcebound.devices.simulated.Body`.
-
-        Raises:
-            DeviceError: If the hand begins where the arm does not reach.
-        """
-        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
-
-        return ArmBody(self, operator)
-
-    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
-        return SimulatedDevice(self, operator, hold_limit)
