@@ -92,7 +92,7 @@ def launch_file_values(
     return model.mechanism(), config.operator
 
 
-def given_values(text: str) -> tuple[dict[str, Any], Operator | None]:
+def given_values(text: str) -> tuple[Mapping[str, Any], Operator | None]:
     """Return mechanism and operator of the document that a driver gives.
 
     Raises:
