@@ -118,7 +118,7 @@ def _draw_energy(axes: Axes, view: View) -> None:
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
-        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=2.0)
+        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=5.0)  # above the triangle of a fault
 
 
 def _draw_delay(axes: Axes, view: View) -> None:
