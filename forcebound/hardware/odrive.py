@@ -109,7 +109,6 @@ class ODrive(StatedJoints):
         port: Path of the serial port, auto, the serial number of its USB device, or emulated.
         baud: Bits a second, for a UART; null: USB, which has no such limit.
         watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
-        on_loss: When the device is lost: end the graph, or wait until `forcebound start device`.
         reply_within: A reply later than this is counted as late.
     """
 
@@ -128,7 +127,6 @@ class ODrive(StatedJoints):
     lever: Annotated[Length, POSITIVE] = 0.04
     port: str = EMULATED
     baud: Annotated[int, Range(at_least=9600)] | None = None
-    on_loss: Literal["end", "wait"] = "end"
     reply_within: Annotated[Time, POSITIVE] = 3e-4
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
