@@ -15,7 +15,7 @@ from forcebound.hardware.odrive_lines import (
 )
 from forcebound.hardware.odrive_requests import Requests
 
-FIRMWARE = (0, 5)
+FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
 SETTLING = 0.02  # s; replies to what a former user has left
 SWITCHING_NS = 1_000_000_000  # for the motors to be on
 WATCHDOG_MARGIN = 0.001  # s, between the board's watchdog and the limit that is stated
@@ -44,7 +44,7 @@ def check_firmware(requests: Requests) -> None:
         DeviceError: If it is not.
     """
     version = [requests.value(f"fw_version_{part}") for part in ("major", "minor")]
-    if None not in version and tuple(version) != FIRMWARE:
+    if None not in version and tuple(version) not in FIRMWARES:
         raise DeviceError(
             f"the ODrive has the firmware {version[0]:g}.{version[1]:g}; this driver speaks the"
             " ASCII protocol of 0.5"
