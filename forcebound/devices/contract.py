@@ -26,15 +26,8 @@ PROMISES: dict[str, str] = {
     "port": "says with a DeviceError that there is no such port",
     **VALUE,
 }
-OF_OPEN = (
-    "answers",
-    "shape",
-    "bounded",
-    "stamps",
-    "cut",
-    "kinematics",
-    "reopens",
-)  # promises that only an open device can keep or break
+#: Promises that only an open device can keep or break.
+OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", "kinematics", "reopens")
 
 PERIOD_NS = 1_000_000
 NO_PORT = "/nowhere/port"
