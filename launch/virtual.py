@@ -80,8 +80,8 @@ def check_has_virtual_time(config: GraphConfig) -> None:
     instead = getattr(config.device.model, "simulated_in", None)
     if instead is not None:
         raise ConfigError(
-            f"a {kind_of('device', config.device.model)} is at a serial port, emulated or not, and"
-            f" has no virtual time: use `forcebound launch`, or `forcebound simulate {instead}`"
+            f"the device {kind_of('device', config.device.model)} is at a serial port, emulated or"
+            f" not, and has no virtual time: use `forcebound launch`, or `forcebound simulate {instead}`"
         )
 
 
