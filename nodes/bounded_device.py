@@ -5,7 +5,7 @@ At each write the bounder hears what really happened since the last one, before 
 1. *When.* The time of the reading, and later the time from which the written force acts: from the
    device's stamps; else from the clock, before the read and after the write, so that the time
    between them is never taken for shorter than it is; else the time of the tick.
-2. *Cuts.* Where and when a reporting watchdog has dropped a force.
+2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
 3. *The hold limit* of the force to come. The device is given it before the write.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
@@ -62,7 +62,7 @@ class BoundedDevice:
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
         self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
-        if dissipation.watchdog != "reporting":
+        if dissipation.watchdog not in ("guarding", "reporting"):
             self._cut = None
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
