@@ -11,7 +11,7 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each of codec and launch_file
 
-.PHONY: demo test check test-slow examples endurance audit bench fuzz mutation clean
+.PHONY: demo test check test-slow examples endurance audit bench fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -62,6 +62,13 @@ fuzz: $(STAMP)
 	  || { echo "atheris, which fuzzes, has no wheel for this machine and `$(BIN)/python --version`;"; \
 	    echo "it has them for Linux: try make fuzz VENV=.venv-fuzz PYTHON=python3.11"; exit 2; }
 	$(BIN)/python fuzz/campaign.py --seconds $(FUZZ_SECONDS)
+
+# The maker's own client of the Haply 2DIY against our emulator. It is under the GPL and puts an
+# __init__.py beside all packages, so it gets a folder of its own and is in no extra.
+hapi: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade --no-deps \
+	  --constraint constraints.txt --target results/hapi HaplyHAPI
+	PYTHONPATH=results/hapi $(BIN)/pytest -m live -k maker tests/test_emulators_live.py
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \

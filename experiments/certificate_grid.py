@@ -47,7 +47,6 @@ AIMS = (
     ("certified_memoryless", "more_conservative", 1.4),
 )
 
-
 #: Numbers of a device and the values whose price is printed, SI units.
 PRICES: tuple[dict[str, float], ...] = (
     {},
@@ -92,7 +91,8 @@ def measure_prices(hold_limit: float, quick: bool) -> list[dict[str, Any]]:
         configs = []
         for cell in cells:
             config = case("certified", *cell, hold_limit)
-            model = replace(config.device.model, watchdog="silent", **numbers)  # type: ignore[type-var]
+            model: Any = config.device.model
+            model = replace(model, watchdog="silent", **numbers)
             configs.append(replace(config, device=replace(config.device, model=model)))
         stiffnesses, lowest = [], 0.0
         for outcome in run_all(configs):

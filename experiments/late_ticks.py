@@ -11,6 +11,7 @@ The lowest energy of the hand in all runs stands below the table.
 
 import argparse
 from dataclasses import replace
+from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
@@ -37,7 +38,8 @@ def case(law: str, watchdog: str, rate: float, hold_limit: float | str, seed: in
     late_ticks = LateTicks(rate=rate, jitter=JITTER, seed=seed)
     allowance = ALLOWANCE if watchdog == "none" else 0.0
     servo = replace(config.device.servo, late_ticks=late_ticks, allowance=allowance)
-    model = replace(config.device.model, watchdog=watchdog, **WATCHDOGS[watchdog])  # type: ignore[type-var]
+    model: Any = config.device.model
+    model = replace(model, watchdog=watchdog, **WATCHDOGS[watchdog])
     return replace(config, device=replace(config.device, model=model, servo=servo))
 
 

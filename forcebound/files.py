@@ -167,6 +167,8 @@ def check_writable(path: Path, what: str) -> None:
     except OSError as error:
         folder = path.absolute().parent
         why = error.strerror if folder.is_dir() else f"there is no folder {folder}"
+        if error.errno == errno.ENXIO:  # which is said of a pipe, too
+            why = "nobody reads at its other end"
         raise ConfigError(f"cannot write {what} {path}: {why}") from error
 
 

@@ -15,6 +15,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+SESSIONS = Path("/run/user")  # of systemd's, one for each user who is logged in
+
 
 def runtime_folders(variables: Mapping[str, str] = os.environ) -> list[Path]:
     """Return the private folders of this user that there are, the preferred one first."""
@@ -47,7 +49,7 @@ def _places(variables: Mapping[str, str]) -> Iterator[Path]:
     named = Path(variables.get("XDG_RUNTIME_DIR", ""))
     if named.is_absolute():
         yield named
-    yield Path(f"/run/user/{os.getuid()}")
+    yield SESSIONS / str(os.getuid())
     with suppress(OSError):  # no folder for temporary files can be used
         yield _fallback()
 

@@ -23,6 +23,7 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.processes import NODES
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"
+SHIPPED = Path(__file__).parent.parent / "launch" / "stiff_wall.yaml"
 
 
 def one(data: bytes) -> None:
@@ -43,4 +44,5 @@ def one(data: bytes) -> None:
 
 if __name__ == "__main__":
     atheris.Setup(sys.argv, one)
+    one(SHIPPED.read_bytes())  # compiles the bounder, which is no time of an input
     atheris.Fuzz()

@@ -52,7 +52,7 @@ from forcebound.processes import LAUNCHER, PROCESSES
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
 # two ticks of a slower one nothing is heard of a request to engage or to stop.
 SLOWEST, FASTEST = 10.0, 5000.0
-MAX_DOCUMENT = 100_000  # bytes of a run's document
+MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
 
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
@@ -97,7 +97,7 @@ class RunDocument:
         """
         try:
             return cls(**json.loads(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT)))
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, RecursionError) as error:
             raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
 
 
@@ -225,11 +225,24 @@ def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Mapping[str, 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
     """Return the parameters of a node that differ from the launch file."""
     try:
-        document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        document = read_launch_document(run_dir)
+    except ConfigError:
         return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
     return {name: value for name, value in changed.items() if node in holders([name])}
+
+
+def read_launch_document(run_dir: Path) -> dict[str, Any]:
+    """Return what a graph runs with now, as :func:`write_launch_document` wrote it.
+
+    Raises:
+        ConfigError: If the run directory does not say.
+    """
+    try:
+        document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
+    return document
 
 
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:

@@ -8,7 +8,6 @@ A process never waits for its launcher: its output goes to a pipe and is dropped
 full.
 """
 
-import json
 import logging
 import os
 import shutil
@@ -31,6 +30,7 @@ from forcebound.launch.live import (
     RECORDING,
     RUN_FILE,
     RunDocument,
+    read_launch_document,
     recorded_streams,
     run_directory,
     write_launch_document,
@@ -84,8 +84,7 @@ def run_node(
         realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
-                document = json.loads(file.read_text(encoding="utf-8"))
-                config = restore(document, CODE_OF_PROCESS[kind])
+                config = restore(read_launch_document(run_dir), CODE_OF_PROCESS[kind])
                 _run(kind, config, run, run_dir, stop, engages_itself=False)
         except (ConfigError, DeviceError):
             raise

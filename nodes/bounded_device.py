@@ -4,7 +4,9 @@ At each write the bounder hears what really happened since the last one, before 
 
 1. *When.* The time of the reading, and later the time from which the written force acts: from the
    device's stamps; else from the clock, before the read and after the write, so that the time
-   between them is never taken for shorter than it is; else the time of the tick.
+   between them is never taken for shorter than it is; else the time of the tick. If the device
+   says by how much a reading may be later than its stamp, that is added to the interval: the same
+   way in a longer time dissipates less. So the bounder's clock runs ahead by what is uncertain.
 2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
 3. *The hold limit* of the force to come. The device is given it before the write.
 
@@ -60,6 +62,8 @@ class BoundedDevice:
         self._dissipation = dissipation
         self._kinematics: Any = getattr(device, "kinematics", None)
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
+        self._jitter: Callable[[], int] | None = getattr(device, "latch_jitter", None)
+        self._ahead_ns = 0  # of the bounder's clock
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
         self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
         if dissipation.watchdog not in ("guarding", "reporting"):
@@ -105,6 +109,9 @@ class BoundedDevice:
         reading = device.read(time_ns)
         if self._stamps is not None:
             read_ns = self._stamps()[0]
+        if self._jitter is not None:
+            self._ahead_ns += self._jitter()
+        read_ns += self._ahead_ns
         position, force = reading, commanded
         if kinematics is not None:
             position = kinematics.position(reading)
@@ -121,6 +128,7 @@ class BoundedDevice:
         write_ns = time_ns if self._clock is None else self._clock()
         if self._stamps is not None:
             write_ns = self._stamps()[1]
+        write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
         self._writes += 1
@@ -155,8 +163,8 @@ class BoundedDevice:
         ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
         ``longest_hold_limit``, in s; ``refused_readings``; ``late_writes``: forces that took effect
         later after their reading than the device states, and ``longest_write_delay``, in s, of all;
-        ``largest_allowance``: the most that
-        late holds can have leaked, in J, and ``allowance_repaid``.
+        ``largest_allowance``: the most that late holds can have leaked, in J, and
+        ``allowance_repaid``.
         """
         bounder = self.bounder
         return {

@@ -39,6 +39,8 @@ from forcebound.nodes.velocity import low_pass, low_pass_gain
 
 _logger = logging.getLogger(__name__)
 
+REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
+
 
 class _Unknown(NamedTuple):
     """The ground truth of hardware."""
@@ -49,9 +51,6 @@ class _Unknown(NamedTuple):
 
 
 _UNKNOWN = _Unknown()
-
-
-REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceNode(Node):

@@ -1,6 +1,7 @@
 """Small stand-ins that tests pass in."""
 
 from dataclasses import replace
+from typing import Any
 
 from forcebound.bounding import Dissipation
 from forcebound.controllers.direct import DirectController
@@ -52,10 +53,10 @@ class FakeDevice:
         self.closed += 1
 
 
-def device_node(axes: int = 1, **settings: float | str) -> tuple[DeviceNode, FakeDevice]:
+def device_node(axes: int = 1, **settings: Any) -> tuple[DeviceNode, FakeDevice]:
     """Return a device node over a fake device; no law, no ramp, unless the settings say so."""
     device = FakeDevice(axes)
-    servo = ServoSettings(**{"law": "none", "engage_time": 0.0, **settings})  # type: ignore[arg-type]
+    servo = ServoSettings(**{"law": "none", "engage_time": 0.0, **settings})
     return DeviceNode(device, DISSIPATION, servo), device
 
 

@@ -59,6 +59,13 @@ class Stamping(Told):
         return self.time_ns, self.time_ns + self.delay_ns
 
 
+class Uncertain(Stamping):
+    """A device whose readings may be later than their stamps."""
+
+    def latch_jitter(self) -> int:
+        return 100_000
+
+
 class Lever:
     """Two levers of 0.5 m and 0.25 m, at right angles to their forces."""
 
@@ -93,24 +100,47 @@ def test_a_watchdog_that_may_be_early_is_given_a_longer_limit() -> None:
     assert 0.8 * device.limits[-1] == pytest.approx(1.02e-3)
 
 
-def test_the_limit_follows_the_time_between_writes_not_between_readings() -> None:
-    device = Stamping()
-    node = bounded(device)
-    for tick in range(2000):
+def write_late(node: BoundedDevice, device: Stamping, ticks: int) -> None:
+    """Write each millisecond; every other force acts 0.2 ms after its reading."""
+    for tick in range(ticks):
         device.time_ns = tick * MS
         device.delay_ns = 200_000 * (tick % 2)
         node.write(device.time_ns, (0.0,), 1.0)
+
+
+def test_the_limit_follows_the_time_between_writes_not_between_readings() -> None:
+    device = Stamping()
+    write_late(bounded(device), device, 2000)
     assert device.limits[-1] >= 1.2e-3
 
 
 def test_writes_later_than_the_device_states_are_counted() -> None:
     device = Stamping()
     node = bounded(device)
-    for tick in range(10):
-        device.time_ns = tick * MS
-        device.delay_ns = 200_000 * (tick % 2)
-        node.write(device.time_ns, (0.0,), 1.0)
+    write_late(node, device, 10)
     assert node.report()["late_writes"] == 5
+    assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
+
+
+def test_a_way_of_uncertain_duration_is_taken_for_the_slowest() -> None:
+    losses = []
+    for device in (Stamping(), Uncertain()):
+        node = bounded(device, "certified")
+        for tick in range(2):
+            device.time_ns, device.position = tick * MS, (0.01 * tick,)
+            node.write(device.time_ns, (0.0,), 1.0)
+        losses.append(node.bounder.estimated_energy - 0.12 * 0.01)
+    certain, uncertain = losses
+    assert certain == pytest.approx(0.27 * 0.01**2 / 1.0e-3)
+    assert uncertain == pytest.approx(0.27 * 0.01**2 / 1.1e-3)
+
+
+def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() -> None:
+    device = Uncertain()
+    node = bounded(device)
+    for tick in range(10):
+        device.time_ns, device.delay_ns = tick * MS, 200_000
+        node.write(device.time_ns, (0.0,), 1.0)
     assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
 
 

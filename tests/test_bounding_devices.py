@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.bounding import Dissipation, ForceBounder
+from forcebound.bounding.dissipation import Watchdog
 from forcebound.bounding.hold_cost import hold_cost, lagging_cost, rigid_cost
 from forcebound.bounding.sample import AxisConstants
 from forcebound.bounding.waveform import NO_FORCE, mean_force, penalty, retarget
@@ -123,8 +124,8 @@ def test_an_axis_that_is_stated_by_itself_is_the_same_axis() -> None:
 
 
 @pytest.mark.parametrize("watchdog", ["reporting", "none"])
-def test_a_punctual_hold_is_the_same_with_any_watchdog(watchdog: str) -> None:
-    other = replace(PHANTOM, watchdog=watchdog, watchdog_limit=0.1, allowance=10.0)  # type: ignore[arg-type]
+def test_a_punctual_hold_is_the_same_with_any_watchdog(watchdog: Watchdog) -> None:
+    other = replace(PHANTOM, watchdog=watchdog, watchdog_limit=0.1, allowance=10.0)
     assert pressed(other) == pressed(PHANTOM)
 
 
@@ -316,9 +317,9 @@ def test_a_write_later_than_stated_is_counted() -> None:
         ({"watchdog": "loud"}, "watchdog"),
     ],
 )
-def test_a_description_that_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None:
+def test_a_description_that_cannot_be_is_refused(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        replace(PHANTOM, **wrong)  # type: ignore[arg-type]
+        replace(PHANTOM, **wrong)
 
 
 def test_numbers_that_do_not_fit_the_axes_are_refused() -> None:

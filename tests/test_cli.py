@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from builders import SUMMARY_KEYS
 from click.testing import CliRunner, Result
 from launch_texts import written
 from waiting import PATIENCE, until
@@ -40,26 +41,42 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert out.splitlines()[-1] == "[]"
 
 
+@pytest.mark.parametrize("words", [["schema"], ["--help"]])
+def test_output_that_cannot_be_written_is_told_in_one_line(words: list[str]) -> None:
+    command = [sys.executable, "-m", "forcebound", *words]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "forcebound: cannot write: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "stiff_wall", "--record", "NAME"],
+        ["simulate", "NAME"],
+        ["plot", "NAME"],
+        ["delay", "NAME"],
+        ["delay", "run.mcap", "-o", "NAME"],
+        ["doctor", "--run", "NAME"],
+        ["sweep", "NAME"],
+        ["map", "NAME"],
+        ["audit", "-o", "NAME.md"],
+    ],
+)
+def test_a_name_that_is_too_long_for_a_file_is_told(words: list[str]) -> None:
+    done = invoke(*(word.replace("NAME", "x" * 5000) for word in words))
+    assert done.exit_code == 2
+    assert re.search("File name too long|there is no|is not the run directory", done.stderr)
+
+
 def test_simulate_prints_one_document_with_the_promised_keys() -> None:
     result = invoke("simulate", "stiff_wall.yaml", "--json", *QUICK)
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert document["law"] == "certified"
     assert document["samples"] == pytest.approx(200, abs=2)
-    assert set(document) >= {
-        "duration_s",
-        "displayed_stiffness_n_per_m",
-        "rate_hardness_n_per_m",
-        "peak_force_n",
-        "peak_penetration_m",
-        "true_energy_min_j",
-        "estimated_energy_min_j",
-        "bounder_active_share",
-        "loop_delay_ms",
-        "deadline_misses",
-        "rejected_packets",
-        "contact_bounces",
-    }
+    assert set(document) >= SUMMARY_KEYS
     assert set(document["loop_delay_ms"]) == {"p50", "p99", "max"}
 
 

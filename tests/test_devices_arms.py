@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeAlias
 
 import pytest
 from builders import MS
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcebound.devices.five_bar import FiveBar
+from forcebound.devices.knob import Knob
 from forcebound.devices.serial_arm import SerialArm
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated_joints import TrueJoints
@@ -18,12 +20,16 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators.pressing import PressingHand
 
-ARMS: dict[str, FiveBar | SerialArm] = {
+Arm: TypeAlias = FiveBar | SerialArm | Knob
+
+ARMS: dict[str, Arm] = {
     "five_bar": FiveBar(),
     "five_bar with one axis for both motors": FiveBar(base=0.0),
     "planar": SerialArm(),
     "planar, unequal": SerialArm(upper=0.2, lower=0.1),
     "spatial": SerialArm(joints=3),
+    "knob": Knob(),
+    "two knobs": Knob(joints=2, lever=0.05),
 }
 
 points = st.tuples(*[st.floats(-0.03, 0.03)] * 3)
@@ -34,7 +40,7 @@ def dot(one: Iterable[float], other: Iterable[float]) -> float:
 
 
 @pytest.fixture(params=sorted(ARMS))
-def arm(request: pytest.FixtureRequest) -> FiveBar | SerialArm:
+def arm(request: pytest.FixtureRequest) -> Arm:
     return ARMS[request.param]
 
 
@@ -66,7 +72,7 @@ def test_the_jacobian_is_the_derivative_of_the_position(name: str, point: Vector
         assert [row[joint] for row in jacobian] == pytest.approx(slope, abs=1e-8)
 
 
-def test_torques_do_the_work_of_the_force_at_the_tip(arm: FiveBar | SerialArm) -> None:
+def test_torques_do_the_work_of_the_force_at_the_tip(arm: Arm) -> None:
     kinematics, angles = arm.kinematics(), arm.angles((0.01, -0.02, 0.015)[: arm.axes])
     assert angles is not None
     force, speeds = (1.0, -2.0, 0.5)[: arm.axes], (0.3, 0.7, -0.4)[: arm.axes]
@@ -221,7 +227,7 @@ def test_an_arm_has_the_same_watchdog_stamps_and_saturation() -> None:
     assert cut[0] == 2_300_000
 
 
-def drawn(model: SerialArm | FiveBar, substep: float) -> list[tuple[float, float]]:
+def drawn(model: Arm, substep: float) -> list[tuple[float, float]]:
     """Energy that the device counts, and that the hand counts at the tip, in each substep."""
     device: SimulatedDevice = replace(model, substep=substep).open(CirclingHand(), hold_limit=9.0)
     device.read(0)
@@ -251,7 +257,7 @@ def test_the_energy_in_the_joints_is_that_at_the_tip(model: FiveBar | SerialArm)
     assert errors[1] < 0.3 * errors[0]
 
 
-def test_an_arm_without_a_force_only_takes_energy(arm: FiveBar | SerialArm) -> None:
+def test_an_arm_without_a_force_only_takes_energy(arm: Arm) -> None:
     energies = [joints for joints, _ in drawn(arm, 5e-5)]
     assert min(energies) >= 0.0
     kinetic = 0.5 * arm.inertia * 400.0  # more than it ever has: 20 rad/s

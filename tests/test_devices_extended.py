@@ -220,9 +220,9 @@ def test_each_motor_may_have_a_gain_of_its_own() -> None:
     [({"lag": 1e-3}, None, 1e-3), ({"lag": 1e-3}, TrueAxes(lag=2e-3), 2e-3)],
 )
 def test_the_motor_lags_as_stated_or_as_it_truly_does(
-    stated: dict[str, float], truth: TrueAxes | None, lag: float
+    stated: dict[str, Any], truth: TrueAxes | None, lag: float
 ) -> None:
-    model = replace(PUSHED, truth=truth, **stated)  # type: ignore[arg-type]  # floats only
+    model = replace(PUSHED, truth=truth, **stated)
     decay = math.exp(-0.01 / lag)
     assert speeds(model) == pytest.approx((10 * (0.01 - lag * (1 - decay)),))
 
@@ -314,9 +314,9 @@ def test_numbers_of_another_number_of_axes_are_refused(
 
 
 @pytest.mark.parametrize("wrong", [{"gain": -1.0}, {"watchdog": 0.0}, {"friction": -0.1}])
-def test_true_values_without_meaning_are_refused(wrong: dict[str, float]) -> None:
+def test_true_values_without_meaning_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        TrueAxes(**wrong)  # type: ignore[arg-type]  # floats only
+        TrueAxes(**wrong)
 
 
 def test_a_launch_file_states_true_values() -> None:

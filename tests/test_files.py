@@ -18,6 +18,7 @@ from forcebound.network.keys import list_keys, new_key, public_key
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.recording import read
 from forcebound.sweep.plan import load_sweep
+from forcebound.sweep.table import read_table
 
 PATIENCE = 30  # s; on a machine under load, far more than a refusal needs
 
@@ -48,6 +49,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "distribution": read_distribution,
     "recording": read,
     "sweep": load_sweep,
+    "result": read_table,
     "law": lambda path: law_of(f"{path}.py"),
 }
 
@@ -81,7 +83,7 @@ def test_what_is_no_file_is_refused_at_once(
     make(path.with_suffix(".py") if reader == "law" else path)
     with pytest.raises(ConfigError) as caught:
         READERS[reader](path)
-    if reader == "sweep" or "symbolic" in kind:
+    if "symbolic" in kind:
         assert "there is no" in str(caught.value) or kind in str(caught.value)
     else:
         assert kind in str(caught.value)
@@ -143,6 +145,9 @@ def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -
     with pytest.raises(ConfigError, match="it is a folder"):
         check_writable(tmp_path, "the page")
     check_writable(tmp_path / "new", "the page")
+    pipe(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="nobody reads at its other end"):
+        check_writable(tmp_path / "pipe", "the page")
 
 
 @pytest.mark.parametrize(

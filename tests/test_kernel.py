@@ -107,7 +107,8 @@ def test_jitter_and_loss_draw_the_same_numbers_in_both() -> None:
 
 def test_a_coarse_encoder_none_and_other_rates_agree_too() -> None:
     config = case()
-    models = [replace(config.device.model, resolution=r) for r in (0.0, 1e-3)]  # type: ignore[type-var]  # a dataclass
+    model: Any = config.device.model
+    models = [replace(model, resolution=r) for r in (0.0, 1e-3)]
     configs = [replace(config, device=replace(config.device, model=model)) for model in models]
     for rate in (300.0, 4000.0):
         servo = replace(config.device.servo, rate=rate, hold_limit=1.0)
@@ -126,7 +127,8 @@ def test_neighbours_do_not_change_a_run() -> None:
 
 def test_what_the_kernel_does_not_know_goes_through_the_graph() -> None:
     config = case(seconds=0.02)
-    two_axes = replace(config.device, model=replace(config.device.model, axes=2))  # type: ignore[type-var]  # a dataclass
+    model: Any = config.device.model
+    two_axes = replace(config.device, model=replace(model, axes=2))
     hurting = replace(config.environment, model=NegativeDamper())
     configs = [replace(config, device=two_axes), replace(config, environment=hurting), config]
     assert [ran.engine for ran in run_all(configs)] == ["graph", "graph", "kernel"]

@@ -9,6 +9,7 @@ from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcebound.bounding.dissipation import Watchdog
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Packet, Telemetry
@@ -115,8 +116,8 @@ def test_a_watchdog_that_may_cut_every_hold_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("watchdog", WATCHDOGS)
-def test_a_punctual_servo_has_the_shortest_limit(watchdog: str) -> None:
-    limit = HoldLimit(MS, watchdog)  # type: ignore[arg-type]
+def test_a_punctual_servo_has_the_shortest_limit(watchdog: Watchdog) -> None:
+    limit = HoldLimit(MS, watchdog)
     assert not any(limit.observe(MS + late) for late in (0, 10_000, -10_000, 20_000) * 500)
     assert limit.limit_ns == round(FLOOR * MS)
 
@@ -142,8 +143,8 @@ def test_without_a_watchdog_overruns_cost_nothing() -> None:
 
 
 @pytest.mark.parametrize("watchdog", WATCHDOGS)
-def test_old_lateness_is_forgotten(watchdog: str) -> None:
-    limit = HoldLimit(MS, watchdog)  # type: ignore[arg-type]
+def test_old_lateness_is_forgotten(watchdog: Watchdog) -> None:
+    limit = HoldLimit(MS, watchdog)
     for _ in range(300):
         limit.observe(4 * MS)
     longest = limit.limit_ns
@@ -157,8 +158,8 @@ def test_old_lateness_is_forgotten(watchdog: str) -> None:
     intervals=st.lists(st.integers(1, 50 * MS), max_size=400),
     watchdog=st.sampled_from(WATCHDOGS),
 )
-def test_the_limit_is_always_one_of_the_ladder(intervals: list[int], watchdog: str) -> None:
-    limit = HoldLimit(MS, watchdog)  # type: ignore[arg-type]
+def test_the_limit_is_always_one_of_the_ladder(intervals: list[int], watchdog: Watchdog) -> None:
+    limit = HoldLimit(MS, watchdog)
     for interval in intervals:
         before = limit.limit_ns
         assert limit.observe(interval) == (limit.limit_ns != before)

@@ -355,9 +355,8 @@ def test_without_a_private_folder_loopback_is_not_left_open(
     monkeypatch.setenv("XDG_RUNTIME_DIR", "")
     monkeypatch.setattr("tempfile.tempdir", str(run_dir))
     (run_dir / f"forcebound-run-{os.getuid()}").symlink_to(run_dir)
+    monkeypatch.setattr("forcebound.folders.SESSIONS", run_dir)
     section = RemoteConfig("127.0.0.1")
-    if Path(f"/run/user/{os.getuid()}").exists():
-        pytest.skip("this machine has a runtime folder")
     for check in (section.check_here, section.end):
         with pytest.raises(ConfigError, match="set XDG_RUNTIME_DIR"):
             check("graph")

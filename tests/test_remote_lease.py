@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from builders import MS
@@ -63,6 +64,9 @@ class Graph:
 
         run_until(turned, what, *peers)
 
+    def has_received(self, count: int) -> bool:
+        return sum(self.inbox.received.values()) >= count
+
     @property
     def holder(self) -> object:
         return self.node.status()["environment"]
@@ -89,7 +93,7 @@ def attack(graph: Graph, first: Peer, second: Peer, name: str) -> None:
         first.link.send(encode(reply(seq, "wall-1", TRUE)))
         count = 2 * seq - 1
         graph.until(
-            lambda wanted=count: sum(graph.inbox.received.values()) >= wanted,  # type: ignore[misc]
+            partial(graph.has_received, count),
             "both answers",
             first,
             second,

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
@@ -311,6 +313,43 @@ def test_a_map_of_energy_has_one_scale(tmp_path: Path) -> None:
     figure = draw_surfaces(table, table.about["map"])
     assert "no energy given" in texts(figure)
     assert sum(bool(axes.get_title()) for axes in figure.axes) == len(figure.axes) - 1
+
+
+def hostile(path: Path, columns: dict[str, Any], about: object) -> Path:
+    content = {b"forcebound": json.dumps(about).encode()}
+    pq.write_table(pa.table(columns).replace_schema_metadata(content), path, compression="zstd")
+    return path
+
+
+@pytest.mark.parametrize("drawing", [{}, {"y": "delay"}])
+def test_names_in_a_result_are_drawn_as_they_are(tmp_path: Path, drawing: dict[str, str]) -> None:
+    name = r"$\frac{$ [/bold]"
+    columns = {
+        "over.stiffness": [1.0, 2.0],
+        "over.delay": [0.0, 0.0],
+        "over.law": [name, name],
+        "at_rest": [True, True],
+        "peak_force_n": [1.0, 2.0],
+    }
+    shown = {"x": "stiffness", "value": "peak_force_n", "per": "law", "title": name, **drawing}
+    draw(hostile(tmp_path / "a.parquet", columns, {"map": shown}), tmp_path / "x.png")
+
+
+@pytest.mark.parametrize(
+    "about", [[], {"map": [1]}, {"map": {"x": 1, "value": "stiffness"}}, {"map": {"x": "nothing"}}]
+)
+def test_a_description_of_no_sweep_is_told(tmp_path: Path, about: object) -> None:
+    result = hostile(tmp_path / "a.parquet", {"over.stiffness": [1.0]}, about)
+    with pytest.raises(ConfigError):
+        draw(result, tmp_path / "x.png")
+
+
+def test_a_long_text_is_read_once_for_all_rows_that_have_it(tmp_path: Path) -> None:
+    result = hostile(tmp_path / "a.parquet", {"error": ["x" * 20_000] * 1000}, {})
+    assert result.stat().st_size < 10_000
+    texts = read_table(result).columns["error"]
+    assert len(texts) == 1000
+    assert len({id(text) for text in texts}) == 1
 
 
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:

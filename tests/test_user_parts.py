@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -205,14 +206,14 @@ def test_a_change_of_parameters_keeps_the_state_or_opens_anew(
     if not has_change:
         source = tmp_path / "my_mass.py"
         source.write_text(source.read_text().replace("def change", "def another"))
-    model = load(path).environment.model
+    model: Any = load(path).environment.model
     node = EnvironmentNode(model)
     first = answer_of(node, 0.02, 0.0)
     moved = [answer_of(node, 0.02, 0.01 * k) for k in range(1, 201)][-1]
     assert moved < first
     node.change(model, Impairment(delay=0.0))  # another computation time: the same instance
     assert answer_of(node, 0.02, 2.0) == pytest.approx(moved, rel=1e-3)
-    node.change(dataclasses.replace(model, damping=5.0), Impairment())  # type: ignore[type-var]  # a dataclass
+    node.change(dataclasses.replace(model, damping=5.0), Impairment())
     after = answer_of(node, 0.02, 2.0)
     assert (after < 0.9 * first) == has_change
 

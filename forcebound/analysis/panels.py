@@ -1,8 +1,4 @@
-"""Panels of a figure: position, force, energy, loop delay, force over penetration.
-
-The colours are Okabe and Ito's, which people with any colour vision can tell apart; the same
-quantity has the same colour in every panel.
-"""
+"""Panels of a figure: position, force, energy, loop delay, force over penetration."""
 
 from __future__ import annotations
 
@@ -12,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from forcebound.analysis.colours import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.analysis.energy import largest_fall
 from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
 from forcebound.files import printable
@@ -23,25 +20,15 @@ if TYPE_CHECKING:
 
 Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telemetry, launch file
 
-# Source: Okabe, Ito, Color universal design, 2008.
-PHYSICAL = "#0072B2"  # blue: physical quantities
-COMMANDED = "#E69F00"  # orange: commanded force, and the environment's own stiffness
-ESTIMATED = "#009E73"  # green: estimates of the law
-NOT_PASSIVE = "#D55E00"  # vermilion: not passive; faults
-PHASE = "#56B4E9"  # sky blue: every other phase
-NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
-
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
-
-
 LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 
-def in_figure(text: str) -> str:
+def in_figure(text: str, longest: int = LONGEST_NAME) -> str:
     """Return a name from outside for a figure, where a dollar sign would begin a formula."""
-    return printable(text, LONGEST_NAME).replace("$", r"\$")
+    return printable(text, longest).replace("$", r"\$")
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from forcebound.audit.search import optimiser
 from forcebound.audit.sensitivity import run_sensitivity
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
-from forcebound.files import check_writable, reason
+from forcebound.files import MAX_TABLE, check_writable, read_text, reason
 from forcebound.workers import progress_bar
 
 #: Where the part of the page begins that is not made by a campaign, and stays.
@@ -71,7 +71,7 @@ def run(
 
 def _written_by_hand(out: Path) -> str:
     """Return the end of the page that is there already, which no campaign makes."""
-    before = out.read_text(encoding="utf-8") if out.exists() else ""
+    before = read_text(out, "the page", MAX_TABLE) if out.is_file() else ""
     _, heading, rest = before.partition(BY_HAND)
     return heading + rest
 

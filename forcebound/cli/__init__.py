@@ -4,13 +4,16 @@ Exit status: 0 done, 1 the run failed, 2 the input was wrong, 130 Ctrl-C. With `
 prints one JSON document on standard output and nothing else there.
 """
 
+import errno
 import logging
+import os
+import sys
 from typing import Any
 
 import click
 
-from forcebound.cli import check, graph, keys, run, study
-from forcebound.cli.common import INTERRUPTED, print_table
+from forcebound.cli import check, emulate, graph, keys, run, study
+from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
 
 __all__ = ["main", "print_table"]
@@ -33,11 +36,29 @@ COMMANDS = (
     study.draw_map,
     keys.keys_group,
     check.check,
+    emulate.emulate,
 )
 
 
+#: What may befall any write, and is nobody's mistake.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
 class _Group(click.Group):
-    """A group of commands that Ctrl-C ends quietly, wherever it comes."""
+    """A group of commands that Ctrl-C ends quietly, wherever it comes, and so does a full disk."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().main(*args, **kwargs)
+        except OSError as error:
+            is_full = error.errno in NO_ROOM
+            if error.filename is None and not is_full:
+                raise
+            where = "cannot write" if is_full else printable(str(error.filename), LONGEST_CELL)
+            show(f"forcebound: {where}: {error.strerror}", err=True)
+            if is_full:  # or what is still to be written would be tried again at the end
+                sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+            sys.exit(1 if is_full else 2)
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -105,8 +106,12 @@ run_option = click.option(
 
 
 def show(text: str, err: bool = False) -> None:
-    """Print a text that may hold names from outside: none of them reaches the terminal as it is."""
-    click.echo(printable(text), err=err)
+    """Print a text that may hold names from outside: none of them reaches the terminal as it is.
+
+    What cannot be told on standard error (a full disk) is not worth a result.
+    """
+    with suppress(OSError) if err else nullcontext():
+        click.echo(printable(text), err=err)
 
 
 def print_table(results: list[Any], labels: Sequence[str] = ()) -> None:

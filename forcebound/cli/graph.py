@@ -16,7 +16,7 @@ from forcebound.cli.common import (
     run_option,
     show,
 )
-from forcebound.files import printable
+from forcebound.files import check_writable, printable
 
 if TYPE_CHECKING:
     from forcebound.monitor.findings import Finding
@@ -67,6 +67,8 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
 
+    if output is not None:
+        check_writable(output, "the trace")
     measured = measure(run, duration)
     if not measured.is_complete:
         show(f"{run} is incomplete: these are the delays up to its end", err=True)

@@ -27,7 +27,6 @@ from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
-    from forcebound.launch.results import RunResult
 
 
 _OPTIONS = (
@@ -143,13 +142,14 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     labels = [result.label for result in results]
     if len(set(labels)) < len(labels):  # same law: distinguished by file
         labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
+    summaries = []
     for run, result in zip(runs, results, strict=True):
         with content_of(run):
-            result.summary  # noqa: B018 - kept for what follows
+            summaries.append(result.summary)
     with content_of(" and ".join(runs)):
         drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
         save(figure(drawn, events=[r.events for r in results]), output)
-        found = _found(results)
+        found = _found(summaries)
         document = json_text({"picture": str(output), **found}) if as_json else ""
         head, rows = table_of(results, labels)
         differing = list(_in_words(found["differences"], labels))
@@ -162,10 +162,10 @@ def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     show(f"picture: {output}")
 
 
-def _found(results: "list[RunResult]") -> dict[str, Any]:
+def _found(summaries: list[dict[str, Any]]) -> dict[str, Any]:
     from forcebound.analysis.perception import differences
 
-    first, *others = summaries = [result.summary for result in results]
+    first, *others = summaries
     return {"runs": summaries, "differences": [differences(first, other) for other in others]}
 
 

@@ -19,6 +19,12 @@ from forcebound.errors import ConfigError, RunError
 
 OUTPUT = ("-o", "--output", "--out", "out")  # as with every command; --out is the older name
 
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(min=0),
+    help="Number of processes; 0: only this one. Default: one per core.",
+)
+
 
 @click.command(short_help="Measure against a reference implementation.")
 @click.argument("name")
@@ -66,11 +72,7 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
 @click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the runs."
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(min=0),
-    help="Number of processes; 0: only this one. Default: one per core.",
-)
+@workers_option
 @file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
 @json_option
 @click.pass_context
@@ -108,11 +110,7 @@ def audit(
 @click.argument("law")
 @click.argument("case")
 @duration_option
-@file_option(
-    *OUTPUT,
-    metavar="RUN.png",
-    help="Draw the run to this file, .png or .svg.",
-)
+@file_option(*OUTPUT, metavar="RUN.png", help="Draw the run to this file, .png or .svg.")
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
@@ -139,11 +137,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
     show_default=True,
     help="Runs of the search for each wrong number.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(min=0),
-    help="Number of processes; 0: only this one. Default: one per core.",
-)
+@workers_option
 @json_option
 @reports_errors
 def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> None:

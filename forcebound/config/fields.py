@@ -67,7 +67,8 @@ def _refuse_unknown_keys(hint: Any) -> None:
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         if "__pydantic_config__" in vars(hint):
             return
-        hint.__pydantic_config__ = {"extra": "forbid", "strict": True}  # type: ignore[attr-defined]  # pydantic's name
+        kind: Any = hint
+        kind.__pydantic_config__ = {"extra": "forbid", "strict": True}
         for field in fields_of(hint).values():
             _refuse_unknown_keys(field.hint)
     for part in get_args(hint):

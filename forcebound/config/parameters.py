@@ -10,10 +10,11 @@ from typing import Any
 
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
-from forcebound.config.resolved import plain, to_document
+from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
+from forcebound.parts.plain import plain
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
 

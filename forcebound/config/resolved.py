@@ -4,11 +4,9 @@ It is itself a launch file, without arguments and with every value written out. 
 it with :func:`restore`, which checks nothing again; every recording holds it.
 """
 
-import dataclasses
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -28,6 +26,7 @@ from forcebound.config.graph import (
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
+from forcebound.parts.plain import plain, plain_value
 
 ALL_CODE = frozenset(KINDS)
 _STAND_INS = {"controller": "direct", "environment": "wall", "device": "phantom_premium_1_5"}
@@ -73,7 +72,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
 
 def environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
     """Return the section of an environment in plain JSON types."""
-    computation = {name: _json(getattr(environment, name)) for name in COMPUTATION}
+    computation = {name: plain_value(getattr(environment, name)) for name in COMPUTATION}
     return {**member_document("environment", environment.model), **computation}
 
 
@@ -95,20 +94,6 @@ def kind_of(section: str, member: object) -> str:
 def member_document(section: str, member: object) -> dict[str, Any]:
     """Return kind and parameters of a member of a section, in plain JSON types."""
     return {"kind": kind_of(section, member), **plain(member)}
-
-
-def plain(member: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
-    fields = [field.name for field in dataclasses.fields(member) if field.init]
-    return {name: _json(getattr(member, name)) for name in fields}
-
-
-def _json(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_json(entry) for entry in value]
-    if dataclasses.is_dataclass(value):
-        return plain(value)
-    return str(value) if isinstance(value, Path) else value
 
 
 def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> GraphConfig:

@@ -99,6 +99,14 @@ class DeviceExtras(Protocol):
         """
         ...
 
+    def latch_jitter(self) -> int:
+        """Return by how much the last reading may be later than its stamp, in ns.
+
+        Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
+        since the reading before, in which the same way dissipates least.
+        """
+        ...
+
 
 class DeviceModel(Protocol):
     """Parameters of a kind of device.
@@ -150,6 +158,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
         "five_bar": "forcebound.devices.five_bar:FiveBar",
+        "knob": "forcebound.devices.knob:Knob",
         "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.devices.serial_arm:SerialArm",
     },

@@ -18,10 +18,11 @@ class GuardedDevice:
         device: Open.
 
     Attributes:
-        set_hold_limit: Guarded, as are the next three; None if the device does not have it; see
+        set_hold_limit: Guarded, as are the next four; None if the device does not have it; see
             :class:`forcebound.devices.DeviceExtras`.
         cut: When and where the watchdog has dropped a force.
         stamps: When the last reading was latched, and when the last write acts.
+        latch_jitter: By how much the last reading may be later than its stamp.
         kinematics: Geometry of an arm.
 
     Raises:
@@ -36,6 +37,7 @@ class GuardedDevice:
         self.cut = _guard(device, "cut", self._checked_cut)
         self.stamps: Callable[[], tuple[int, int]] | None
         self.stamps = _guard(device, "stamps", _checked_stamps)
+        self.latch_jitter: Callable[[], int] | None = _guard(device, "latch_jitter", int)
         geometry: Any = getattr(device, "kinematics", None)
         self._place, self._effort = ("m", "N") if geometry is None else ("rad", "N m")
         self.kinematics: Kinematics | None

@@ -1,6 +1,5 @@
 """Loop delay of a graph that runs or was recorded."""
 
-import json
 import os
 import time
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ import numpy as np
 from forcebound import realtime
 from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, PacketError, RunError
-from forcebound.launch.live import LAUNCH_FILE, RUN_FILE, TELEMETRY, RunDocument
+from forcebound.launch.live import RUN_FILE, TELEMETRY, RunDocument, read_launch_document
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find, while_running
@@ -71,7 +70,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         return Measured(*of_recording(run))
     run_dir = find(run, of_graph=True, option="`forcebound delay DIR`")
     with while_running(run_dir):
-        document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
+        document = read_launch_document(run_dir)
         columns = watch(run_dir, DURATION if duration is None else duration)
     return Measured(loop_delays(columns), document)
 

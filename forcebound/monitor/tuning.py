@@ -20,7 +20,12 @@ from forcebound.config.problems import Problems
 from forcebound.config.resolved import ALL_CODE, restore
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import LAUNCH_FILE, RunDocument, updating, write_launch_document
+from forcebound.launch.live import (
+    RunDocument,
+    read_launch_document,
+    updating,
+    write_launch_document,
+)
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
@@ -45,11 +50,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
     Raises:
         ConfigError: If the run directory does not say.
     """
-    try:
-        document = json.loads((run_dir / LAUNCH_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
-    return restore(document, ALL_CODE if serves else ())
+    return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:

@@ -133,6 +133,7 @@ def block_arguments(
     Empty lanes repeat the last case. The last argument takes the traces.
     """
     first = configs[0]
+    model: Any = first.device.model
     servo = first.device.servo
     ticks = ticks_of(first)
     lane_of = [min(i, len(configs) - 1) for i in range(lanes.WIDTH)]
@@ -149,7 +150,7 @@ def block_arguments(
         ticks,
         servo.period_ns,
         round(servo.reply_wait * servo.period_ns),
-        first.device.model.substep,  # type: ignore[attr-defined]  # _group_of has seen its type
+        model.substep,
         servo.velocity_cutoff,
         path,
         targets.ravel(),

@@ -14,9 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from forcebound.analysis.colours import colours_of
+from forcebound.analysis.panels import in_figure
 from forcebound.analysis.plots import save
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
+from forcebound.files import content_of
 from forcebound.sweep.table import Table, read_table
 
 Array: TypeAlias = np.ndarray[Any, Any]
@@ -42,6 +44,9 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 
 
+LONGEST_TITLE = 400  # characters
+
+
 def draw(result: Path, picture: Path) -> None:
     """Draw the map of a sweep file.
 
@@ -52,9 +57,14 @@ def draw(result: Path, picture: Path) -> None:
     Raises:
         ConfigError: If the result has no map or lacks a column of it.
     """
+    with content_of(result):
+        figure = _drawn(read_table(result), result)
+    save(figure, picture)
+
+
+def _drawn(table: Table, result: Path) -> Figure:
     from forcebound.sweep.surfaces import draw_surfaces
 
-    table = read_table(result)
     drawing = table.about.get("map") or {}
     if not drawing:
         raise ConfigError(f"{result}: its sweep file has no section map")
@@ -62,14 +72,14 @@ def draw(result: Path, picture: Path) -> None:
         drawing = {key: value for key, value in drawing.items() if key != "per"}
     figure = draw_surfaces(table, drawing) if "y" in drawing else _curves(table, drawing)
     title = drawing.get("title") or table.about.get("description", "")
-    figure.suptitle(fill(title, round(10 * figure.get_figwidth())))
+    figure.suptitle(fill(in_figure(title, LONGEST_TITLE), round(10 * figure.get_figwidth())))
     figure.set_dpi(130)
-    save(figure, picture)
+    return figure
 
 
 def label_of(name: str) -> str:
     """Return the label of an axis for a parameter or figure."""
-    return UNITS.get(name, (name.replace("_", " "), 1.0))[0]
+    return UNITS.get(name, (in_figure(name.replace("_", " ")), 1.0))[0]
 
 
 def column_of(table: Table, name: str) -> list[Any]:
@@ -121,7 +131,7 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
             rows = [i for i in range(x.size) if rest[i] == panel and per[i] == name]
             rows.sort(key=lambda i: x[i])
             style = ("-", "--", ":")[number // 10] if len(names) > 10 else "-"
-            label = None if name is None else str(name).replace("_", " ")
+            label = None if name is None else in_figure(str(name).replace("_", " "))
             colour = colours[number]
             axis.plot(x[rows], value[rows], style, color=colour, lw=1.0, alpha=0.3)
             at_rest = np.where(rests[rows], value[rows], np.nan)
@@ -146,6 +156,5 @@ def _curves(table: Table, drawing: Mapping[str, Any]) -> Figure:
 
 def _setting(name: str, value: Any) -> str:
     if isinstance(value, str):
-        return f"{name.replace('_', ' ')} {value}"
-    label, factor = UNITS.get(name, (name.replace("_", " "), 1.0))
-    return f"{label} {value * factor:g}"
+        return in_figure(f"{name.replace('_', ' ')} {value}")
+    return f"{label_of(name)} {value * UNITS.get(name, ('', 1.0))[1]:g}"

@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import read_bytes, reason
 from forcebound.sweep.plan import Sweep
 
 Row: TypeAlias = dict[str, Any]
 Part: TypeAlias = tuple[int, int]  # first case, and one past the last
 
 SMALLEST_PART, LARGEST_PART, PARTS = 32, 256, 64  # cases in a part; parts aimed at
+MAX_PART = 100_000_000  # bytes of the file of a part, a thousand times as many as it has
 
 
 def parts_of(cases: int) -> list[Part]:
@@ -57,7 +58,7 @@ class PartFolder:
         try:
             if restart and self._folder.exists():
                 shutil.rmtree(self._folder)
-            if note.exists() and json.loads(note.read_text())["digest"] != digest:
+            if note.exists() and json.loads(read_bytes(note, MAX_PART))["digest"] != digest:
                 raise ConfigError(
                     f"{self._folder} holds parts of another sweep (other cases, launch file or "
                     "version); finish that one, choose another --output, or discard them with "
@@ -79,7 +80,8 @@ class PartFolder:
 
     def rows(self, parts: Sequence[Part]) -> list[Row]:
         """Return the rows of all parts, in order."""
-        return [row for part in parts for row in json.loads(self._file_of(part).read_text())]
+        files = map(self._file_of, parts)
+        return [row for file in files for row in json.loads(read_bytes(file, MAX_PART))]
 
     def remove(self) -> None:
         """Remove the folder with all that it holds."""

@@ -5,6 +5,7 @@ in nothing else.
 """
 
 import math
+import os
 import random
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -114,7 +115,7 @@ def find_sweep(path: Path) -> Path:
     Raises:
         ConfigError: If there is none.
     """
-    if path.is_file():
+    if os.path.lexists(path):  # what is no file is refused when it is read
         return path
     for name in (path.name, f"{path.name}.yaml"):
         if path.parent == Path() and name in shipped():

@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 
+from forcebound.analysis.panels import in_figure
 from forcebound.analysis.perception import WEBER_FRACTIONS
 from forcebound.bounding import ENERGY_TOLERANCE
 from forcebound.errors import ConfigError
@@ -116,9 +117,10 @@ def draw_surfaces(table: Table, drawing: Mapping[str, Any]) -> Figure:
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     norm, leak_norm = _scale(shown), _leak_scale(shown.leaks)
     for axis, panel in zip(axes, panels, strict=False):
-        chosen = np.array([name == panel for name in shown.group])
+        chosen = np.array([one == panel for one in shown.group])
         _draw_panel(axis, shown, chosen, norm, leak_norm)
-        axis.set_title("" if panel is None else str(panel).replace("_", " "), fontsize=10)
+        name = "" if panel is None else in_figure(str(panel).replace("_", " "))
+        axis.set_title(name, fontsize=10)
     for axis in axes[len(panels) :]:
         axis.set_visible(False)
     _arrange(axes, shown, len(panels), columns)

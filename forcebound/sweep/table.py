@@ -6,12 +6,14 @@ under ``forcebound``.
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError
+from forcebound.files import content_of, read_bytes, reason
 
 try:
     import pyarrow as pa
@@ -20,6 +22,7 @@ except ImportError as missing:  # pragma: no cover - an installation without the
     raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
 
 _KEY = b"forcebound"
+MAX_BYTES = 1_000_000_000  # that a result unpacks to; two million cases have some hundred MB
 _TEXTS = ("error", "engine")  # text columns, even if empty
 
 
@@ -48,9 +51,12 @@ def read_table(path: Path) -> Table:
     Raises:
         ConfigError: If it is not such a file.
     """
-    about = read_about(path)
-    table = pq.read_table(path)
-    return Table({name: table[name].to_pylist() for name in table.column_names}, about)
+    with _opened(path) as file:
+        content = file.metadata
+        if max(content.num_rows, content.num_columns, _unpacked(content)) > MAX_BYTES:
+            raise ConfigError(f"{path} unpacks to more than {MAX_BYTES} bytes: no sweep has them")
+        table = file.read()
+        return Table({name: _values(table[name]) for name in table.column_names}, _about(file))
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -59,12 +65,48 @@ def read_about(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: If there is no such file, or it is not a result of a sweep.
     """
-    if not path.exists():
-        raise ConfigError(f"there is no file {path}; `forcebound sweep` creates one")
+    with _opened(path) as file:
+        return _about(file)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     try:
-        about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {})[_KEY])
-    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-        raise ConfigError(f"{path} is not a result of a sweep: {error}") from error
+        data = read_bytes(path, MAX_BYTES)
+    except FileNotFoundError:
+        raise ConfigError(f"there is no file {path}; `forcebound sweep` creates one") from None
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {reason(error)}") from None
+    try:
+        schema = pq.read_schema(pa.BufferReader(data))
+        texts = [field.name for field in schema if pa.types.is_string(field.type)]
+        file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
+        is_ours = _KEY in (file.schema_arrow.metadata or {})
+    except (OSError, pa.ArrowException) as error:
+        raise ConfigError(f"{path} is not a result of a sweep: {error}") from None
+    if not is_ours:
+        raise ConfigError(f"{path} is not a result of a sweep")
+    with content_of(path):
+        yield file
+
+
+def _values(column: Any) -> list[Any]:
+    if not pa.types.is_dictionary(column.type):
+        values: list[Any] = column.to_pylist()
+        return values
+    found = []  # one text for all rows that have it, however long it is
+    for chunk in column.chunks:
+        texts = [*chunk.dictionary.to_pylist(), None]
+        found += [texts[-1 if at is None else at] for at in chunk.indices.to_pylist()]
+    return found
+
+
+def _unpacked(content: Any) -> int:
+    return sum(content.row_group(i).total_byte_size for i in range(content.num_row_groups))
+
+
+def _about(file: Any) -> dict[str, Any]:
+    about: dict[str, Any] = json.loads(file.schema_arrow.metadata[_KEY])
     return about
 
 

@@ -1,0 +1,129 @@
+"""Benchmark of the guardian: ``python benchmarks/guardian.py [--rounds 20] [--json]``.
+
+A process writes a force to a pseudo-terminal each millisecond, as a driver does. Then it is killed
+(-9), stopped, or hangs, and the other side of the terminal notes when zero force comes. The target
+is 20 ms from the signal, or from the last force of a process that hangs.
+"""
+
+import json
+import os
+import select
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+ROOT = Path(__file__).parent.parent
+TARGET = 0.020  # s
+FORCE, ZERO = b"force...", b"no force"
+FORCES = 50  # before its fate
+PATIENCE = 10.0  # s
+ATTEMPTS = 20
+AFTERWARDS = 0.1  # s without any further message
+
+PROGRAM = f"""
+import signal, sys, time
+from forcebound.errors import DeviceError
+from forcebound.hardware.guardian import Guardian
+from forcebound.hardware.port import Port
+
+port = Port(sys.argv[1])
+guardian = Guardian(port.descriptor, {ZERO!r})
+try:
+    for count in range(int(sys.argv[2])):
+        guardian.beat(time.monotonic_ns())
+        guardian.check()
+        port.write({FORCE!r})
+        guardian.check()
+        time.sleep(0.001)
+    time.sleep({PATIENCE})  # it hangs
+    guardian.check()
+except DeviceError as error:
+    print(error)
+guardian.close()
+port.close()
+"""
+
+
+class Fate(NamedTuple):
+    """What became of a force.
+
+    Attributes:
+        messages: After the signal, or after the last force of a process that hangs.
+        seconds: Until zero force came, in s; inf: it never did.
+    """
+
+    messages: list[bytes]
+    seconds: float
+
+
+FATES = {"killed": signal.SIGKILL, "stopped": signal.SIGSTOP, "hangs": None}
+
+
+def watch(fate: str) -> Fate:
+    """Let a process write forces, let its fate happen, and note what comes then.
+
+    On a busy machine the process may be late before; then another one is tried.
+    """
+    for _ in range(ATTEMPTS):
+        if (noted := _try(fate)) is not None:
+            return noted
+    raise TimeoutError(f"no process wrote {FORCES} forces in time: this machine is too busy")
+
+
+def _try(fate: str) -> Fate | None:
+    ending = FATES[fate]
+    board, slave = os.openpty()
+    arguments = (os.ttyname(slave), str(FORCES if ending is None else 1_000_000))
+    process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=ROOT)
+    try:
+        if any(_message(board, PATIENCE) != FORCE for _ in range(FORCES)):
+            return None
+        start = time.monotonic()
+        if ending is not None:
+            process.send_signal(ending)
+        messages, seconds = [], float("inf")
+        while message := _message(board, AFTERWARDS):
+            messages.append(message)
+            if message == ZERO:
+                seconds = time.monotonic() - start
+    finally:
+        process.kill()
+        process.wait()
+        os.close(slave)
+        os.close(board)
+    return Fate(messages, seconds)
+
+
+def _message(board: int, patience: float) -> bytes:
+    """Return the next message; empty if none comes in time."""
+    data = b""
+    while len(data) < len(FORCE) and select.select((board,), (), (), patience)[0]:
+        data += os.read(board, len(FORCE) - len(data))
+    return data
+
+
+@click.command()
+@click.option("--rounds", default=20, show_default=True, help="Of each fate.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def main(rounds: int, as_json: bool) -> None:
+    """Measure how soon the guardian writes zero force."""
+    times = {fate: sorted(watch(fate).seconds for _ in range(rounds)) for fate in FATES}
+    if as_json:
+        click.echo(json.dumps(times))
+        return
+    for fate, seconds in times.items():
+        late = sum(each > TARGET for each in seconds)
+        click.echo(
+            f"{fate:8} median {1e3 * statistics.median(seconds):6.2f} ms, longest"
+            f" {1e3 * seconds[-1]:6.2f} ms, later than {1e3 * TARGET:.0f} ms: {late} of {rounds}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""A knob, simulated: motors that turn, each with a handle of its own.
+
+A joint knows nothing of the others. Its tip is where the hand holds it, at the end of a lever, and
+its position is the way along the arc: lever times angle. So one knob is a device of one axis, and
+the tip of three is a point in space that a hand could not hold with three real ones.
+
+The defaults are those of a small brushless motor without gears: assumed, none is measured.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.simulated import SimulatedDevice, pad
+from forcebound.devices.stated import Source
+from forcebound.devices.stated_joints import (
+    AngleOfJoints,
+    DampingOfJoints,
+    StatedJoints,
+    TorqueOfJoints,
+)
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
+
+if TYPE_CHECKING:
+    from forcebound.devices.arm import ArmBody
+
+
+def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
+    """Pose of independent joints; see :data:`forcebound.devices.kinematics.Pose`.
+
+    Args:
+        angles: Of the joints, in rad.
+        geometry: Length of each lever, in m.
+        tip: Becomes the way along each arc.
+        jacobian: Becomes the levers, on its diagonal.
+    """
+    for j in range(angles.size):
+        for k in range(angles.size):
+            jacobian[k, j] = 0.0
+        jacobian[j, j] = geometry[j]
+        tip[j] = geometry[j] * angles[j]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knob(StatedJoints):
+    """Parameters of the simulated knob.
+
+    Attributes:
+        joints: Number of knobs, each an axis.
+        lever: From the axle of a knob to the hand.
+    """
+
+    joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
+    lever: Annotated[Length, POSITIVE] = 0.04
+    inertia: Annotated[Inertia, POSITIVE] = 1e-4
+    damping: DampingOfJoints = 1e-3  # 0.6 N s/m at the hand
+    friction: TorqueOfJoints = 1e-2  # 0.25 N at the hand
+    resolution: AngleOfJoints = 2.0 * math.pi / 8192
+    saturation: Annotated[Torque, POSITIVE] = 0.3  # 7.5 N at the hand
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: dict.fromkeys(
+            ("damping", "friction", "resolution", "saturation", "inertia"), "assumed"
+        ),
+        hash=False,
+    )
+
+    @property
+    def axes(self) -> int:
+        """Number of joints, and of coordinates of the tip."""
+        return self.joints
+
+    @property
+    def geometry(self) -> Vector:
+        """What :func:`knob_pose` takes, in m."""
+        return (self.lever,) * self.joints
+
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of this geometry."""
+        return ArmKinematics(knob_pose, self.geometry, self.joints, 0.1 * self.lever**self.joints)
+
+    def angles(self, position: Vector) -> Vector:
+        """Return the joint angles, in rad, for a tip at ``position``, in m."""
+        return tuple([x / self.lever for x in position])
+
+    def body(self, operator: Operator) -> "ArmBody":
+        """Return the body; see :class:`forcebound.devices.simulated.Body`."""
+        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
+
+        angles = self.angles(pad(operator.target(0.0), self.joints))
+        return ArmBody(self, operator, self.kinematics(), knob_pose, self.geometry, angles)
+
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
+        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
+        return SimulatedDevice(self, operator, hold_limit)

@@ -1,0 +1,89 @@
+"""A board, its mechanism and its faults, over time; without a clock or a port."""
+
+from typing import NamedTuple
+
+from forcebound.devices.truth_file import NOT_YET, TruthFile
+from forcebound.emulators.board import Board
+from forcebound.emulators.faults import Faults
+from forcebound.emulators.mechanism import Mechanism
+
+
+class Emulated(NamedTuple):
+    """What a kind of emulator is made of."""
+
+    board: Board
+    mechanism: Mechanism
+
+
+class Emulation:
+    """What happens at the far end of a serial line.
+
+    Args:
+        emulated: Board and mechanism.
+        faults: What goes wrong.
+        truth: Where the ground truth goes.
+
+    Attributes:
+        replies: Number of replies so far.
+        lowest_energy: Least ground-truth energy so far, in J.
+    """
+
+    def __init__(self, emulated: Emulated, faults: Faults, truth: TruthFile) -> None:
+        self._board, self._mechanism = emulated
+        self._faults = faults
+        self._truth = truth
+        self._unread = b""
+        self._is_used = False
+        self.replies = 0
+        self.lowest_energy = 0.0
+
+    @property
+    def wake_ns(self) -> int | None:
+        """When the board has something to do by itself, in ns."""
+        return self._board.wake_ns
+
+    def start(self, time_ns: int) -> None:
+        """Begin at this time: the mechanism at rest in the pose of the set-up."""
+        self._mechanism.start(time_ns)
+        self.settle(time_ns)
+
+    def is_unplugged(self, time_ns: int) -> bool:
+        """Return whether the port is to go away."""
+        return self._faults.is_on("unplug", time_ns)
+
+    def step(self, data: bytes, time_ns: int) -> bytes:
+        """Move on, take bytes that have come together, return what the board sends.
+
+        Raises:
+            DeviceError: If the hand has moved the tip to where the arm cannot be held.
+        """
+        self._mechanism.advance(time_ns)
+        self._unread += data
+        if self._faults.is_on("stall", time_ns):
+            return b""
+        board = self._board
+        board.angles = self._mechanism.angles
+        reply = board.receive(self._unread, time_ns)
+        self._unread = b""
+        self._mechanism.hold(time_ns, board.torque)
+        if not reply:
+            return b""
+        self.replies += 1
+        self._is_used = True
+        self._faults.begin(time_ns)
+        return self._faults.spoil(reply, board, time_ns)
+
+    def settle(self, time_ns: int) -> None:
+        """Move the hand as its time has come, and publish the ground truth."""
+        if self._is_used:
+            self._mechanism.use(time_ns, may_move=self._truth.engaged_ns != NOT_YET)
+        truth = self._mechanism.truth()
+        self.lowest_energy = min(self.lowest_energy, truth.energy)
+        self._truth.write(time_ns, truth, self._mechanism.torque, self._mechanism.torque_ns)
+
+    def release(self, time_ns: int) -> None:
+        """Nobody has the port any more: the hand brings the tip back to the set-up's pose."""
+        if self._is_used:
+            self._is_used = False
+            self._truth.forget()
+            self._mechanism.hold_home(time_ns)

@@ -1,0 +1,106 @@
+"""Faults on demand: what an emulated board does wrong, and when."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from random import Random
+
+from forcebound.emulators.board import Board
+from forcebound.errors import ConfigError
+from forcebound.quantities import parse_quantity
+
+KINDS = {
+    "short": "a reply lacks its last byte",
+    "noise": "one byte of a reply is another",
+    "nan": "the readings of a reply are no numbers",
+    "stall": "the board neither reads nor answers; its torque stays",
+    "unplug": "the port is gone",
+}
+LASTING = ("stall", "unplug")  # without an end: for ever; the others: once
+FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        kind: A key of :data:`KINDS`.
+        at: Begin, in s after the first reply.
+        duration: In s; None: for ever, or, of a fault of a reply, for one.
+    """
+
+    kind: str
+    at: float = 1.0
+    duration: float | None = None
+
+
+def parse_fault(text: str) -> Fault:
+    """Return the fault that a text describes, in the form ``KIND[:at=TIME][,for=TIME]``.
+
+    Raises:
+        ConfigError: If it describes none.
+    """
+    kind, _, rest = text.partition(":")
+    if kind not in KINDS:
+        raise ConfigError(f"no kind of fault is {kind!r}: use one of {', '.join(KINDS)}")
+    times: dict[str, float] = {}
+    for part in rest.split(",") if rest else ():
+        name, _, value = part.partition("=")
+        if name not in ("at", "for") or name in times:
+            raise ConfigError(f"a fault has the form {FORM}; got {text!r}")
+        times[name] = parse_quantity(value, "s")
+        if not times[name] >= 0.0:
+            raise ConfigError(f"a time of a fault must be >= 0 s, got {value}")
+    return Fault(kind, times.get("at", 1.0), times.get("for"))
+
+
+class Faults:
+    """The faults of one board over time, which counts from its first reply.
+
+    Args:
+        faults: Any number.
+        seed: Of the noise.
+    """
+
+    def __init__(self, faults: Sequence[Fault], seed: int = 1) -> None:
+        self._faults = tuple(faults)
+        self._random = Random(seed)
+        self._start_ns: int | None = None
+        self._done: set[Fault] = set()
+
+    def begin(self, time_ns: int) -> None:
+        """Count from now on, if it does not count yet."""
+        if self._start_ns is None:
+            self._start_ns = time_ns
+
+    def is_on(self, kind: str, time_ns: int) -> bool:
+        """Return whether a fault of a kind is on."""
+        return any(fault.kind == kind for fault in self._now(time_ns))
+
+    def spoil(self, reply: bytes, board: Board, time_ns: int) -> bytes:
+        """Return what becomes of a reply."""
+        for fault in self._now(time_ns):
+            if fault.kind in LASTING:
+                continue
+            if fault.duration is None:
+                self._done.add(fault)
+            if fault.kind == "short":
+                reply = reply[:-1]
+            elif fault.kind == "nan":
+                reply = board.with_nan(reply)
+            else:
+                spoiled = bytearray(reply)
+                spoiled[self._random.randrange(len(reply))] ^= self._random.randrange(1, 256)
+                reply = bytes(spoiled)
+        return reply
+
+    def _now(self, time_ns: int) -> list[Fault]:
+        if self._start_ns is None or not self._faults:
+            return []
+        elapsed = (time_ns - self._start_ns) * 1e-9
+        return [fault for fault in self._faults if self._is_now(fault, elapsed)]
+
+    def _is_now(self, fault: Fault, elapsed: float) -> bool:
+        if elapsed < fault.at or fault in self._done:
+            return False
+        return fault.duration is None or elapsed < fault.at + fault.duration

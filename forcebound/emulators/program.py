@@ -1,0 +1,90 @@
+"""The program of an emulator: its parts made, its port shown, its time begun."""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from forcebound import realtime
+from forcebound.emulators import assembler
+from forcebound.emulators.emulation import Emulation
+from forcebound.emulators.faults import Fault, Faults
+from forcebound.emulators.pty import PseudoPort, serve
+from forcebound.emulators.values import restored_operator
+from forcebound.errors import ConfigError
+from forcebound.folders import runtime_folder
+from forcebound.operators import Operator
+from forcebound.process import Stop
+
+PRIORITY = 20  # of SCHED_FIFO; below that of the nodes
+
+
+def run(
+    kind: str,
+    values: Mapping[str, Any],
+    operator: Operator | None,
+    link: Path,
+    faults: Sequence[Fault],
+    until_unused: bool,
+    say: Callable[[str], None],
+) -> None:
+    """Run an emulator until it is interrupted, unplugs itself or is no longer used.
+
+    Args:
+        kind: A key of ``EMULATORS``.
+        values: Parameters of its mechanism, plain JSON in SI units.
+        operator: The hand on it; None: nobody holds it.
+        link: Path of the port.
+        faults: On demand.
+        until_unused: Whether it ends when its user has closed the port.
+        say: Takes the lines for the terminal.
+
+    Raises:
+        ConfigError: If a value is wrong, or the link cannot be made.
+        DeviceError: If the hand has moved the tip to where the arm cannot be held.
+    """
+    be_punctual()
+    with Stop() as stop, PseudoPort(link) as port:
+        emulated = assembler(kind)(values, operator)
+        emulation = Emulation(emulated, Faults(faults), port.truth)
+        say(f"an emulated {kind} at {link}; Ctrl-C ends it")
+        realtime.freeze_garbage()
+        serve(emulation, port, stop, until_unused)
+    say(f"{emulation.replies} replies, lowest energy {emulation.lowest_energy:.3g} J")
+
+
+def be_punctual() -> None:
+    """Answer as soon as a board would: beside the core of the graph's nodes, before other work."""
+    realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "emulator")
+    with suppress(OSError):  # not permitted
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+
+
+def default_link(kind: str) -> Path:
+    """Return the path of the port of an emulator that is started by hand.
+
+    Raises:
+        ConfigError: If the user has no private folder.
+    """
+    folder = runtime_folder()
+    if folder is None:
+        raise ConfigError("there is no private folder for the port: give a path with --link")
+    return folder / f"forcebound-{kind}"
+
+
+def given_values(text: str) -> tuple[dict[str, Any], Operator | None]:
+    """Return mechanism and operator of the document that a driver gives.
+
+    Raises:
+        ConfigError: If it is no such document.
+    """
+    try:
+        document = json.loads(text)
+        return dict(document["mechanism"]), restored_operator(document["operator"])
+    except ConfigError:
+        raise
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"this is no description of an emulated device: {error!r}") from error

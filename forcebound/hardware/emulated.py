@@ -1,0 +1,111 @@
+"""An emulated device in place of a real one: its program, its port, its ground truth."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+from forcebound.devices.truth_file import SUFFIX, TruthFile, truth_beside
+from forcebound.errors import DeviceError
+from forcebound.folders import runtime_folder
+from forcebound.operators import OPERATORS, Operator
+from forcebound.parts.plain import plain
+
+__all__ = ["Emulated", "TruthFile", "start", "truth_beside"]
+
+PATIENCE = 60.0  # s; a cold start on a busy machine compiles the mechanism
+LOOK = 0.01  # s, between two looks for the link
+GRACE = 5.0  # s, to end by itself
+
+
+class Emulated:
+    """An emulator that runs.
+
+    Args:
+        process: The program.
+        link: Its port.
+
+    Attributes:
+        link: Path of its port.
+        truth: Path of the file with its ground truth; see :class:`TruthFile`.
+    """
+
+    def __init__(self, process: "subprocess.Popen[bytes]", link: Path) -> None:
+        self._process = process
+        self.link = str(link)
+        self.truth = Path(f"{link}{SUFFIX}")
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        _errors(self._process).close()
+
+
+def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) -> Emulated:
+    """Start an emulator in a process of its own; it ends when its port is closed.
+
+    Args:
+        kind: A key of ``forcebound.emulators.EMULATORS``.
+        mechanism: Parameters of the simulated device behind the board, plain JSON in SI units.
+        operator: The hand on it; None: nobody holds it.
+
+    Raises:
+        DeviceError: If it does not start; says why.
+    """
+    folder = runtime_folder()
+    if folder is None:
+        raise DeviceError("there is no private folder for an emulator: set XDG_RUNTIME_DIR")
+    link = folder / f"{kind}-{os.getpid()}-{os.urandom(4).hex()}"
+    command = [sys.executable, "-m", "forcebound", "emulate", kind]
+    process = subprocess.Popen(
+        [*command, "--link", str(link), "--until-unused", "--values", "-"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C in the terminal is not for the board
+    )
+    hand = None if operator is None else {"kind": _kind(operator), **plain(operator)}
+    assert process.stdin is not None
+    with suppress(BrokenPipeError), process.stdin as given:  # it may have ended already
+        given.write(json.dumps({"mechanism": dict(mechanism), "operator": hand}).encode())
+    emulated = Emulated(process, link)
+    try:
+        _wait_for(link, process)
+    except BaseException:
+        emulated.close()
+        raise
+    return emulated
+
+
+def _kind(operator: Operator) -> str:
+    kind = OPERATORS.kind_of(type(operator))
+    if kind is None:
+        name = type(operator).__name__
+        raise DeviceError(f"no kind of operator is a {name}: keep its class in a file")
+    return kind
+
+
+def _errors(process: "subprocess.Popen[bytes]") -> IO[bytes]:
+    assert process.stderr is not None
+    return process.stderr
+
+
+def _wait_for(link: Path, process: "subprocess.Popen[bytes]") -> None:
+    end = time.monotonic() + PATIENCE
+    while not link.is_symlink():
+        if process.poll() is not None:
+            said = _errors(process).read().decode(errors="replace").strip()
+            raise DeviceError(f"the emulator does not start: {said}")
+        if time.monotonic() > end:
+            raise DeviceError(f"the emulator has not started within {PATIENCE:.0f} s")
+        time.sleep(LOOK)

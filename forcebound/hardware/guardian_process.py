@@ -1,0 +1,69 @@
+"""The program of a guardian: a few system calls, and nothing but the standard library.
+
+Arguments: the descriptors of the port, of the shared memory and of the process it watches; the
+time-out in ns; the message of zero force, in hexadecimal digits. See
+:mod:`forcebound.hardware.guardian`.
+"""
+
+import mmap
+import os
+import select
+import signal
+import sys
+import time
+from contextlib import suppress
+
+#: Numbers in the shared memory, 64 bits each: when the process last wrote while a force was on (0:
+#: none is on), and when the guardian wrote zero because it did not (0: never).
+BEAT, FIRED = 0, 1
+SIZE = 16  # bytes of both
+
+ORDERLY = b"q"  # on standard input: end, and write nothing
+PRIORITY = 60  # of SCHED_FIFO: above the device's, which may be what hogs the processor
+
+
+def guard(port: int, memory: int, watched: int, timeout_ns: int, zero: bytes) -> None:
+    """Write ``zero`` to the port when the watched process has ended, or is late with a force on."""
+    view = memoryview(mmap.mmap(memory, SIZE)).cast("q")
+    orders = sys.stdin.fileno()
+    answered = 0  # the beat after which zero was written
+    os.write(sys.stdout.fileno(), b"r")
+    while True:
+        beat = view[BEAT]
+        is_watched = beat not in (0, answered)
+        wait_ns = beat + timeout_ns - time.monotonic_ns() if is_watched else timeout_ns
+        ready = select.select((orders, watched), (), (), max(wait_ns, 0) * 1e-9)[0]
+        if orders in ready and os.read(orders, 1) == ORDERLY:
+            return
+        if ready:  # the process has ended, and its end of standard input with it
+            write(port, zero)
+            return
+        if is_watched and wait_ns <= 0:
+            view[FIRED], answered = time.monotonic_ns(), beat
+            write(port, zero)
+
+
+def write(port: int, message: bytes) -> None:
+    """Write a message as soon as the port takes it; not at all if the device is unplugged."""
+    with suppress(OSError):
+        while True:
+            try:
+                os.write(port, message)
+                return
+            except BlockingIOError:
+                select.select((), (port,), ())
+
+
+def main() -> None:
+    """Guard until the process ends, or says that all is in order."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError):  # without the right to it, the guardian is as punctual as others
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    *numbers, zero = sys.argv[1:]
+    port, memory, watched, timeout_ns = map(int, numbers)
+    guard(port, memory, watched, timeout_ns, bytes.fromhex(zero))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,20 @@
+"""Parts as plain JSON types."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+
+def plain(member: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that a launch file can set, as plain JSON types."""
+    fields = [field.name for field in dataclasses.fields(member) if field.init]
+    return {name: plain_value(getattr(member, name)) for name in fields}
+
+
+def plain_value(value: Any) -> Any:
+    """Return the value of such a field as plain JSON types."""
+    if isinstance(value, tuple):
+        return [plain_value(entry) for entry in value]
+    if dataclasses.is_dataclass(value):
+        return plain(value)
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,216 @@
+"""Emulators in virtual time: board, mechanism, hand, faults and truth together."""
+
+import math
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from test_haply_board import NO_TORQUE, PUSH, SETUP, degrees
+
+from forcebound.devices import Truth
+from forcebound.devices.truth_file import NOBODY, TruthFile, truth_beside
+from forcebound.emulators import EMULATORS, assembler
+from forcebound.emulators.emulation import Emulation
+from forcebound.emulators.faults import Fault, Faults, parse_fault
+from forcebound.emulators.program import given_values
+from forcebound.emulators.values import restored_operator
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.operators.pressing import PressingHand
+
+MS = 1_000_000
+HAND = PressingHand(mass=0.1, stiffness=200.0, damping=2.0, approach_speed=0.1)
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> Iterator[TruthFile]:
+    file = TruthFile(tmp_path / "port.truth", creates=True)
+    yield file
+    file.close()
+
+
+class Client:
+    """A client that exchanges once a millisecond."""
+
+    def __init__(self, truth: TruthFile, *faults: Fault, values: dict[str, object] | None = None):
+        emulated = assembler("haply_2diy")(values or {}, HAND)
+        self.emulation = Emulation(emulated, Faults(faults), truth)
+        self.time_ns = 5_000 * MS
+        self.emulation.start(self.time_ns)
+        self.emulation.step(SETUP, self.time_ns)
+
+    def exchange(self, message: bytes = NO_TORQUE) -> bytes:
+        self.time_ns += MS
+        reply = self.emulation.step(message, self.time_ns)
+        self.emulation.settle(self.time_ns)
+        return reply
+
+    def exchange_for(self, seconds: float) -> list[bytes]:
+        return [self.exchange() for _ in range(round(seconds * 1000))]
+
+
+def test_the_hand_carries_the_tip_from_home_to_its_path_and_then_moves(truth: TruthFile) -> None:
+    client = Client(truth)
+    truth.announce()
+    client.exchange_for(2.0)
+    found = truth.read()
+    assert found is not None
+    assert math.dist(found.position, (-0.010, 0.0)) < 1e-3
+    truth.engage(client.time_ns)
+    client.exchange_for(1.0)
+    found = truth.read()
+    assert found is not None
+    assert math.dist(found.position, (0.014, 0.0)) < 1e-3
+
+
+def test_the_hand_does_not_wait_for_a_client_that_says_nothing(truth: TruthFile) -> None:
+    client = Client(truth)
+    client.exchange_for(2.5)
+    found = truth.read()
+    assert found is not None
+    assert math.dist(found.position, (0.014, 0.0)) < 1e-3
+
+
+def test_the_hand_brings_the_tip_home_when_the_port_is_closed(truth: TruthFile) -> None:
+    client = Client(truth)
+    client.exchange_for(2.5)
+    client.emulation.release(client.time_ns)
+    assert truth.engaged_ns == NOBODY
+    for _ in range(1500):
+        client.exchange(b"")
+    home = client.exchange(SETUP + NO_TORQUE)
+    found = truth.read()
+    assert found is not None
+    assert degrees(home) == pytest.approx((11.95, 167.98), abs=0.01)
+    assert math.dist(found.position, (0.0, -0.0693)) < 2e-3  # friction holds it short of home
+
+
+def test_torque_moves_the_arm_and_is_in_the_truth(truth: TruthFile) -> None:
+    client = Client(truth)
+    before = degrees(client.exchange())
+    for _ in range(100):
+        client.exchange(b"\2\5" + struct.pack("<2f", 0.1, 0.0))
+    after = degrees(client.exchange())
+    assert after[0] > before[0] + 1.0
+    found = truth.look()
+    assert found is not None
+    assert found.torque == (0.0, 0.0)
+    assert found.torque_ns == client.time_ns
+
+
+def test_torque_is_held_when_nobody_speaks(truth: TruthFile) -> None:
+    client = Client(truth)
+    client.exchange(PUSH)
+    since = client.time_ns
+    for _ in range(50):
+        client.exchange(b"")
+    found = truth.look()
+    assert found is not None
+    assert found.torque == pytest.approx((0.05, -0.02), abs=1e-4)
+    assert found.torque_ns == since
+
+
+def test_a_torque_that_does_work_on_the_hand_is_seen_in_the_energy(truth: TruthFile) -> None:
+    client = Client(truth)
+    for _ in range(10):
+        client.exchange()
+    for k in range(300):  # to and fro, always with the motion
+        torque = math.copysign(0.12, math.sin(2.0 * math.pi * k / 60.0))
+        client.exchange(b"\2\5" + struct.pack("<2f", torque, torque))
+    assert client.emulation.lowest_energy < -1e-4
+    calm = Client(truth)
+    calm.exchange_for(0.3)
+    assert calm.emulation.lowest_energy == 0.0
+
+
+def test_a_friction_of_its_own_reaches_the_mechanism(truth: TruthFile) -> None:
+    energies = []
+    for friction in (4e-3, 8e-3):
+        client = Client(truth, values={"friction": friction, "port": "emulated"})
+        client.exchange_for(2.0)
+        found = truth.read()
+        assert found is not None
+        energies.append(found.energy)
+    assert energies[1] > 1.5 * energies[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "is_spoiled"),
+    [
+        ("short:at=10ms", lambda reply: len(reply) == 8),
+        ("noise:at=10ms", lambda reply: len(reply) == 9),
+        ("nan:at=10ms", lambda reply: all(map(math.isnan, degrees(reply)))),
+    ],
+)
+def test_a_fault_of_a_reply_spoils_one(
+    truth: TruthFile, text: str, is_spoiled: Callable[[bytes], bool]
+) -> None:
+    good = Client(truth).exchange_for(0.02)
+    replies = Client(truth, parse_fault(text)).exchange_for(0.02)
+    (place,) = [k for k in range(20) if replies[k] != good[k]]
+    assert place == 10
+    assert is_spoiled(replies[10])
+
+
+def test_a_fault_of_a_time_spoils_every_reply_in_it(truth: TruthFile) -> None:
+    replies = Client(truth, parse_fault("short:at=5ms,for=4ms")).exchange_for(0.02)
+    assert [k for k in range(20) if len(replies[k]) == 8] == [5, 6, 7, 8]
+
+
+def test_a_stall_answers_all_at_its_end(truth: TruthFile) -> None:
+    replies = Client(truth, parse_fault("stall:at=5ms,for=4ms")).exchange_for(0.02)
+    assert [len(reply) for reply in replies[4:11]] == [9, 0, 0, 0, 0, 45, 9]
+
+
+def test_an_unplugged_port_is_said(truth: TruthFile) -> None:
+    client = Client(truth, parse_fault("unplug:at=5ms"))
+    client.exchange_for(0.005)
+    assert not client.emulation.is_unplugged(client.time_ns)
+    client.exchange()
+    assert client.emulation.is_unplugged(client.time_ns)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["fire", "short:2s", "short:at=2s,at=3s", "stall:at=-1s", "stall:for=1 N", "nan:at=", ""],
+)
+def test_what_is_no_fault_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"fault|expected"):
+        parse_fault(text)
+
+
+def test_the_truth_is_what_was_written(truth: TruthFile, tmp_path: Path) -> None:
+    assert truth.look() is None
+    written = Truth((1.0, 2.0), (3.0, 4.0), (5.0, 6.0), -7.0)
+    truth.write(8, written, (9.0,), 10)
+    beside = truth_beside(str(tmp_path / "port"))
+    assert beside is not None
+    assert beside.look() == (8, written, (9.0,), 10)
+    beside.close()
+
+
+def test_a_file_of_somebody_else_is_no_truth(tmp_path: Path) -> None:
+    other = tmp_path / "port.truth"
+    other.write_bytes(bytes(1000))
+    with pytest.raises(DeviceError, match="no file of an emulator"):
+        TruthFile(other)
+    assert truth_beside(str(tmp_path / "port")) is None
+    assert truth_beside(str(tmp_path / "none")) is None
+
+
+@pytest.mark.parametrize("kind", sorted(EMULATORS))
+def test_every_kind_is_assembled_from_defaults(kind: str) -> None:
+    board, mechanism = assembler(kind)({}, None)
+    assert len(board.torque) == len(mechanism.angles) == len(board.angles)
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"mechanism": 3}', '{"operator": {}}'])
+def test_what_is_no_description_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="no description"):
+        given_values(text)
+
+
+def test_a_wrong_number_names_its_model() -> None:
+    with pytest.raises(ConfigError, match="FiveBar"):
+        assembler("haply_2diy")({"friction": "much"}, None)
+    assert restored_operator({"kind": "pressing", "mass": 0.5}) == PressingHand(mass=0.5)

@@ -1,0 +1,78 @@
+"""The guardian writes zero force when the process of the device no longer can."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+from waiting import until
+
+from benchmarks.guardian import FATES, FORCE, ZERO, watch
+from forcebound.errors import DeviceError
+from forcebound.hardware.guardian import Guardian
+
+pytestmark = pytest.mark.live
+GENEROUS = 5.0  # s; how soon it really is, `python benchmarks/guardian.py` prints
+
+
+@pytest.fixture
+def board() -> Iterator[tuple[int, int]]:
+    """Both ends of a pipe: where the board reads, and the port."""
+    reader, port = os.pipe()
+    os.set_blocking(reader, False)
+    yield reader, port
+    os.close(reader)
+    os.close(port)
+
+
+@pytest.mark.parametrize("fate", FATES)
+def test_a_force_ends_once_whatever_becomes_of_its_process(fate: str) -> None:
+    messages, seconds = watch(fate)
+    assert messages.count(ZERO) == 1
+    assert messages[-1] == ZERO
+    assert set(messages) <= {FORCE, ZERO}
+    assert seconds < GENEROUS
+
+
+def test_a_process_that_was_too_late_is_told(board: tuple[int, int]) -> None:
+    reader, port = board
+    guardian = Guardian(port, ZERO, timeout=0.002)
+    guardian.check()
+    guardian.beat(time.monotonic_ns())
+    os.set_blocking(reader, True)
+    assert os.read(reader, 100) == ZERO
+    with pytest.raises(DeviceError, match="did not write for 2 ms with a force on"):
+        guardian.check()
+    guardian.close()
+
+
+def test_without_a_force_nobody_is_late_and_an_orderly_end_writes_nothing(
+    board: tuple[int, int],
+) -> None:
+    reader, port = board
+    guardian = Guardian(port, ZERO, timeout=0.001)
+    guardian.beat(time.monotonic_ns() + 3_600_000_000_000)
+    guardian.beat(0)
+    guardian.close()
+    with pytest.raises(BlockingIOError):
+        os.read(reader, 100)
+
+
+def test_a_guardian_outlives_a_signal_to_end_and_its_own_loss_is_said(
+    board: tuple[int, int],
+) -> None:
+    guardian = Guardian(board[1], ZERO)
+    os.kill(guardian.process_id, signal.SIGTERM)
+    guardian.check()
+    os.kill(guardian.process_id, signal.SIGKILL)
+
+    def is_noticed() -> bool:
+        try:
+            guardian.check()
+        except DeviceError as error:
+            return "is gone" in str(error)
+        return False
+
+    until(is_noticed, "the loss of the guardian")
+    guardian.close()
