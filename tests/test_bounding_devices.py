@@ -253,6 +253,7 @@ def test_the_price_of_a_guard_is_paid_once() -> None:
         ({}, "guard_period above 0 s and below the period, 0.001 s, got 0.0 s"),
         ({"guard_period": 1e-3}, "below the period"),
         ({"guard_period": 5e-5, "lag": 1e-4}, "use watchdog 'reporting'"),
+        ({"guard_period": 5e-5, "write_delay": 1e-4}, "use watchdog 'reporting'"),
     ],
 )
 def test_a_guard_looks_more_often_than_the_servo(wrong: dict[str, Any], message: str) -> None:

@@ -279,8 +279,8 @@ CERTIFICATES = {
     "reporting": Certificate("reporting watchdog", ("reporting",), {}),
     "guarding": Certificate("guarding watchdog", ("guarding",), {}),
     "guarding_all": Certificate(
-        "guarding watchdog, writes late, elastic friction, gain error, other hold limits",
-        ("write_delay", "presliding", "gain_of_axes", "changing", "guarding"),
+        "guarding watchdog, elastic friction, gain error, other hold limits",
+        ("presliding", "gain_of_axes", "changing", "guarding"),
         {"presliding": 0.0},
         axes=(1, 2, 3),
     ),
@@ -349,7 +349,7 @@ def _some(random: Random, axes: int) -> list[str]:
     if random.random() < 0.2:
         chosen.append("weight")
     watchdogs = ["", "tolerance", "reporting", "none", "none_punctual"]
-    if "lag" not in chosen:
+    if not {"lag", "write_delay"} & set(chosen):
         watchdogs.append("guarding")
     chosen.append(watchdogs[random.integers(len(watchdogs))])
     return [effect for effect in chosen if effect]

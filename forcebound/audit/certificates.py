@@ -175,14 +175,14 @@ CERTIFICATES: dict[str, Certificate] = {
         watchdog="reporting",
     ),
     "all_guarding": Certificate(
-        "all of this but lag, guarding watchdog",
+        "all of this but lag and write delay, guarding watchdog",
         (
             *OWN_NUMBERS_OF_AXES,
-            *(name for name in IMPERFECTIONS if name != "lag"),
+            *(name for name in IMPERFECTIONS if name not in ("lag", "write_delay")),
             "guard_period",
             "hold_change",
         ),
-        {name: value for name, value in UNINFORMED.items() if name != "lag"},
+        {"presliding": 0.0, "gain_error": 0.0},
         watchdog="guarding",
     ),
     "all_allowance": Certificate(

@@ -142,10 +142,11 @@ class Dissipation:
                 "watchdog 'guarding' needs a guard_period above 0 s and below the period, "
                 f"{self.period} s, got {self.guard_period} s"
             )
-        if self.lag > 0.0:
+        if self.lag > 0.0 or self.write_delay > 0.0:
             raise ConfigError(
-                f"watchdog 'guarding' and a lag of {self.lag} s: what a late force costs is known "
-                "only without lag; use watchdog 'reporting'"
+                f"watchdog 'guarding' with a lag of {self.lag} s and a write_delay of "
+                f"{self.write_delay} s: what a late force costs is known only without both; "
+                "use watchdog 'reporting'"
             )
 
     def _check_axes(self) -> None:
