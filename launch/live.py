@@ -29,6 +29,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
+from forcebound.launch.links import check_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.run_lock import exclusive, shared
 from forcebound.launch.supervisor import Step, Supervisor
@@ -50,7 +51,8 @@ from forcebound.process import (
 from forcebound.processes import LAUNCHER, PROCESSES
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
-# two ticks of a slower one nothing is heard of a request to engage or to stop.
+# two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
+# that would depend on what else runs just now, and refuse on a busy machine what runs well.
 SLOWEST, FASTEST = 10.0, 5000.0
 MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
 
@@ -180,8 +182,8 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
     Raises:
         ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
-            be written, a key be missing, the address not be ours or a port be in use; the message
-            names all that is wrong.
+            be written, a link lose all packets, a key be missing, the address not be ours or a port
+            be in use; the message names all that is wrong.
     """
     problems = []
     rate = config.device.servo.rate
@@ -190,7 +192,10 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
             f"device.rate: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz, got {rate:g} Hz;"
             " virtual time keeps any: `forcebound simulate`"
         )
-    checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
+    checks: list[Callable[[], object]] = [
+        partial(realtime.choose_core, config.realtime.cores),
+        partial(check_links, config),
+    ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
     if config.remote is not None:

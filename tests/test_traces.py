@@ -16,7 +16,7 @@ from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.config.traces import read_trace, shortest_of
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_links
+from forcebound.launch.links import build_links
 from forcebound.launch.live import run_live
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment, Outage
