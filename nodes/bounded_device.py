@@ -163,8 +163,8 @@ class BoundedDevice:
         ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
         ``longest_hold_limit``, in s; ``refused_readings``; ``late_writes``: forces that took effect
         later after their reading than the device states, and ``longest_write_delay``, in s, of all;
-        ``largest_allowance``: the most that
-        late holds can have leaked, in J, and ``allowance_repaid``.
+        ``largest_allowance``: the most that late holds can have leaked, in J, and
+        ``allowance_repaid``.
         """
         bounder = self.bounder
         return {

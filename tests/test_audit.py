@@ -113,7 +113,7 @@ def test_every_kind_of_trouble_occurs() -> None:
 def test_a_searched_case_is_made_again_from_its_code() -> None:
     rng = np.random.default_rng(1)
     for niche in NICHES:
-        code = encode(*niche, int(rng.integers(32)), rng.random(DIMENSIONS).tolist())
+        code = encode((*niche, int(rng.integers(32))), rng.random(DIMENSIONS).tolist())
         case = case_of(code, SECONDS)
         assert (case.name, case.adversary, case.sensor) == (code, *niche)
         assert case_of(code, SECONDS) == case
@@ -122,7 +122,7 @@ def test_a_searched_case_is_made_again_from_its_code() -> None:
 
 @pytest.mark.parametrize("u", [0.0, 0.5, 1.0])
 def test_the_ends_of_the_code_are_the_ends_of_the_ranges(u: float) -> None:
-    case = case_of(encode(0, 0, 0, [u] * DIMENSIONS), SECONDS)
+    case = case_of(encode((0, 0, 0), [u] * DIMENSIONS), SECONDS)
     assert 0.02 <= case.mass <= 0.5 * (1 + 1e-12)
     assert 0.0 <= case.resolution <= 2e-4 * (1 + 1e-12)
     assert 0 <= case.delay <= 60
@@ -138,7 +138,7 @@ def test_a_name_that_is_no_case_is_refused(name: str) -> None:
 def test_the_difficulties_of_a_case_are_named() -> None:
     rough = difficulties(draw_case(1, SECONDS))
     assert set(rough) >= {"delay", "quantisation", "jitter", "overrun", "loss", "hand"}
-    exact = encode(0, 0, 0, [0.0] * DIMENSIONS)
+    exact = encode((0, 0, 0), [0.0] * DIMENSIONS)
     assert difficulties(case_of(exact, SECONDS)) == {
         "clock and reading": "steady, exact",
         "environment": "late wall",

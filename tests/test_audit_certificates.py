@@ -18,8 +18,9 @@ from forcebound.audit import (
     run_certificates,
 )
 from forcebound.audit import truth as ground
+from forcebound.audit.cases import encode
 from forcebound.audit.certify import PathTask, results_of
-from forcebound.audit.paths import SENSORS, dimensions, encode
+from forcebound.audit.paths import SENSORS, dimensions
 from forcebound.audit.plan import axes_of, device_of, dissipation_of, plan_of
 from forcebound.audit.report import page
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS
@@ -120,7 +121,9 @@ def test_the_best_theft_takes_the_most_from_a_constant_force(name: str) -> None:
 @pytest.mark.parametrize("sensor", range(len(SENSORS)))
 def test_readings_are_wrong_by_at_most_half_the_resolution(sensor: int) -> None:
     for number in range(10):
-        code = encode(sensor, number, np.random.default_rng(number).random(size("plain")).tolist())
+        code = encode(
+            (sensor, number), np.random.default_rng(number).random(size("plain")).tolist()
+        )
         case = path_case_of(f"plain:{code}")
         assert case.sensor == sensor
         _, trace = attack_path("certified", case)
@@ -135,7 +138,7 @@ def size(certificate: str) -> int:
 
 @pytest.mark.parametrize("certificate", CERTIFICATES)
 def test_a_case_is_made_again_from_its_name(certificate: str) -> None:
-    code = encode(2, 7, np.random.default_rng(3).random(size(certificate)).tolist())
+    code = encode((2, 7), np.random.default_rng(3).random(size(certificate)).tolist())
     for name in (f"{certificate}:11", f"{certificate}:{code}"):
         case = path_case_of(name)
         assert case == path_case_of(name)
@@ -153,7 +156,7 @@ def test_a_case_is_made_again_from_its_name(certificate: str) -> None:
 
 @pytest.mark.parametrize("name", ["", "plain", "plain:", "plain:-1", "plain:c00", "plain:x"])
 def test_a_name_that_is_no_case_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"expected after the certificate|no certificate"):
+    with pytest.raises(ConfigError, match=r"expected as case|no certificate"):
         path_case_of(name)
 
 

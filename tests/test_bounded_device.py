@@ -100,23 +100,24 @@ def test_a_watchdog_that_may_be_early_is_given_a_longer_limit() -> None:
     assert 0.8 * device.limits[-1] == pytest.approx(1.02e-3)
 
 
-def test_the_limit_follows_the_time_between_writes_not_between_readings() -> None:
-    device = Stamping()
-    node = bounded(device)
-    for tick in range(2000):
+def write_late(node: BoundedDevice, device: Stamping, ticks: int) -> None:
+    """Write each millisecond; every other force acts 0.2 ms after its reading."""
+    for tick in range(ticks):
         device.time_ns = tick * MS
         device.delay_ns = 200_000 * (tick % 2)
         node.write(device.time_ns, (0.0,), 1.0)
+
+
+def test_the_limit_follows_the_time_between_writes_not_between_readings() -> None:
+    device = Stamping()
+    write_late(bounded(device), device, 2000)
     assert device.limits[-1] >= 1.2e-3
 
 
 def test_writes_later_than_the_device_states_are_counted() -> None:
     device = Stamping()
     node = bounded(device)
-    for tick in range(10):
-        device.time_ns = tick * MS
-        device.delay_ns = 200_000 * (tick % 2)
-        node.write(device.time_ns, (0.0,), 1.0)
+    write_late(node, device, 10)
     assert node.report()["late_writes"] == 5
     assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
 

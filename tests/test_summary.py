@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import SUMMARY_KEYS
 from msgspec.structs import replace
 
 from forcebound.analysis.contact import (
@@ -23,48 +24,6 @@ from forcebound.telemetry import TelemetryColumns
 
 WALL = 0.010  # m
 RATE = 1000  # Hz
-
-KEYS = {
-    "law",
-    "samples",
-    "duration_s",
-    "displayed_stiffness_n_per_m",
-    "rate_hardness_n_per_m",
-    "peak_force_n",
-    "peak_penetration_m",
-    "true_energy_min_j",
-    "estimated_energy_min_j",
-    "bounder_active_share",
-    "answered_share",
-    "same_tick_share",
-    "loop_delay_ms",
-    "deadline_misses",
-    "hold_limit_overruns",
-    "rejected_packets",
-    "contact_bounces",
-    "final_speed_m_per_s",
-    "at_rest",
-    "penetration_at_rest_m",
-    "extended_rate_hardness_n_per_m",
-    "settling_time_s",
-    "overshoot_share",
-    "limit_cycle_amplitude_m",
-    "force_error_rms_n",
-    "wall_error_rms_n",
-    "vibration_above_threshold_db",
-    "vibration_frequency_hz",
-    "vibration",
-    "transparency_bandwidth_hz",
-    "displayed_impedance",
-    "largest_energy_fall_j",
-    "energy_regain_time_s",
-    "energy_since_contact_min_j",
-    "observed_energy_min_j",
-    "observed_power_min_w",
-    "observed_deficit_share",
-    "ledger_deficit_share",
-    "undefined",
-}
 
 
 def config(**environment: Any) -> dict[str, Any]:
@@ -124,7 +83,7 @@ def summary_of(run: list[Telemetry], document: dict[str, Any] | None = None) -> 
     chosen = config() if document is None else document
     summary = summarize(TelemetryColumns.from_packets(run), chosen)
     json.dumps(summary, allow_nan=False)  # always valid JSON
-    assert set(summary) == KEYS
+    assert set(summary) == SUMMARY_KEYS
     assert len(summary_rows(summary)) == len({label for label, _ in summary_rows(summary)})
     return summary
 
@@ -407,7 +366,7 @@ def test_a_run_that_never_engaged_has_no_results() -> None:
     summary = summary_of([replace(t, engagement=0.0) for t in ticks(pressing(), duration=0.5)])
     assert summary["samples"] == 0
     defined = {"law", "samples", "loop_delay_ms", "deadline_misses", "rejected_packets"}
-    for key in KEYS - defined - {"undefined"}:
+    for key in SUMMARY_KEYS - defined - {"undefined"}:
         assert summary[key] is None
     assert set(summary["undefined"].values()) == {"the force never engaged"}
 

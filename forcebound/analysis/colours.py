@@ -1,11 +1,18 @@
-"""Colours of the laws: one each, in every figure.
+"""Colours of figures: one for each quantity and for each law, the same everywhere.
 
-The first five are Okabe and Ito's, which people with any colour vision can tell apart; the
+They are Okabe and Ito's, which people with any colour vision can tell apart, and a grey; the
 ``viscous`` variants of a law are a darker shade of its colour. Source: Okabe, Ito, Color universal
 design, 2008.
 """
 
 from collections.abc import Sequence
+
+PHYSICAL = "#0072B2"  # blue: physical quantities
+COMMANDED = "#E69F00"  # orange: commanded force, and the environment's own stiffness
+ESTIMATED = "#009E73"  # green: estimates of the law
+NOT_PASSIVE = "#D55E00"  # vermilion: not passive; faults
+PHASE = "#56B4E9"  # sky blue: every other phase
+NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
 LAW_COLOURS = {
     "less_conservative": "#0072B2",

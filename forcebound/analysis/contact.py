@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from forcebound.analysis.surface import Floats
+from forcebound.analysis.surface import Floats, Mask
 
 STEADY_WINDOW = (2.0, 5.0)  # s after engagement; paper, section 4.2
 STEADY_SHARE = 0.4  # last part of a run that ends before the steady window does
@@ -22,13 +22,28 @@ REST_SPEED = 1e-3  # m/s, RMS; a hand slower than this over the rest window is a
 SETTLING_BAND = 0.05  # of the final penetration; at least BOUNCE_EXCURSION
 
 
+def steady_window(time: Floats) -> Mask:
+    """Return which samples count as steady: those from 2 to 5 s after the force engaged.
+
+    Of a run that ends earlier, the samples of its last 40 %. ``time`` is in s since then.
+    """
+    start, end = STEADY_WINDOW
+    if time.size and time[-1] < end:
+        start, end = time[-1] * (1.0 - STEADY_SHARE), time[-1]
+    return np.asarray((time >= start) & (time <= end))
+
+
+def at_end(time: Floats) -> Mask:
+    """Return which samples lie in the last 0.5 s of a run; ``time`` is in s."""
+    return np.asarray(time >= time[-1:] - REST_WINDOW)
+
+
 def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | None:
     r"""Return the stiffness that the hand feels in the steady state, in N/m.
 
     .. math:: S_D = \operatorname{mean} \frac{F_d}{x_p}
 
-    over the samples in contact from 2 to 5 s after the force engaged; of a run that ends earlier,
-    over its last 40 %.
+    over the samples in contact in the :func:`steady_window`.
 
     Args:
         time: Time since the force engaged, in s, shape ``(n,)``.
@@ -41,10 +56,7 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
 
     Source: the enhanced force bounding paper, 2017, Eq. 33 and section 4.2.
     """
-    start, end = STEADY_WINDOW
-    if time.size and time[-1] < end:
-        start, end = time[-1] * (1.0 - STEADY_SHARE), time[-1]
-    steady = (time >= start) & (time <= end) & (depth > 0.0)
+    steady = steady_window(time) & (depth > 0.0)
     return float(np.mean(force[steady] / depth[steady])) if steady.any() else None
 
 
@@ -202,7 +214,7 @@ def final_speed(time: Floats, true_position: Floats) -> float | None:
     Returns:
         Speed, in m/s; None without ground truth or with fewer than two samples.
     """
-    last = time >= (time[-1] if time.size else 0.0) - REST_WINDOW
+    last = at_end(time)
     if np.count_nonzero(last) < 2:
         return None
     velocity = np.diff(true_position[last], axis=0) / np.diff(time[last])[:, np.newaxis]
@@ -237,7 +249,7 @@ def settling(time: Floats, depth: Floats) -> Settling | None:
     contact = np.flatnonzero(depth > 0.0)
     if not contact.size:
         return None
-    final = depth[time >= time[-1] - REST_WINDOW]
+    final = depth[at_end(time)]
     level = float(final.mean())
     band = max(SETTLING_BAND * level, BOUNCE_EXCURSION)
     if level <= 0.0 or np.abs(final - level).max() > band:
@@ -262,5 +274,5 @@ def limit_cycle_amplitude(time: Floats, position: Floats) -> float | None:
         Amplitude, in m; None with fewer than two samples. Of a hand whose target moves, it is the
         amplitude of that motion.
     """
-    last = time >= (time[-1] if time.size else 0.0) - REST_WINDOW
+    last = at_end(time)
     return 0.5 * float(np.ptp(position[last])) if np.count_nonzero(last) > 1 else None

@@ -7,28 +7,29 @@ Each group takes the samples of a run with an engaged force and returns some key
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcebound.analysis.contact import (
-    STEADY_SHARE,
-    STEADY_WINDOW,
     count_bounces,
     displayed_stiffness,
     extended_rate_hardness,
     limit_cycle_amplitude,
     rate_hardness,
     settling,
+    steady_window,
 )
 from forcebound.analysis.energy import largest_fall, observe, since_contact
-from forcebound.analysis.spectrum import displayed_impedance, transparency_bandwidth, vibration
-from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
+from forcebound.analysis.spectrum import (
+    Vibration,
+    displayed_impedance,
+    transparency_bandwidth,
+    vibration,
+)
+from forcebound.analysis.surface import Floats, Mask, Surface, penetration, surface_of_run
 from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
-
-Mask: TypeAlias = NDArray[np.bool_]
 
 GAP = 1.5  # periods; samples further apart do not belong to one stretch
 
@@ -104,36 +105,38 @@ def contact_measures(run: Samples) -> dict[str, Any]:
 
 def force_measures(run: Samples) -> dict[str, Any]:
     """Return the errors of the force in contact, and its vibration in steady contact."""
-    columns, contact = run.columns, run.contact
-    error = columns.commanded_force - columns.applied_force
+    error = run.columns.commanded_force - run.columns.applied_force
     ideal = _ideal_error(run)
     felt = None
     if run.wall is not None:
-        axis = run.wall.axis
-        window = _steady(columns.time)
-        steady = _longest_stretch(columns.time, window, run.rate)
-        if (window & contact).any():
-            apart = error[:, axis] if ideal is None else ideal
-            felt = vibration(apart[steady], run.rate, run.mass)
-    strongest = None if felt is None else int(np.argmax(felt.above_threshold))
-    has_mass = felt is not None and run.mass is not None
+        felt = _vibration(run, error[:, run.wall.axis] if ideal is None else ideal)
     return {
-        "force_error_rms_n": _rms(np.linalg.norm(error, axis=1)[contact]),
-        "wall_error_rms_n": None if ideal is None else _rms(ideal[contact]),
-        "vibration_above_threshold_db": float(felt.above_threshold[strongest])
-        if felt is not None and has_mass
-        else None,
-        "vibration_frequency_hz": float(felt.frequency[strongest])
-        if felt is not None and has_mass
-        else None,
-        "vibration": None
-        if felt is None
-        else {
-            "frequency_hz": felt.frequency.tolist(),
-            "force_rms_n": felt.force.tolist(),
-            "above_threshold_db": felt.above_threshold.tolist() if has_mass else None,
-        },
+        "force_error_rms_n": _rms(np.linalg.norm(error, axis=1)[run.contact]),
+        "wall_error_rms_n": None if ideal is None else _rms(ideal[run.contact]),
+        **_vibration_measures(felt, run.mass is not None),
     }
+
+
+def _vibration(run: Samples, error: Floats) -> Vibration | None:
+    """Return the vibration of a force error, in N, in steady contact."""
+    window = steady_window(run.columns.time)
+    if not (window & run.contact).any():
+        return None
+    steady = _longest_stretch(run.columns.time, window, run.rate)
+    return vibration(error[steady], run.rate, run.mass)
+
+
+def _vibration_measures(felt: Vibration | None, has_mass: bool) -> dict[str, Any]:
+    names = ("vibration_above_threshold_db", "vibration_frequency_hz", "vibration")
+    if felt is None:
+        return dict.fromkeys(names)
+    spectrum = {"frequency_hz": felt.frequency.tolist(), "force_rms_n": felt.force.tolist()}
+    if not has_mass:
+        return dict.fromkeys(names) | {"vibration": spectrum | {"above_threshold_db": None}}
+    levels, strongest = felt.above_threshold, int(np.argmax(felt.above_threshold))
+    spectrum["above_threshold_db"] = levels.tolist()
+    values = (float(levels[strongest]), float(felt.frequency[strongest]), spectrum)
+    return dict(zip(names, values, strict=True))
 
 
 def impedance_measures(run: Samples) -> dict[str, Any]:
@@ -277,13 +280,6 @@ def _ideal_error(run: Samples) -> Floats | None:
 
 def _rms(values: Floats) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
-
-
-def _steady(time: Floats) -> Mask:
-    start, end = STEADY_WINDOW
-    if time.size and time[-1] < end:
-        start, end = time[-1] * (1.0 - STEADY_SHARE), time[-1]
-    return np.asarray((time >= start) & (time <= end))
 
 
 def _rate(time: Floats) -> float:

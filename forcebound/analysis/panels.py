@@ -1,8 +1,4 @@
-"""Panels of a figure: position, force, energy, loop delay, force over penetration.
-
-The colours are Okabe and Ito's, which people with any colour vision can tell apart; the same
-quantity has the same colour in every panel.
-"""
+"""Panels of a figure: position, force, energy, loop delay, force over penetration."""
 
 from __future__ import annotations
 
@@ -12,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from forcebound.analysis.colours import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.analysis.energy import largest_fall
 from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
 from forcebound.files import printable
@@ -22,14 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telemetry, launch file
-
-# Source: Okabe, Ito, Color universal design, 2008.
-PHYSICAL = "#0072B2"  # blue: physical quantities
-COMMANDED = "#E69F00"  # orange: commanded force, and the environment's own stiffness
-ESTIMATED = "#009E73"  # green: estimates of the law
-NOT_PASSIVE = "#D55E00"  # vermilion: not passive; faults
-PHASE = "#56B4E9"  # sky blue: every other phase
-NEUTRAL = "#7F7F7F"  # grey: surfaces, bounds, zero lines
 
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time

@@ -14,16 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcebound.analysis.panels import (
-    NEUTRAL,
-    NOT_PASSIVE,
-    PANELS,
-    PHASE,
-    Panel,
-    Run,
-    in_figure,
-    view_of,
-)
+from forcebound.analysis.colours import NEUTRAL, NOT_PASSIVE, PHASE
+from forcebound.analysis.panels import PANELS, Panel, Run, in_figure, view_of
 from forcebound.analysis.summary import law
 from forcebound.analysis.surface import Floats
 from forcebound.errors import ConfigError

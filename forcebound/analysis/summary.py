@@ -8,12 +8,13 @@ samples from the first of these on. A figure that the run or the launch file doe
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.contact import REST_SPEED, REST_WINDOW, final_speed
+from forcebound.analysis.bounder import UNBOUNDED, magnitudes
+from forcebound.analysis.contact import REST_SPEED, at_end, final_speed
 from forcebound.analysis.measures import (
     Samples,
     contact_measures,
@@ -22,16 +23,13 @@ from forcebound.analysis.measures import (
     impedance_measures,
     undefined,
 )
-from forcebound.analysis.surface import Floats
+from forcebound.analysis.surface import Floats, Mask
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import LINK_COUNTED, PHASE_BEGINS
 from forcebound.nodes.hold_limit import FLOOR
 from forcebound.telemetry import TelemetryColumns
 
-Mask: TypeAlias = NDArray[np.bool_]
-
 MOST_PHASES = 200  # of a run, as in launch files
-UNBOUNDED = 1.0 - 1e-9  # applied over commanded force; below, it was reduced, not merely rounded
 
 
 def law(config: Mapping[str, Any]) -> str | None:
@@ -105,8 +103,7 @@ def _length(time: Floats) -> dict[str, Any]:
 
 
 def _forces(run: Samples) -> dict[str, Any]:
-    commanded = np.linalg.norm(run.columns.commanded_force, axis=1)
-    applied = np.linalg.norm(run.columns.applied_force, axis=1)
+    commanded, applied = magnitudes(run.columns)
     bounded = (applied < UNBOUNDED * commanded)[run.contact]
     return {
         "peak_force_n": _or_none(np.max, applied),
@@ -118,11 +115,10 @@ def _rest(run: Samples) -> dict[str, Any]:
     time = run.columns.time
     speed = final_speed(time, run.columns.true_position)
     at_rest = None if speed is None else speed < REST_SPEED
-    last = time >= (time[-1] if time.size else 0.0) - REST_WINDOW
     return {
         "final_speed_m_per_s": speed,
         "at_rest": at_rest,
-        "penetration_at_rest_m": _or_none(np.mean, run.depth[last]) if at_rest else None,
+        "penetration_at_rest_m": _or_none(np.mean, run.depth[at_end(time)]) if at_rest else None,
     }
 
 

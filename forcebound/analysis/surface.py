@@ -14,6 +14,7 @@ from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS
 from forcebound.telemetry import TelemetryColumns
 
 Floats: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ The campaign consists of independent tasks, so its numbers do not depend on the 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from forcebound.audit.cases import difficulties, draw_case
 from forcebound.audit.run import Result, attack
 from forcebound.audit.search import NICHES, search
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS
+from forcebound.bounding import ENERGY_TOLERANCE, LAWS, check_law
 from forcebound.errors import ConfigError
 from forcebound.workers import completed, local_executor
 
@@ -91,13 +91,35 @@ def plan(laws: Iterable[str], runs: int, searched: int, seed: int, seconds: floa
     """Return the tasks of a campaign; arguments as in :func:`run_campaign`."""
     tasks = []
     for law in laws:
-        for first in range(0, runs, PIECE):
-            tasks.append(Task(law, None, seed + first, min(PIECE, runs - first), seconds))
-        for niche in range(len(NICHES)):
-            share = searched * (niche + 1) // len(NICHES) - searched * niche // len(NICHES)
-            if share:
-                tasks.append(Task(law, niche, seed, share, seconds))
+        for first, number in pieces(seed, runs):
+            tasks.append(Task(law, None, first, number, seconds))
+        for niche, number in shares(searched, len(NICHES)):
+            tasks.append(Task(law, niche, seed, number, seconds))
     return tasks
+
+
+def pieces(seed: int, runs: int) -> Iterator[tuple[int, int]]:
+    """Yield first seed and number of the random runs of each task."""
+    for first in range(0, runs, PIECE):
+        yield seed + first, min(PIECE, runs - first)
+
+
+def shares(searched: int, niches: int) -> Iterator[tuple[int, int]]:
+    """Yield each niche that has runs of a search, and how many."""
+    for niche in range(niches):
+        number = searched * (niche + 1) // niches - searched * niche // niches
+        if number:
+            yield niche, number
+
+
+def check_runs(runs: int, searched: int) -> None:
+    """Check that there is something to run.
+
+    Raises:
+        ConfigError: If there is not.
+    """
+    if runs < 0 or searched < 0 or runs + searched < 1:
+        raise ConfigError(f"runs must be >= 1, got {runs} random and {searched} searched")
 
 
 def run_campaign(
@@ -131,39 +153,55 @@ def run_campaign(
         ConfigError: If a law is not known or there is no run.
     """
     for law in laws:
-        if law not in LAWS:
-            raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
-    if runs < 0 or searched < 0 or runs + searched < 1:
-        raise ConfigError(f"runs must be >= 1, got {runs} random and {searched} searched")
+        check_law(law)
+    check_runs(runs, searched)
     tasks = plan(laws, runs, searched, seed, seconds)
-    total = sum(task.runs for task in tasks)
-    done = 0
-    progress(done, total)
     worst: Tally = {}
-    for task, part in in_order(tally, tasks, workers):
+    for _, part in in_order(tally, tasks, workers, progress):
         for key, extreme in part.items():
             _add(worst, key, extreme)
-        done += task.runs
-        progress(done, total)
     return {
-        "runs": total,
+        "runs": sum(task.runs for task in tasks),
         "seed": seed,
         "seconds": seconds,
         "laws": [_summary(law, worst) for law in laws],
     }
 
 
-Part = TypeVar("Part")
+class HasRuns(Protocol):
+    """A part of a campaign."""
+
+    @property
+    def runs(self) -> int:
+        """Number of its runs."""
+        ...
+
+
+Part = TypeVar("Part", bound=HasRuns)
 Outcome = TypeVar("Outcome")
 
 
 def in_order(
-    work: Callable[[Part], Outcome], tasks: Sequence[Part], workers: int | None
+    work: Callable[[Part], Outcome],
+    tasks: Sequence[Part],
+    workers: int | None,
+    progress: Progress,
 ) -> Iterator[tuple[Part, Outcome]]:
     """Run ``work`` on each task; yield it with its outcome, in the order of tasks.
 
-    So ties are deterministic. ``workers`` as in :func:`run_campaign`.
+    So ties are deterministic. ``workers`` and ``progress`` as in :func:`run_campaign`.
     """
+    total, done = sum(task.runs for task in tasks), 0
+    progress(done, total)
+    for task, outcome in _in_order(work, tasks, workers):
+        yield task, outcome
+        done += task.runs
+        progress(done, total)
+
+
+def _in_order(
+    work: Callable[[Part], Outcome], tasks: Sequence[Part], workers: int | None
+) -> Iterator[tuple[Part, Outcome]]:
     if workers == 0:
         yield from ((task, work(task)) for task in tasks)
         return

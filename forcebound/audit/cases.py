@@ -168,34 +168,41 @@ def draw_case(seed: int, seconds: float) -> Case:
     return Case(name=str(seed), seed=seed, samples=_samples(seconds), **drawn)
 
 
-def encode(adversary: int, sensor: int, noise: int, point: Sequence[float]) -> str:
-    """Return the name of the case at ``point``, :data:`DIMENSIONS` numbers in [0, 1]."""
-    levels = [min(LEVELS - 1, max(0, round(u * (LEVELS - 1)))) for u in point]
-    digits = [adversary, sensor, noise]
-    for level in levels:
-        digits += divmod(level, len(DIGITS))
+def encode(choices: Sequence[int], point: Sequence[float]) -> str:
+    """Return the code of a case: what is chosen among a few, and a point of numbers in [0, 1]."""
+    digits = list(choices)
+    for u in point:
+        digits += divmod(min(LEVELS - 1, max(0, round(u * (LEVELS - 1)))), len(DIGITS))
     return "c" + "".join(DIGITS[digit] for digit in digits)
 
 
-def decode(code: str, seconds: float) -> Case:
-    """Return the case of a code of :func:`encode`; its ranges are :data:`RANGES`.
+def decode(code: str, most: Sequence[int], dimensions: int) -> tuple[list[int], list[float]]:
+    """Return the choices and the point of a code of :func:`encode`.
+
+    Args:
+        code: The code.
+        most: How many there are to choose from, for each choice.
+        dimensions: Of the point.
 
     Raises:
-        ConfigError: If it is not such a code.
+        ConfigError: If it is no code of such a case.
     """
     digits = [DIGITS.find(digit) for digit in code[1:]]
+    choices, rest = digits[: len(most)], digits[len(most) :]
     if (
-        len(digits) != 3 + 2 * DIMENSIONS
-        or code[0] != "c"
+        not code.startswith("c")
+        or len(rest) != 2 * dimensions
         or min(digits) < 0
-        or digits[0] >= len(ADVERSARIES)
-        or digits[1] >= len(SENSORS)
+        or any(choice >= limit for choice, limit in zip(choices, most, strict=True))
     ):
         raise ConfigError(f"expected as case a seed or a code printed by an audit, got {code!r}")
-    adversary, sensor, noise = digits[:3]
-    point = (
-        (len(DIGITS) * high + low) / (LEVELS - 1)
-        for high, low in zip(digits[3::2], digits[4::2], strict=True)
+    pairs = zip(rest[::2], rest[1::2], strict=True)
+    return choices, [(len(DIGITS) * high + low) / (LEVELS - 1) for high, low in pairs]
+
+
+def _searched_case(code: str, seconds: float) -> Case:
+    (adversary, sensor, noise), point = decode(
+        code, (len(ADVERSARIES), len(SENSORS), NOISES), DIMENSIONS
     )
     decoded: dict[str, Any] = {
         name: one.at(u) for (name, one), u in zip(RANGES.items(), point, strict=True)
@@ -223,7 +230,7 @@ def case_of(name: str | int, seconds: float) -> Case:
     """
     text = str(name)
     if not text.isdecimal():
-        return decode(text, seconds)
+        return _searched_case(text, seconds)
     if int(text) > LARGEST_SEED:
         raise ConfigError(f"a seed must be at most {LARGEST_SEED}, got {text}")
     return draw_case(int(text), seconds)

@@ -6,14 +6,16 @@ leak; and without, where a short search must find a leak, or the certificate wou
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from forcebound.audit.campaign import PIECE, Progress, in_order
+from forcebound.audit.campaign import Progress, check_runs, in_order, pieces, shares
+from forcebound.audit.cases import encode
 from forcebound.audit.certificates import CERTIFICATES
 from forcebound.audit.path_run import PathResult, replay_path
-from forcebound.audit.paths import SENSORS, dimensions, encode, prefix
+from forcebound.audit.paths import SENSORS, dimensions, prefix
 from forcebound.audit.search import descend
 from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
@@ -55,7 +57,7 @@ def results_of(task: PathTask) -> Iterator[PathResult]:
     sensor = task.sensor
 
     def attack(noise: int, point: Sequence[float]) -> tuple[PathResult, float]:
-        result = replay_path(task.law, title + encode(sensor, noise, point))[0]
+        result = replay_path(task.law, title + encode((sensor, noise), point))[0]
         return result, result.objective
 
     certificate = CERTIFICATES[task.certificate]
@@ -65,12 +67,10 @@ def results_of(task: PathTask) -> Iterator[PathResult]:
 
 def tally(task: PathTask) -> Worst:
     """Run a task and return the worst result."""
-    worst: Worst | None = None
-    for result in results_of(task):
-        one = Worst(1, result.share_left < TIGHT, result.margin, result.case.name)
-        worst = one if worst is None else _worse(worst, one)
-    assert worst is not None  # a task has runs
-    return worst
+    results = results_of(task)
+    return reduce(
+        _worse, (Worst(1, one.share_left < TIGHT, one.margin, one.case.name) for one in results)
+    )
 
 
 def _worse(own: Worst, other: Worst) -> Worst:
@@ -95,13 +95,10 @@ def plan(
 def _tasks(
     law: str, certificate: str, is_stated: bool, runs: int, searched: int, seed: int
 ) -> Iterator[PathTask]:
-    for first in range(0, runs, PIECE):
-        number = min(PIECE, runs - first)
-        yield PathTask(law, certificate, is_stated, None, seed + first, number)
-    for sensor in range(len(SENSORS)):
-        share = searched * (sensor + 1) // len(SENSORS) - searched * sensor // len(SENSORS)
-        if share:
-            yield PathTask(law, certificate, is_stated, sensor, seed, share)
+    for first, number in pieces(seed, runs):
+        yield PathTask(law, certificate, is_stated, None, first, number)
+    for sensor, number in shares(searched, len(SENSORS)):
+        yield PathTask(law, certificate, is_stated, sensor, seed, number)
 
 
 def run_certificates(
@@ -141,20 +138,15 @@ def run_certificates(
         if certificate not in CERTIFICATES:
             known = ", ".join(CERTIFICATES)
             raise ConfigError(f"no certificate {certificate!r}; known are {known}")
-    if runs < 0 or searched < 0 or runs + searched < 1:
-        raise ConfigError(f"runs must be >= 1, got {runs} random and {searched} searched")
+    check_runs(runs, searched)
     tasks = plan(laws, certificates, runs, searched, seed)
-    total, done = sum(task.runs for task in tasks), 0
     worst: dict[Key, Worst] = {}
-    progress(done, total)
-    for task, part in in_order(tally, tasks, workers):
+    for task, part in in_order(tally, tasks, workers, progress):
         kind = "random" if task.sensor is None else "search"
         key = (task.law, task.certificate, task.is_stated, kind)
         worst[key] = _worse(worst[key], part) if key in worst else part
-        done += task.runs
-        progress(done, total)
     rows = [_row(law, one, worst) for one in certificates for law in laws]
-    return {"runs": total, "seed": seed, "certificates": rows}
+    return {"runs": sum(task.runs for task in tasks), "seed": seed, "certificates": rows}
 
 
 def _row(law: str, certificate: str, worst: dict[Key, Worst]) -> dict[str, Any]:
@@ -180,13 +172,11 @@ def _numbers(
     }
     if not kinds:
         return None
-    first, *rest = kinds.values()
-    for other in rest:
-        first = _worse(first, other)
+    both = reduce(_worse, kinds.values())
     return {
-        "runs": first.runs,
-        "margin_min_j": first.margin,
-        "case": first.case,
+        "runs": both.runs,
+        "margin_min_j": both.margin,
+        "case": both.case,
         **{f"{kind}_min_j": one.margin for kind, one in kinds.items()},
-        "tight_share": first.tight / first.runs,
+        "tight_share": both.tight / both.runs,
     }

@@ -13,6 +13,7 @@ from forcebound.audit import truth
 from forcebound.audit.paths import PathCase, path_case_of
 from forcebound.audit.plan import axes_of, device_of, dissipation_of, plan_of
 from forcebound.audit.run import EARNED, TRACE_COLUMNS
+from forcebound.audit.search import objective
 from forcebound.audit.truth import Floats
 from forcebound.bounding import ENERGY_TOLERANCE, ForceBounder
 from forcebound.compiled import jit
@@ -38,8 +39,7 @@ class PathResult(NamedTuple):
     @property
     def objective(self) -> float:
         """Value that a search minimises: a leak, else belief in too much, else the share left."""
-        worst = min(self.margin, 0.5 * self.reserve_min)
-        return worst if worst < -ENERGY_TOLERANCE else max(self.share_left, 0.0)
+        return objective(min(self.margin, 0.5 * self.reserve_min), self.share_left)
 
 
 def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:

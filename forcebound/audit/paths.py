@@ -14,7 +14,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from forcebound.audit.cases import DIGITS, LARGEST_SEED, LEVELS, NOISES, Range
+from forcebound.audit.cases import LARGEST_SEED, NOISES, Range, decode
 from forcebound.audit.certificates import CERTIFICATES, NUMBERS, WITHOUT, Certificate
 from forcebound.errors import ConfigError
 
@@ -111,7 +111,7 @@ def path_case_of(name: str) -> PathCase:
     if rest.isdecimal() and int(rest) <= LARGEST_SEED:
         seed, sensor, numbers, phases = _draw(int(rest), certificate)
     else:
-        seed, sensor, numbers, phases = _decode(rest, certificate)
+        seed, sensor, numbers, phases = _searched(rest, certificate)
     return PathCase(name, certificate, is_stated, seed, sensor, numbers, phases)
 
 
@@ -129,32 +129,10 @@ def _draw_level(draw: random.Random) -> float:
     return draw.choice((0.0, 0.5, 1.0, draw.random(), draw.random(), draw.random()))
 
 
-def encode(sensor: int, noise: int, point: Sequence[float]) -> str:
-    """Return the code of the case at ``point``, numbers from 0 to 1: without its certificate."""
-    digits = [sensor, noise]
-    for u in point:
-        digits += divmod(min(LEVELS - 1, max(0, round(u * (LEVELS - 1)))), len(DIGITS))
-    return "c" + "".join(DIGITS[digit] for digit in digits)
-
-
-def _decode(code: str, certificate: Certificate) -> Definition:
-    digits = [DIGITS.find(digit) for digit in code[1:]]
+def _searched(code: str, certificate: Certificate) -> Definition:
+    (sensor, noise), point = decode(code, (len(SENSORS), NOISES), dimensions(certificate))
     ranges = ranges_of(certificate)
-    if (
-        len(digits) != 2 + 2 * dimensions(certificate)
-        or code[0] != "c"
-        or min(digits) < 0
-        or digits[0] >= len(SENSORS)
-        or digits[1] >= NOISES
-    ):
-        raise ConfigError(
-            f"expected after the certificate a seed or a code printed by an audit, got {code!r}"
-        )
-    point = [
-        (len(DIGITS) * high + low) / (LEVELS - 1)
-        for high, low in zip(digits[2::2], digits[3::2], strict=True)
-    ]
     numbers = {name: one.at(u) for (name, one), u in zip(ranges.items(), point, strict=False)}
     rest = point[len(ranges) :]
     phases = [rest[first : first + len(PHASE)] for first in range(0, len(rest), len(PHASE))]
-    return digits[1], digits[0], numbers, phases
+    return noise, sensor, numbers, phases

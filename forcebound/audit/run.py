@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.audit.cases import PERIOD, Case, case_of, dissipation_of
-from forcebound.bounding import ENERGY_TOLERANCE, LAWS, DeviceConstants
+from forcebound.bounding import ENERGY_TOLERANCE, LAWS, DeviceConstants, check_law
 from forcebound.bounding.one_axis import one_axis
 from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
@@ -22,7 +22,6 @@ from forcebound.devices.plant import advance, quantise
 from forcebound.environments.adversary import active_wall_force, pushing_force
 from forcebound.environments.damper import damper_force
 from forcebound.environments.wall import wall_force
-from forcebound.errors import ConfigError
 
 SUBSTEPS = 8  # plant steps in a hold
 EARNED = 1e-5  # J; below this loss plus work, the share left has no meaning
@@ -83,8 +82,7 @@ def attack(law: str, case: Case) -> tuple[Result, Floats]:
     Raises:
         ConfigError: If the law is not known.
     """
-    if law not in LAWS:
-        raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
+    check_law(law)
     chance = np.random.default_rng(case.seed).random((case.samples, 6))
     periods = PERIOD * (1.0 + case.jitter * (1.7 * chance[:, 0] - 0.7))
     periods[chance[:, 1] < case.overruns] *= 1.0 + 5.0 * chance[chance[:, 1] < case.overruns, 0]

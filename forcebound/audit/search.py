@@ -60,10 +60,9 @@ def search(law: str, niche: int, runs: int, seed: int, seconds: float) -> Iterat
     Raises:
         ConfigError: If the package ``cma`` is not installed.
     """
-    adversary, sensor = NICHES[niche]
 
     def attack(noise: int, point: Sequence[float]) -> tuple[Result, float]:
-        result = replay(law, encode(adversary, sensor, noise, point), seconds)[0]
+        result = replay(law, encode((*NICHES[niche], noise), point), seconds)[0]
         return result, objective(result.loss_and_work_min, result.share_left)
 
     return descend(attack, DIMENSIONS, runs, np.random.default_rng((seed, niche)))

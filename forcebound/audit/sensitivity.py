@@ -7,7 +7,7 @@ faster than :data:`FASTEST_HAND`.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,7 +128,7 @@ def lowest_energy(search: Search) -> float:
 
 
 def stated_by(kind: str) -> Dissipation:
-    """Return what a device states, for one axis: that of its least damping.
+    """Return what a device states, for one axis: of each number the worst of all its axes.
 
     Raises:
         ConfigError: If there is no such device.
@@ -139,13 +139,11 @@ def stated_by(kind: str) -> Dissipation:
     all_axes = Dissipation(
         model.damping, model.friction, model.resolution, 1e-3, 1.02e-3, model.saturation
     )
-    return Dissipation(
-        all_axes.least_damping,
-        all_axes.least_friction,
-        all_axes.coarsest_resolution,
-        all_axes.period,
-        all_axes.hold_limit,
-        all_axes.saturation,
+    return replace(
+        all_axes,
+        damping=all_axes.least_damping,
+        friction=all_axes.least_friction,
+        resolution=all_axes.coarsest_resolution,
     )
 
 
@@ -175,10 +173,9 @@ def run_sensitivity(
         Search(mistake, device, sensor, share) for mistake in MISTAKES for sensor in TRIED_SENSORS
     ]
     lowest = dict.fromkeys((mistake.summary for mistake in MISTAKES), 0.0)
-    for done, (search, energy) in enumerate(in_order(lowest_energy, searches, workers), 1):
+    for search, energy in in_order(lowest_energy, searches, workers, progress):
         summary = search.mistake.summary
         lowest[summary] = min(lowest[summary], energy)
-        progress(done * share, len(searches) * share)
     return {
         "device": kind,
         "runs": share * len(TRIED_SENSORS),

@@ -25,7 +25,7 @@ audit and launch files (``device: {law: my_law}``) then know it.
 from forcebound.bounding.bounder import ForceBounder
 from forcebound.bounding.dissipation import Dissipation, PerAxis, Watchdog
 from forcebound.bounding.law import BoundingLaw
-from forcebound.bounding.laws import LAWS
+from forcebound.bounding.laws import LAWS, check_law
 from forcebound.bounding.less_conservative import less_conservative_noncausal
 from forcebound.bounding.more_conservative import more_conservative_noncausal
 from forcebound.bounding.sample import (
@@ -49,6 +49,7 @@ __all__ = [
     "Sample",
     "Watchdog",
     "Write",
+    "check_law",
     "less_conservative_noncausal",
     "more_conservative_noncausal",
     "play",

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled
 from forcebound.bounding.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.bounding.dissipation import Dissipation
-from forcebound.bounding.laws import LAWS
+from forcebound.bounding.laws import LAWS, check_law
 from forcebound.bounding.sample import DeviceConstants
 from forcebound.bounding.timeline import (
     ALLOWANCE,
@@ -78,8 +78,7 @@ class ForceBounder:
     """
 
     def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
-        if law not in LAWS:
-            raise ConfigError(f"no bounding law {law!r}; known are {', '.join(sorted(LAWS))}")
+        check_law(law)
         if axes < 1:
             raise ConfigError(f"axes must be >= 1, got {axes}")
         import numpy as np  # not in the launcher

@@ -1,6 +1,7 @@
 """The table of bounding laws; to add one, see :mod:`forcebound.bounding`."""
 
 from forcebound.bounding.law import BoundingLaw
+from forcebound.errors import ConfigError
 from forcebound.parts import Form, Table
 
 LAWS: Table[BoundingLaw] = Table(
@@ -22,3 +23,13 @@ LAWS: Table[BoundingLaw] = Table(
     },
     Form(instance_of="forcebound.bounding.law:BoundingLaw"),
 )
+
+
+def check_law(name: str) -> None:
+    """Check that there is such a law.
+
+    Raises:
+        ConfigError: If there is not.
+    """
+    if name not in LAWS:
+        raise ConfigError(f"no bounding law {name!r}; known are {', '.join(sorted(LAWS))}")

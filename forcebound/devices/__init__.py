@@ -158,6 +158,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
         "five_bar": "forcebound.devices.five_bar:FiveBar",
+        "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
         "knob": "forcebound.devices.knob:Knob",
         "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.devices.serial_arm:SerialArm",

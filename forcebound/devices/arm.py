@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from forcebound.devices.joints import ANGLE, SPEED, arm_kernel
+from forcebound.devices.joints import ANGLE, FRICTION, SPEED, arm_kernel
 from forcebound.devices.kinematics import ArmKinematics, Pose
 from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import pad
@@ -50,6 +50,8 @@ class ArmBody:
                 *(true_axes(model, name) for name in ("damping", "friction", "presliding")),
             ]
         )
+        self._sound = self._plant[FRICTION:].copy()
+        self._weak_spot = None if model.truth is None else model.truth.weak_spot
         self._hand = np.array([operator.mass, operator.stiffness, operator.damping])
         self._geometry = np.array(geometry)
         self._joints = np.zeros((4, axes))
@@ -82,6 +84,9 @@ class ArmBody:
         Raises:
             DeviceError: If the hand has moved the tip to where the arm cannot be held.
         """
+        if self._weak_spot is not None:
+            share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
+            self._plant[FRICTION:] = share * self._sound
         self._from[:], self._to[:], self._told[:] = target, target_end, told
         self._energy += self._advance(
             self._joints,

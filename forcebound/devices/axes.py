@@ -38,6 +38,8 @@ class AxesBody:
             (mass, b, f, operator.stiffness, operator.damping)
             for b, f in zip(damping, friction, strict=True)
         ]
+        self._sound = (friction, presliding)
+        self._weak_spot = None if model.truth is None else model.truth.weak_spot
         lag = true_value(model, "lag")
         self._extras = [(w, lag, z) for w, z in zip(weight, presliding, strict=True)]
         self._is_extended = any(map(any, self._extras))
@@ -68,6 +70,8 @@ class AxesBody:
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move every axis; see ``Body``."""
+        if self._weak_spot is not None:
+            self._weaken(self._weak_spot.share_at(self._x))
         if self._is_extended:
             self._move_extended(target, target_end, duration, told)
             return
@@ -83,6 +87,17 @@ class AxesBody:
                 told[axis],
                 *self._constants[axis],
             )
+
+    def _weaken(self, share: float) -> None:
+        """Let this share of the friction be left, and of the way over which it yields."""
+        friction, presliding = self._sound
+        self._constants = [
+            (mass, b, share * f, stiffness, damping)
+            for (mass, b, _, stiffness, damping), f in zip(self._constants, friction, strict=True)
+        ]
+        self._extras = [
+            (w, lag, share * z) for (w, lag, _), z in zip(self._extras, presliding, strict=True)
+        ]
 
     def _move_extended(
         self, target: Vector, target_end: Vector, duration: float, told: Vector

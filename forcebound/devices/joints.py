@@ -114,14 +114,19 @@ def pull(
 ) -> None:
     """Set ``force`` to that of the hand, in N, if the tip stood still in this step."""
     for k in range(force.size):
-        speed = 0.0
-        for j in range(force.size):
-            speed += jacobian[k, j] * speeds[j]
         force[k] = (
             hand[STIFFNESS] * (goal[k] - tip[k])
             + hand[HAND_DAMPING] * goal_speed[k]
-            + 2.0 * hand[MASS] / h * speed
+            + 2.0 * hand[MASS] / h * speed_of_tip(jacobian, speeds, k)
         )
+
+
+def speed_of_tip(jacobian: Floats, speeds: Floats, k: int) -> float:
+    """Return the speed of the tip along coordinate ``k``, in m/s."""
+    speed = 0.0
+    for j in range(speeds.size):
+        speed += jacobian[k, j] * speeds[j]
+    return speed
 
 
 def find_speeds(
@@ -183,9 +188,7 @@ def feel(
 ) -> None:
     """Set ``muscle`` to the mean force of the hand's spring and damper, in N."""
     for k in range(muscle.size):
-        speed = 0.0
-        for j in range(muscle.size):
-            speed += jacobian[k, j] * mean[j]
+        speed = speed_of_tip(jacobian, mean, k)
         muscle[k] = hand[STIFFNESS] * (goal[k] - tip[k] - 0.5 * h * speed) + hand[HAND_DAMPING] * (
             goal_speed[k] - speed
         )

@@ -6,6 +6,8 @@ the watchdog as late as it may be. So a law that relies on the statements has no
 an experiment that asks what a wrong statement costs changes one number here.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -20,6 +22,7 @@ from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
+    PROBABILITY,
     Range,
     Ratio,
     Time,
@@ -29,6 +32,28 @@ from forcebound.quantities import (
 RatioOfMotors: TypeAlias = (
     Annotated[Ratio, NOT_NEGATIVE] | tuple[Annotated[Ratio, NOT_NEGATIVE], ...]
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakSpot:
+    """A part of the workspace with less friction than elsewhere.
+
+    Attributes:
+        centre: In the coordinates of the readings: m, or rad of the joints.
+        radius: In the same unit.
+        share: Of the friction, and of the way over which it yields, that is left there.
+    """
+
+    centre: tuple[float, ...]
+    radius: Annotated[float, POSITIVE]
+    share: Annotated[Ratio, PROBABILITY]
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def share_at(self, place: Sequence[float]) -> float:
+        """Return the share of the friction that is left at a place."""
+        return self.share if math.dist(place, self.centre) < self.radius else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +68,8 @@ class TrueMotor:
         random: Draw each write delay and each time of the watchdog evenly from what the device
             states: from none to all of the write delay, and within the tolerance.
         seed: Of these draws.
+        weak_spot: Less friction in a part of the workspace: its ``centre`` and ``radius``, in m (of
+            joints: rad), and the ``share`` of the friction that is left there; null: nowhere.
     """
 
     gain: RatioOfMotors | None = None
@@ -51,6 +78,7 @@ class TrueMotor:
     watchdog: Annotated[Ratio, POSITIVE] | None = None
     random: bool = False
     seed: Annotated[int, Range(at_least=0)] = 1
+    weak_spot: WeakSpot | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -9,8 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forcebound.analysis.colours import LAW_COLOURS
-from forcebound.analysis.panels import NEUTRAL
+from forcebound.analysis.colours import LAW_COLOURS, NEUTRAL
 from forcebound.analysis.surface import Floats
 
 LOG_TICKS = (0.5, 1.0, 2.0, 5.0, 10.0)

@@ -242,7 +242,7 @@ def draw(table: list[Row], half: list[Row], certified: list[Row]) -> Figure:
     """Draw the table: per column the paper's numbers and ours, on one logarithmic scale."""
     from matplotlib.figure import Figure
 
-    from forcebound.analysis.panels import NEUTRAL
+    from forcebound.analysis.colours import NEUTRAL
     from forcebound.experiments.drawing import style_axes
 
     drawing = Figure(figsize=(13.5, 4.0), dpi=150, layout="constrained")
@@ -279,7 +279,7 @@ def draw(table: list[Row], half: list[Row], certified: list[Row]) -> Figure:
 
 
 def _draw_column(axes: Axes, table: list[Row], half: list[Row], certified: list[Row]) -> None:
-    from forcebound.analysis.panels import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
+    from forcebound.analysis.colours import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 
     for row in half:
         if not row.fitted:

@@ -1,0 +1,317 @@
+r"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port.
+
+**Reading and writing are one transaction.** A message sets both torques; its reply has the angles,
+latched after the torques were set. So
+
+* ``read`` sends the torque that is held already, which changes nothing, and returns the angles;
+* ``write`` sends the new torque; the angles of its reply are not used: the bounder has decided on
+  those before.
+
+A tick has three exchanges: the state's reading, the bounder's reading, the write. The angles of the
+last write would do for the state, but would be most of a period old.
+
+**Stamps.** A message takes effect, and a reading is latched, at some time between sending (a) and
+the reply (e). The quickest exchange so far, of length m, has shown how much of this is the line's
+and the board's own time; it shifts all stamps alike, so it drops out of every difference. What an
+exchange takes longer may have passed before the latch or after. The reading is stamped a, the
+effect of a write e - m: as early and as late as each can have been, so the time between the two is
+never taken for shorter than it is. By ``e - a - m`` the interval between two readings may be longer
+than their stamps say; :meth:`OpenHaply.latch_jitter` says so, and the ledger takes the longer one,
+in which the same way dissipates less.
+
+**What is applied** is less than what is asked for: each motor has at most 0.123 N m, in whole steps
+of its pulse width; and towards singular poses, where the links at the tip or those of one side come
+into line, the torques fade to zero, because there a small torque is a large force, or none, at the
+tip. The scale is the same for both motors. ``write`` returns what is left, so the ledger takes just
+that.
+
+**Signs.** A positive torque on the wire turns towards larger angles; a positive torque of
+forcebound resists that. Both motors are counted so, whatever the wiring.
+
+**What goes wrong ends in zero torque and a DeviceError**, once: a reply that is short, of another
+address, or not in whole counts; bytes that nobody asked for; silence for half of the watchdog limit
+(10 ms); a port that is gone; a guardian that had to step in (:mod:`forcebound.hardware.line`). A
+reply later than ``reply_within`` is counted and used: it makes a late tick, whose force the ledger
+knows. Nothing can say that the arm is in its home pose when it is set up, but the user who puts it
+there.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from forcebound.devices.five_bar import FiveBar
+from forcebound.devices.kinematics import ArmKinematics
+from forcebound.devices.stated import Source
+from forcebound.devices.stated_joints import (
+    AngleOfJoints,
+    DampingOfJoints,
+    StatedJoints,
+    TorqueOfJoints,
+)
+from forcebound.devices.truth import Truth
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.hardware.hapi import (
+    LARGEST_TORQUE,
+    REPLY_SIZE,
+    WIRINGS,
+    exchange_message,
+    held_torque,
+    parse_reply,
+    setup_message,
+)
+from forcebound.hardware.line import EMULATED, Line
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+from forcebound.parts.plain import plain
+from forcebound.quantities import (
+    POSITIVE,
+    AngularSpeed,
+    Inertia,
+    Length,
+    Range,
+    Time,
+    Torque,
+)
+
+KIND = "haply_2diy"
+FIRST = 1.0  # s, what a board may need for its first reply
+FIRST_EXCHANGES = 50  # without force, for the quickest exchange
+HOME_TOLERANCE = math.radians(1.0)  # the arm may move between set-up and first reading
+# Sine of the angle between two links in line: no torque below the first, all of it above the other.
+NO_FORCE_SINE, FULL_FORCE_SINE = 0.1, 0.3
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Haply2DIY(StatedJoints):
+    """Parameters of a Haply 2DIY, versions 2 and 3, on a hAPI board.
+
+    Its damping, friction and inertia are not published: ``forcebound identify`` measures them. The
+    board has no watchdog: a guardian process ends a force that nobody renews.
+
+    Attributes:
+        version: Of the hardware; version 2 has both motors on one axis.
+        address: Of the device on its board.
+        watchdog_limit: Within it a force ends that the device process does not renew: a guardian
+            process sees to it. A board that is silent for half of it is lost.
+        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
+        origin: Where the tip is at 0 m, from the middle between the motors.
+        reply_within: A reply later than this is counted as late.
+    """
+
+    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
+    damping: DampingOfJoints = 1e-3  # assumed
+    friction: TorqueOfJoints = 4e-3  # assumed
+    resolution: AngleOfJoints = math.tau / 4880  # data sheet, version 3; version 2 is finer
+    saturation: Annotated[Torque, POSITIVE] = LARGEST_TORQUE
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow
+    write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
+    watchdog: Literal["none"] = "none"
+    watchdog_limit: Annotated[Time, POSITIVE] = 0.02
+    version: Literal[2, 3] = 3
+    address: Annotated[int, Range(at_least=1, at_most=254)] = 5
+    port: str = EMULATED
+    origin: tuple[Length, Length] = (0.0, 0.105)
+    reply_within: Annotated[Time, POSITIVE] = 3e-4
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: {
+            "damping": "assumed",
+            "friction": "assumed",
+            "resolution": "data sheet",
+            "saturation": "data sheet",
+            "largest_speed": "assumed",
+        },
+        hash=False,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.version == 2 and self.port == EMULATED:
+            raise ConfigError("port: the emulator is of version 3, not 2", field="port")
+        self.five_bar()  # checks the origin
+
+    def five_bar(self) -> FiveBar:
+        """Return the simulated arm with this geometry, whose kinematics is that of the device."""
+        base = WIRINGS[self.version].base
+        return FiveBar(
+            inertia=self.inertia,
+            damping=self.damping,
+            friction=self.friction,
+            resolution=self.resolution,
+            presliding=self.presliding,
+            gain_error=self.gain_error,
+            lag=self.lag,
+            substep=self.substep,
+            truth=self.truth,
+            base=base,
+            origin=self.origin,
+        )
+
+    def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
+        """Return the device, set up in its home pose; see ``DeviceModel``."""
+        home = [math.radians(angle) for angle in WIRINGS[self.version].home]
+        zero = exchange_message(self.address, (0.0, 0.0))
+        mechanism = {**plain(self.five_bar()), "home": home}
+        line = Line(KIND, self.port, zero, self.watchdog_limit, mechanism, operator)
+        try:
+            return OpenHaply(self, line)
+        except BaseException:
+            line.close()
+            raise
+
+
+class OpenHaply:
+    """A Haply 2DIY, from open to close; see :class:`forcebound.devices.Device`.
+
+    Args:
+        model: Its parameters.
+        line: To its board.
+        clock: Monotonic, in ns.
+
+    Attributes:
+        kinematics: Of the arm.
+        replies: That have come since it was opened.
+        late_replies: Those later than the model's ``reply_within``.
+
+    Raises:
+        DeviceError: If the board does not answer as a hAPI board does.
+    """
+
+    def __init__(
+        self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._model, self._line, self._clock = model, line, clock
+        self._wiring = WIRINGS[model.version]
+        self._late_ns = round(model.reply_within * 1e9)
+        self._quickest_ns = round(FIRST * 1e9)
+        self._torque: Vector = (0.0, 0.0)  # on the wire
+        self._read_ns = self._effect_ns = self._jitter_ns = 0
+        self.replies = self.late_replies = 0
+        five_bar = model.five_bar()
+        self._proximal = five_bar.proximal
+        self.kinematics: ArmKinematics = five_bar.kinematics()
+        line.port.drain()  # what a former user has left
+        line.send(setup_message(model.address, self._wiring), has_force=False)
+        home = [math.radians(angle) for angle in self._wiring.home]
+        self._angles = self._exchange(FIRST)[2]
+        if math.dist(self._angles, home) > HOME_TOLERANCE:
+            degrees = ", ".join(f"{math.degrees(angle):.1f}" for angle in self._angles)
+            found = DeviceError(
+                f"right after the set-up the board should report the home pose, {self._wiring.home}"
+                f" degrees, but reports {degrees}: another firmware, or another version of the"
+                " device (version: 2 or 3)"
+            )
+            self._line.fail(found)
+            raise found
+        for _ in range(FIRST_EXCHANGES):
+            self._exchange()
+        self.late_replies = 0
+        tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
+        _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
+
+    @property
+    def axes(self) -> int:
+        """Number of joints."""
+        return 2
+
+    def engage(self, time_ns: int) -> None:
+        """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
+        if self._line.truth is not None:
+            self._line.truth.engage(time_ns)
+
+    def read(self, time_ns: int) -> Vector:
+        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
+        sent_ns, came_ns, self._angles = self._exchange()
+        self._read_ns = sent_ns
+        self._jitter_ns = came_ns - sent_ns - self._quickest_ns
+        return self._angles
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        scale = self._scale(force)
+        wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
+        self._torque = tuple([-torque for torque in wanted])
+        came_ns = self._exchange()[1]
+        self._effect_ns = came_ns - self._quickest_ns
+        return tuple([held_torque(torque) for torque in wanted])
+
+    def stamps(self) -> tuple[int, int]:
+        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
+        return self._read_ns, max(self._effect_ns, self._read_ns)
+
+    def latch_jitter(self) -> int:
+        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
+        return self._jitter_ns
+
+    def truth(self) -> Truth | None:
+        """Return the ground truth of an emulated device; None for a real one."""
+        return None if self._line.truth is None else self._line.truth.read()
+
+    def close(self) -> None:
+        """Write zero torque and release the port; see :class:`forcebound.devices.Device`."""
+        self._line.close()
+        if self.replies:
+            share = self.late_replies / self.replies
+            limit = 1e3 * self._model.reply_within
+            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
+            _logger.info(message, self.replies, 100.0 * share, limit)
+
+    def _exchange(self, patience: float | None = None) -> tuple[int, int, Vector]:
+        """Send the torque; return when, when the reply had come, and its angles, in rad."""
+        line, address = self._line, self._model.address
+        patience = line.silence if patience is None else patience
+        try:
+            message = exchange_message(address, self._torque)
+            sent_ns = self._clock()
+            line.send(message, has_force=any(self._torque))
+            reply = line.port.read(REPLY_SIZE, sent_ns + round(patience * 1e9))
+            came_ns = self._clock()
+            if not reply:
+                raise DeviceError(
+                    f"no reply within {1e3 * patience:g} ms: is this the port of a Haply"
+                    " board, and does the board have power?"
+                )
+            angles = parse_reply(reply, address, self._wiring)
+        except DeviceError as failure:
+            line.fail(failure)
+            raise
+        self.replies += 1
+        self.late_replies += came_ns - sent_ns > self._late_ns
+        self._quickest_ns = min(self._quickest_ns, came_ns - sent_ns)
+        return sent_ns, came_ns, angles
+
+    def _scale(self, force: Vector) -> float:
+        """Return the share of a torque, in N m, that is applied in this pose, 0 to 1."""
+        if not math.isfinite(math.hypot(*force)):
+            return 0.0
+        largest = max(map(abs, force))
+        sine = link_sine(self.kinematics.jacobian(self._angles), self._proximal)
+        fading = (sine - NO_FORCE_SINE) / (FULL_FORCE_SINE - NO_FORCE_SINE)
+        if largest == 0.0 or fading <= 0.0:
+            return 0.0
+        within = self._model.saturation / math.hypot(*force)
+        return min(1.0, fading, LARGEST_TORQUE / largest, within)
+
+
+def link_sine(jacobian: tuple[Vector, ...], proximal: float) -> float:
+    r"""Return the least sine of the angles between links that meet: at the tip, at both elbows.
+
+    A column of the Jacobian is at right angles to the distal link of the other side, so the angle
+    at the tip is that of the columns; the length of column k is :math:`l s_k / s`, with the sines
+    :math:`s_k` at its elbow and :math:`s` at the tip.
+
+    Args:
+        jacobian: Of the pose, in m/rad; zeros: a singular one.
+        proximal: Length l of the links at the motors, in m.
+    """
+    (xx, xy), (yx, yy) = jacobian
+    right, left = math.hypot(xx, yx), math.hypot(xy, yy)
+    if right == 0.0 or left == 0.0:
+        return 0.0
+    tip = abs(xx * yy - xy * yx) / (right * left)
+    return min(tip, tip * right / proximal, tip * left / proximal)

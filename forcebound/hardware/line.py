@@ -1,0 +1,117 @@
+"""A line to a board: its port, the guardian of its force, and its emulator where there is one.
+
+A line fails once. What comes first is written zero force; then every message is refused with the
+same reason. Nothing looks for the begin of the next reply in a stream that has lost its order: the
+user closes the device, puts it into its home pose and starts again.
+"""
+
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from typing import Any
+
+from forcebound.devices.truth_file import TruthFile, truth_beside
+from forcebound.errors import DeviceError
+from forcebound.hardware.emulated import start
+from forcebound.hardware.guardian import Guardian
+from forcebound.hardware.port import Port
+from forcebound.hardware.ports import find
+from forcebound.operators import Operator
+
+EMULATED = "emulated"  # a port's name
+# Shares of the watchdog limit: after the first a silent board is lost, after the other the guardian
+# ends the force; the rest is for waking.
+SILENCE, TIMEOUT = 0.5, 0.75
+
+
+class Line:
+    """An open line.
+
+    Args:
+        kind: Of the device, a key of ``forcebound.devices.DEVICES``.
+        name: Of its port: a path, ``auto``, a serial number, or ``emulated``.
+        zero: The message of zero force.
+        watchdog_limit: Time within which a force ends that nobody renews, in s.
+        mechanism: What an emulator simulates, plain JSON in SI units.
+        operator: The hand on an emulated device.
+        baud: Bits a second, where that matters.
+
+    Attributes:
+        port: Open. Write with :meth:`send`.
+        silence: A board that is silent for longer is lost, in s.
+        truth: The ground truth of an emulated device; None: it is a real one.
+
+    Raises:
+        DeviceError: If the port cannot be opened.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        zero: bytes,
+        watchdog_limit: float,
+        mechanism: Mapping[str, Any],
+        operator: Operator | None,
+        baud: int = 115_200,
+    ) -> None:
+        self._zero = zero
+        self.silence = SILENCE * watchdog_limit
+        self._failure: DeviceError | None = None
+        with ExitStack() as opened:
+            if name == EMULATED:
+                emulated = start(kind, mechanism, operator)
+                opened.callback(emulated.close)
+                name = emulated.link
+            path = find(name, kind)
+            self.port = Port(path, baud)
+            opened.callback(self.port.close)
+            self.truth: TruthFile | None = truth_beside(path)
+            if self.truth is not None:
+                opened.callback(self.truth.close)
+                self.truth.announce()
+            self._guardian = Guardian(self.port.descriptor, zero, TIMEOUT * watchdog_limit)
+            opened.callback(self._guardian.close)
+            self._opened = opened.pop_all()
+
+    def send(self, message: bytes, has_force: bool) -> None:
+        """Write a message; the replies of all before have been read.
+
+        The guardian watches from before a force until after a zero.
+
+        Args:
+            message: To write, in one piece.
+            has_force: Whether the board gives a force after it.
+
+        Raises:
+            DeviceError: If it cannot be written, there are bytes that nobody asked for, the
+                guardian has ended the force, or the line has failed before.
+        """
+        if self._failure is not None:
+            raise self._failure
+        guardian = self._guardian
+        if has_force:
+            guardian.beat(time.monotonic_ns())
+        guardian.check()
+        if foreign := self.port.drain():
+            found = foreign[:20].hex(" ")
+            raise DeviceError(
+                f"the device at {self.port.path} sends what nobody asked for: {found}"
+            )
+        self.port.write(message)
+        if not has_force:
+            guardian.beat(0)
+        guardian.check()
+
+    def fail(self, failure: DeviceError) -> None:
+        """Write zero force, if the port still takes it, and refuse every message from now on."""
+        with suppress(DeviceError):
+            self.port.write(self._zero)
+        if self._failure is None:
+            self._failure = failure
+
+    def close(self) -> None:
+        """Write zero force, then close everything."""
+        with suppress(DeviceError):
+            self.port.write(self._zero)
+        self._opened.close()

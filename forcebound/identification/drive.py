@@ -1,0 +1,178 @@
+"""Driving a device along a path: position control with what is roughly known of each axis."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from forcebound.identification.rig import Rig, Trace, rest
+from forcebound.messages.packets import Vector
+
+BANDWIDTH = 60.0  # rad/s, of the position control
+OBSERVER = 4.0  # times that: of the filter of position and speed
+STEADY = 0.9  # share of the friction that is fed forward: less than all, or it would push at rest
+SETTLE = 0.15  # s, until a controlled axis rests
+
+
+@dataclass(frozen=True)
+class Rough:
+    """What is roughly known of an axis, enough to drive it.
+
+    Attributes:
+        inertia: In kg (joints: kg m^2).
+        friction: In N (N m).
+        damping: In N s/m (N m s).
+    """
+
+    inertia: float
+    friction: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Way:
+    """A straight way of one axis: even acceleration, even speed, even deceleration.
+
+    Attributes:
+        start: In m (rad).
+        end: In m (rad).
+        speed: In between, in m/s (rad/s), > 0; less if the way is too short.
+        acceleration: In m/s^2 (rad/s^2), > 0.
+    """
+
+    start: float
+    end: float
+    speed: float
+    acceleration: float
+
+    @property
+    def top_speed(self) -> float:
+        """Speed that is reached, in m/s."""
+        return min(self.speed, math.sqrt(abs(self.end - self.start) * self.acceleration))
+
+    @property
+    def duration(self) -> float:
+        """In s."""
+        top = self.top_speed
+        if top == 0.0:
+            return 0.0
+        return abs(self.end - self.start) / top + top / self.acceleration
+
+    def at(self, elapsed: float) -> tuple[float, float, float]:
+        """Return position, speed and acceleration at a time, in s, since its start."""
+        side, top, total = math.copysign(1.0, self.end - self.start), self.top_speed, self.duration
+        steep, rise = side * self.acceleration, top / self.acceleration
+        if elapsed >= total:
+            return self.end, 0.0, 0.0
+        if elapsed < rise:
+            return self.start + 0.5 * steep * elapsed**2, steep * elapsed, steep
+        rest = total - elapsed
+        if rest < rise:
+            return self.end - 0.5 * steep * rest**2, steep * rest, -steep
+        return self.start + side * top * (elapsed - 0.5 * rise), side * top, 0.0
+
+
+class Follower:
+    """Control of one axis: a filter of position and speed, stiffness, damping, what is known.
+
+    Args:
+        rough: Of the axis.
+        period: In s.
+        reading: At the start, at rest.
+    """
+
+    def __init__(self, rough: Rough, period: float, reading: float) -> None:
+        self._rough, self._period = rough, period
+        decay = math.exp(-OBSERVER * BANDWIDTH * period)
+        self._alpha, self._beta = 1.0 - decay**2, (1.0 - decay) ** 2 / period
+        self._x, self._v, self._a = reading, 0.0, 0.0
+        self._stiffness = rough.inertia * BANDWIDTH**2
+        self._loss = 2.0 * rough.inertia * BANDWIDTH
+
+    def force(self, reading: float, wanted: tuple[float, float, float]) -> float:
+        """Return the force, in N, positive against positive motion.
+
+        Args:
+            reading: Now.
+            wanted: Position, speed and acceleration.
+        """
+        # Predict with the acceleration that is wanted: a filter without it lags when that changes.
+        self._x += (self._v + 0.5 * self._a * self._period) * self._period
+        self._v += self._a * self._period
+        miss = reading - self._x
+        self._x += self._alpha * miss
+        self._v += self._beta * miss
+        x, v, a = wanted
+        self._a = a
+        rough = self._rough
+        push = self._stiffness * (x - self._x) + self._loss * (v - self._v)
+        push += rough.inertia * a + rough.damping * v
+        if v:
+            push += math.copysign(STEADY * rough.friction, v)
+        return -push
+
+
+class Drive:
+    """Moves the axes of a rig.
+
+    Args:
+        rig: With the device.
+        rough: What is known of each axis.
+    """
+
+    def __init__(self, rig: Rig, rough: Sequence[Rough]) -> None:
+        self.rig = rig
+        self.rough = list(rough)
+        self.wanted: list[float] = []
+        self.take_over(rest(rig, rig.period).readings[-1])
+
+    def acceleration(self, axis: int) -> float:
+        """Return the acceleration of ways of an axis, in m/s^2 (rad/s^2)."""
+        rough, most = self.rough[axis], 0.5 * self.rig.limits.force
+        return max(min(4.0 * rough.friction, most - rough.friction), 0.2 * most) / rough.inertia
+
+    def pass_along(self, axis: int, end: float, speed: float) -> tuple[Way, Trace]:
+        """Move one axis to a position, in m (rad), and hold the others; return way and trace."""
+        way = Way(self.wanted[axis], end, speed, self.acceleration(axis))
+
+        def controller(elapsed: float, reading: Vector) -> Vector:
+            return tuple(
+                [
+                    follower.force(q, way.at(elapsed) if i == axis else (self.wanted[i], 0.0, 0.0))
+                    for i, (follower, q) in enumerate(zip(self._followers, reading, strict=True))
+                ]
+            )
+
+        trace = self.rig.run(way.duration, controller)
+        self.wanted[axis] = end
+        return way, trace
+
+    def go(self, axis: int, end: float, speed: float) -> Trace:
+        """Move one axis, wait until it rests, and return the trace of the rest."""
+        self.pass_along(axis, end, speed)
+        return self.hold(SETTLE)
+
+    def hold(self, seconds: float) -> Trace:
+        """Hold all axes where they are wanted."""
+
+        def controller(elapsed: float, reading: Vector) -> Vector:
+            return tuple(
+                [
+                    follower.force(q, (wanted, 0.0, 0.0))
+                    for follower, q, wanted in zip(
+                        self._followers, reading, self.wanted, strict=True
+                    )
+                ]
+            )
+
+        return self.rig.run(seconds, controller)
+
+    def take_over(self, reading: Sequence[float]) -> None:
+        """Begin anew from where the axes rest: they were moved without control."""
+        self.wanted = list(reading)
+        self._followers = self._new(self.wanted)
+
+    def _new(self, readings: Sequence[float]) -> list[Follower]:
+        return [
+            Follower(rough, self.rig.period, reading)
+            for rough, reading in zip(self.rough, readings, strict=True)
+        ]

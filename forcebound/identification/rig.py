@@ -1,0 +1,174 @@
+"""The rig: a device that is read and written at a steady rate, within limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from forcebound.devices import Device
+from forcebound.errors import DeviceError
+from forcebound.identification.clock import Clock
+from forcebound.messages.packets import Vector
+
+Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
+
+#: Force of a tick, from the time since the start of the run, in s, and the reading.
+Controller: TypeAlias = Callable[[float, Vector], Vector]
+
+LATE = 1.25  # periods; beyond, a watchdog may have dropped the force
+SPEED_TICKS = 8  # over which the speed is watched
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a device may be made to do, in its coordinates.
+
+    Attributes:
+        force: Largest force of an axis, in N (joints: N m).
+        speed: A faster axis stops the identification, in m/s (rad/s).
+        reach: So does one that is farther from where it began, in m (rad).
+    """
+
+    force: float
+    speed: float
+    reach: float
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened in a run: a row for each tick.
+
+    Attributes:
+        read: When readings were latched, in s.
+        effect: When forces began to act, in s.
+        readings: Of each axis, in m (rad).
+        forces: Of each axis, in N (N m), positive against positive motion.
+        late: Intervals after which a watchdog may have dropped the force.
+    """
+
+    read: Floats
+    effect: Floats
+    readings: Floats
+    forces: Floats
+    late: "np.ndarray[Any, np.dtype[np.bool_]]"
+
+
+class Rig:
+    """A device, read and written once in each period.
+
+    Args:
+        device: Open.
+        clock: Real or virtual.
+        period: In s.
+        limits: Of force, speed and reach.
+        holds: Whether the device holds a force until the next one, however late that is.
+    """
+
+    def __init__(
+        self, device: Device, clock: Clock, period: float, limits: Limits, holds: bool
+    ) -> None:
+        self.limits = limits
+        self.period = period
+        self.axes = device.axes
+        self._device, self._clock, self._holds = device, clock, holds
+        self._period_ns = round(period * 1e9)
+        self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
+        self._zero: Vector = (0.0,) * self.axes
+        self._begun_ns = self._next_ns = clock.now()
+        device.engage(self._next_ns)
+        self.start: Vector = device.read(self._next_ns)
+        self._past: list[Vector] = [self.start] * SPEED_TICKS
+        self.intervals: list[float] = []
+        self.delays: list[float] = []
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the rig was made, in s."""
+        return (self._clock.now() - self._begun_ns) * 1e-9
+
+    def run(
+        self,
+        seconds: float,
+        controller: Controller,
+        until: Callable[[Vector], bool] = lambda reading: False,
+    ) -> Trace:
+        """Return what happens under the forces of a controller.
+
+        Args:
+            seconds: How long.
+            controller: Is asked in each tick.
+            until: Ends the run early, at this reading.
+
+        Raises:
+            DeviceError: If the device fails, is too fast or too far; its force is zero then.
+        """
+        rows: list[tuple[int, int, Vector, Vector]] = []
+        start_ns = self._next_ns
+        try:
+            for _ in range(max(1, round(seconds / self.period))):
+                rows.append(self._tick(start_ns, controller))
+                if until(rows[-1][2]):
+                    break
+        except BaseException:
+            self.release()
+            raise
+        return self._trace(rows)
+
+    def release(self) -> None:
+        """Write zero force."""
+        self._device.write(self._clock.now(), self._zero)
+
+    def _tick(self, start_ns: int, controller: Controller) -> tuple[int, int, Vector, Vector]:
+        clock, device = self._clock, self._device
+        clock.wait_until(self._next_ns)
+        read_ns = clock.now()
+        reading = device.read(read_ns)
+        self._check(reading)
+        wanted, largest = controller((read_ns - start_ns) * 1e-9, reading), self.limits.force
+        force = tuple([min(max(one, -largest), largest) for one in wanted])
+        held = device.write(clock.now(), force)
+        effect_ns = clock.now()
+        if self._stamps is not None:
+            read_ns, effect_ns = self._stamps()
+        self.delays.append((effect_ns - read_ns) * 1e-9)
+        self._next_ns = max(self._next_ns + self._period_ns, clock.now())
+        return read_ns, effect_ns, reading, held
+
+    def _check(self, reading: Vector) -> None:
+        limits = self.limits
+        before = self._past[0]
+        self._past = [*self._past[1:], reading]
+        for axis, (now, then, start) in enumerate(zip(reading, before, self.start, strict=True)):
+            speed = abs(now - then) / (SPEED_TICKS * self.period)
+            if not speed <= limits.speed:
+                raise DeviceError(
+                    f"axis {axis + 1} moves at {speed:.3g} per second, more than the limit of"
+                    f" {limits.speed:.3g}: is it held, or does something push it? Let go of it"
+                )
+            if not abs(now - start) <= limits.reach:
+                raise DeviceError(
+                    f"axis {axis + 1} is {abs(now - start):.3g} away from where it began, more than"
+                    f" the limit of {limits.reach:.3g}: start in the middle of the workspace, or"
+                    " choose a larger --reach"
+                )
+
+    def _trace(self, rows: list[tuple[int, int, Vector, Vector]]) -> Trace:
+        read = 1e-9 * (np.array([row[0] for row in rows]) - self._begun_ns)
+        effect = 1e-9 * (np.array([row[1] for row in rows]) - self._begun_ns)
+        gaps = np.diff(effect)
+        self.intervals += gaps.tolist()
+        late = np.append(gaps > LATE * self.period, False)
+        return Trace(
+            read,
+            effect,
+            np.array([row[2] for row in rows], dtype=float),
+            np.array([row[3] for row in rows], dtype=float),
+            late & (not self._holds),
+        )
+
+
+def rest(rig: Rig, seconds: float = 0.3) -> Trace:
+    """Return the readings of the device that is left alone."""
+    zero = (0.0,) * rig.axes
+    return rig.run(seconds, lambda elapsed, reading: zero)

@@ -1,0 +1,65 @@
+"""A line to a board: it fails once, in zero force, and its guardian watches every force."""
+
+import os
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pytest
+
+from forcebound.errors import DeviceError
+from forcebound.hardware.line import Line
+
+pytestmark = pytest.mark.live
+FORCE, ZERO = b"force...", b"no force"
+
+
+class Ends(NamedTuple):
+    """Where the board is, and the line to it."""
+
+    board: int
+    line: Line
+
+
+@pytest.fixture
+def ends() -> Iterator[Ends]:
+    board, slave = os.openpty()
+    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
+    yield Ends(board, line)
+    line.close()
+    os.close(slave)
+    os.close(board)
+
+
+def test_a_line_that_failed_writes_zero_and_refuses_with_the_first_reason(ends: Ends) -> None:
+    board, line = ends
+    line.send(FORCE, has_force=True)
+    line.fail(DeviceError("the first reason"))
+    line.fail(DeviceError("another"))
+    with pytest.raises(DeviceError, match="the first reason"):
+        line.send(FORCE, has_force=True)
+    assert os.read(board, 100) == FORCE + ZERO + ZERO
+
+
+def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends) -> None:
+    board, line = ends
+    os.write(board, b"\x07\x08")
+    line.port.read(1, 0)
+    with pytest.raises(DeviceError, match="nobody asked for: 08"):
+        line.send(FORCE, has_force=True)
+    line.send(ZERO, has_force=False)
+    assert os.read(board, 100) == ZERO
+
+
+def test_a_line_that_is_closed_leaves_zero_force() -> None:
+    board, slave = os.openpty()
+    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
+    line.send(FORCE, has_force=True)
+    line.close()
+    assert os.read(board, 100) == FORCE + ZERO
+    os.close(slave)
+    os.close(board)
+
+
+def test_a_port_that_is_not_there_leaves_nothing_open() -> None:
+    with pytest.raises(DeviceError, match="there is no port"):
+        Line("none", "/dev/none-such", ZERO, 60.0, {}, None)
