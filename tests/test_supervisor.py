@@ -230,7 +230,8 @@ def test_a_process_whose_log_nobody_reads_goes_on_and_drops_lines() -> None:
 @pytest.mark.live
 def test_who_is_not_ready_is_named_with_what_is_missing(run_dir: Path) -> None:
     limits = Limits(start_ns=3 * 10**9)
-    with pytest.raises(RunError, match=r"not ready after 3 s: .*controller has received nothing.*rate of the device"):
+    said = r"not ready after 3 s: .*controller has received nothing.*is the rate of the device"
+    with pytest.raises(RunError, match=said):
         supervise(run_dir, {"device": "good", "controller": "deaf"}, limits)
 
 
