@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -156,21 +156,32 @@ def run_live(
                 start_cores=cores,
             )
             interrupted = supervisor.run()
+        except RunError:
+            _discard_if_empty(recording)
+            raise
         finally:
             os.sched_setaffinity(0, cores)
         return _result(recording, interrupted)
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:
+    if interrupted and _discard_if_empty(recording):
+        raise KeyboardInterrupt
     try:
-        result = replace(RunResult.from_recording(recording), interrupted=interrupted)
-        if not interrupted or result.summary["samples"]:
-            return result
+        return replace(RunResult.from_recording(recording), interrupted=interrupted)
     except ConfigError as error:
-        if not interrupted:
-            raise RunError(str(error)) from error
-    recording.unlink(missing_ok=True)  # before the first sample: there is no result
-    raise KeyboardInterrupt
+        raise RunError(str(error)) from error
+
+
+def _discard_if_empty(recording: Path) -> bool:
+    """Remove a recording without a sample, which would stand in the way of the next run."""
+    from forcebound.recording import read  # slow, and rarely needed here
+
+    with suppress(ConfigError):
+        if (read(recording, (TELEMETRY,)).telemetry.engagement > 0.0).any():
+            return False
+    recording.unlink(missing_ok=True)
+    return True
 
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:

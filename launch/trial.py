@@ -22,7 +22,8 @@ FAILURES = ("environment_failed", "controller_failed")  # events of code of the 
 def try_start(config: GraphConfig) -> None:
     """Run the first ticks of a graph in virtual time; files of the user's own, in the sandbox.
 
-    A graph with a device of the user's own is passed over, since that may be hardware.
+    A graph with a device of the user's own is passed over, since that may be hardware. So is one
+    with a device at a port.
 
     Raises:
         ConfigError: If it does not start, or its numbers leave the range of floats.
@@ -33,6 +34,8 @@ def try_start(config: GraphConfig) -> None:
         "controller": config.controller,
         "environment": config.environment.model,
     }
+    if getattr(config.device.model, "simulated_in", None) is not None:
+        return
     kinds = {name: kind_of(name, part) for name, part in parts.items() if part is not None}
     if not KINDS["device"].is_shipped(kinds["device"]):
         return

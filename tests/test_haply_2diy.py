@@ -10,7 +10,7 @@ from scripted_board import FREE, ScriptedBoard, angles
 
 from forcebound.devices import DEVICES
 from forcebound.devices.five_bar import FiveBar
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import DeviceError
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply, link_sine
 from forcebound.messages.packets import Vector
 
@@ -203,11 +203,6 @@ def test_another_pose_than_the_home_pose_after_the_set_up_is_said(board: Scripte
     board.counts = (0, 0)
     with pytest.raises(DeviceError, match=r"report the home pose.*but reports 0\.0, 0\.0"):
         opened(board)
-
-
-def test_the_emulator_is_of_version_3() -> None:
-    with pytest.raises(ConfigError, match="the emulator is of version 3"):
-        Haply2DIY(version=2)
 
 
 def test_both_motors_of_version_2_are_on_one_axis() -> None:

@@ -264,6 +264,30 @@ def test_a_recording_that_cannot_be_written_is_refused_before_anything_starts(
             run_live(config, 0.5, path)
 
 
+@pytest.mark.live
+def test_a_start_that_fails_leaves_no_recording_in_the_way(run_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "silent.py").write_text(SILENT)
+    file = tmp_path / "silent.yaml"
+    file.write_text("include: stiff_wall.yaml\nenvironment: {kind: silent.py}\n")
+    config = load(file)
+    record = tmp_path / "run.mcap"
+    with pytest.raises(RunError, match="not ready after"):
+        run_live(config, 0.5, record, Limits(start_ns=6 * 10**9))
+    assert not record.exists()
+
+
+SILENT = """import sys
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Silent:
+    def force(self, position, velocity, elapsed):
+        if "node" in sys.argv:
+            raise ValueError("not in a graph")
+        return tuple(0.0 for _ in position)
+"""
+
+
 class Launched:
     """``forcebound launch`` as a process of its own, with a run_dir for its run directory."""
 

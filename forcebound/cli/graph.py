@@ -16,7 +16,7 @@ from forcebound.cli.common import (
     run_option,
     show,
 )
-from forcebound.files import check_writable, printable
+from forcebound.files import printable
 
 if TYPE_CHECKING:
     from forcebound.monitor.findings import Finding
@@ -66,9 +66,10 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
     """Show the loop delay of RUN, a recording or a run directory. Default: the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
+    from forcebound.network.trace import check_output
 
     if output is not None:
-        check_writable(output, "the trace")
+        check_output(output)
     measured = measure(run, duration)
     if not measured.is_complete:
         show(f"{run} is incomplete: these are the delays up to its end", err=True)

@@ -262,7 +262,7 @@ CAUSES |= {
         command="forcebound bench servo",
     ),
     "delay": Text(
-        action="half of the answers are older than {p50:.2g ms}: less delay on the links, or an "
+        action="half of the answers are {p50:.2g ms} old or older: less delay on the links, or an "
         "environment that answers faster"
     ),
     "overruns": Text(

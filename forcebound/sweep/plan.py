@@ -18,7 +18,7 @@ from forcebound.config.document import MAX_BYTES, find
 from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
-from forcebound.config.problems import Problems, unknown
+from forcebound.config.problems import Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
@@ -121,8 +121,8 @@ def find_sweep(path: Path) -> Path:
         if path.parent == Path() and name in shipped():
             return SHIPPED / name
     raise ConfigError(
-        f"there is no sweep file {str(path)!r}; those that come with forcebound: "
-        + ", ".join(shipped())
+        f"there is no sweep file {str(path)!r}; {nearest_file(path.name, shipped())}"
+        f"those that come with forcebound: {', '.join(shipped())}"
     )
 
 
