@@ -175,6 +175,18 @@ FINDINGS |= {
     "no_runtime_folder": Text("{folder} cannot be written: no run can begin", *_ROOM),
     "keys": Text("nothing wrong in {folder}"),
     "unsafe_keys": Text("{problem}", "{action}"),
+    "port": Text("{port}"),
+    "port_of_group": Text(
+        "{port} may not be opened by this user",
+        "join the group that may, then log in anew",
+        "sudo usermod --append --groups {group} $USER",
+    ),
+    "port_of_nobody": Text(
+        "{port} may be opened by root alone",
+        "a rule of udev gives it to the group dialout, which you join; then plug it in anew",
+        "sudo tee /etc/udev/rules.d/60-forcebound.rules <<< '{rule}';"
+        " sudo udevadm control --reload; sudo usermod --append --groups dialout $USER",
+    ),
 }
 
 # Reasons for a rejected packet, of codec, safety chain and controller: what it is, what to do.
