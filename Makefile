@@ -9,7 +9,7 @@ CORE := forcebound/bounding/*,nodes/*,messages/*
 # Least coverage of lines and branches, in %; to be raised with what is reached.
 COVERAGE := 88
 CORE_COVERAGE := 90
-FUZZ_SECONDS ?= 60# for each of codec and launch_file
+FUZZ_SECONDS ?= 60# for each target
 
 .PHONY: demo test check test-slow examples endurance audit bench fuzz hapi mutation clean
 

@@ -59,9 +59,9 @@ def check_part(
     Returns:
         ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
         and ``violations``. Of an environment ``part`` is called ``environment``, and there are
-        ``left_out`` (queries that were not sent), ``at_rest`` (position and force on the first
-        axis, in m and N; no force where it gave none) and ``seconds_per_answer`` (``median``,
-        ``max`` of ``answers``; None if it gives none).
+        ``axes`` (the numbers of axes that were tried), ``left_out`` (queries that were not sent),
+        ``at_rest`` (position and force on the first axis, in m and N; no force where it gave none)
+        and ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
 
     Raises:
         ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
@@ -109,6 +109,7 @@ def _check_environment(
     expected: Mapping[float, float],
 ) -> dict[str, Any]:
     one = min(axes, default=1)
+    axes = axes or range(1, MAX_AXES + 1)
     environment = open_environment(model, one)
     at_rest, times = [], []
     for position in PROBES:
@@ -119,7 +120,7 @@ def _check_environment(
     usual = statistics.median(times)
     report = environments.check(
         model,
-        axes or range(1, MAX_AXES + 1),
+        axes,
         expected,
         at_most=round(QUERYING / usual / 2),
         progress=progress,
@@ -128,6 +129,7 @@ def _check_environment(
     return {
         "environment": member_document("environment", model),
         **_found(report),
+        "axes": sorted(set(axes)),
         "left_out": report.left_out,
         "at_rest": at_rest,
         "seconds_per_answer": {
@@ -158,7 +160,8 @@ def _measured(document: Mapping[str, Any]) -> list[str]:
         + ("no answer" if one["force_n"] is None else f"{one['force_n']:.4g} N")
         for one in document["at_rest"]
     )
-    text = [f"at rest, on the first axis: {shown}"]
+    tried = ", ".join(map(str, document["axes"]))
+    text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
         text.append(f"{document['questions']} of {known} queries, since answers are slow")

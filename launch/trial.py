@@ -17,7 +17,7 @@ def try_ticks(config: GraphConfig) -> None:
     """Run the first ticks of a graph in virtual time.
 
     A graph with parts of the user's own is passed over: the loader has asked them for an answer in
-    its sandbox, and their device may be hardware.
+    its sandbox, and their device may be hardware. So is one with a device at a port.
 
     Raises:
         ConfigError: If it does not start, or its numbers leave the range of floats.
@@ -28,6 +28,8 @@ def try_ticks(config: GraphConfig) -> None:
         "controller": config.controller,
         "environment": config.environment.model,
     }
+    if getattr(config.device.model, "simulated_in", None) is not None:
+        return
     kinds = {name: kind_of(name, part) for name, part in parts.items() if part is not None}
     if not all(KINDS[name].is_shipped(kind) for name, kind in kinds.items()):
         return

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.phases import timetable
-from forcebound.config.resolved import to_document
-from forcebound.errors import RunError
+from forcebound.config.resolved import kind_of, to_document
+from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_links, build_node
 from forcebound.launch.results import RunResult, run_metadata
@@ -38,10 +38,12 @@ def run_virtual(
         may_end_early: Whether an interrupt ends the run early, and gives the result until then.
 
     Raises:
+        ConfigError: If the device lives in real time only.
         RunError: If the run is too short to have a sample.
         DeviceError: If a device of the user's own failed.
         KeyboardInterrupt: If the run was interrupted, and may not end early or had no sample yet.
     """
+    check_has_virtual_time(config)
     end_ns = round((duration or config.duration) * 1e9)
     with ExitStack() as stack:
         observer = _Observer(None if record is None else Recorder(record, run_metadata(config)))
@@ -67,6 +69,20 @@ def run_virtual(
         interrupted=interrupted,
         times_real_time=simulation.time_ns * 1e-9 / took,
     )
+
+
+def check_has_virtual_time(config: GraphConfig) -> None:
+    """Check that the device of a graph is not at a port, where time is real.
+
+    Raises:
+        ConfigError: If it is; names the launch file with the simulated device of its kind.
+    """
+    instead = getattr(config.device.model, "simulated_in", None)
+    if instead is not None:
+        raise ConfigError(
+            f"a {kind_of('device', config.device.model)} is at a serial port, emulated or not, and"
+            f" has no virtual time: use `forcebound launch`, or `forcebound simulate {instead}`"
+        )
 
 
 class _Observer:

@@ -118,6 +118,20 @@ def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path
     assert replay.summary["loop_delay_ms"]["p99"] == pytest.approx(recorded["p99"])
 
 
+def test_a_trace_replaces_no_other_file(tmp_path: Path) -> None:
+    run, trace, launch = (tmp_path / name for name in ("run.mcap", "t.csv", "mine.yaml"))
+    run_virtual(load("delayed_wall"), 0.3, run)
+    launch.write_text(GOOD)
+    recorded = run.read_bytes()
+    trace.touch()
+    for output, status in ((run, 2), (launch, 2), (trace, 0), (trace, 0)):
+        result = CliRunner().invoke(main, ["delay", str(run), "-o", str(output)])
+        assert result.exit_code == status, result.output
+        assert ("exists and is no trace" in result.output) == (status == 2)
+    assert run.read_bytes() == recorded
+    assert launch.read_text() == GOOD
+
+
 def test_a_duration_has_no_meaning_for_a_recording(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="leave out --duration"):
         measure(tmp_path / "run.mcap", 1.0)

@@ -32,9 +32,15 @@ def truth(tmp_path: Path) -> Iterator[TruthFile]:
 class Client:
     """A client that exchanges once a millisecond."""
 
-    def __init__(self, truth: TruthFile, *faults: Fault, values: dict[str, object] | None = None):
+    def __init__(
+        self,
+        truth: TruthFile,
+        *faults: Fault,
+        values: dict[str, object] | None = None,
+        latency: float = 0.0,
+    ):
         emulated = assembler("haply_2diy")(values or {}, HAND)
-        self.emulation = Emulation(emulated, Faults(faults), truth)
+        self.emulation = Emulation(emulated, Faults(faults), truth, latency)
         self.time_ns = 5_000 * MS
         self.emulation.start(self.time_ns)
         self.emulation.step(SETUP, self.time_ns)
@@ -108,6 +114,11 @@ def test_torque_is_held_when_nobody_speaks(truth: TruthFile) -> None:
     assert found is not None
     assert found.torque == pytest.approx((0.05, -0.02), abs=1e-4)
     assert found.torque_ns == since
+    assert client.emulation.longest_hold == pytest.approx(0.050)
+    client.exchange()
+    for _ in range(100):
+        client.exchange(b"")
+    assert client.emulation.longest_hold == pytest.approx(0.051)
 
 
 def test_a_torque_that_does_work_on_the_hand_is_seen_in_the_energy(truth: TruthFile) -> None:
@@ -155,6 +166,14 @@ def test_a_fault_of_a_reply_spoils_one(
 def test_a_fault_of_a_time_spoils_every_reply_in_it(truth: TruthFile) -> None:
     replies = Client(truth, parse_fault("short:at=5ms,for=4ms")).exchange_for(0.02)
     assert [k for k in range(20) if len(replies[k]) == 8] == [5, 6, 7, 8]
+
+
+def test_a_reply_comes_after_the_latency(truth: TruthFile) -> None:
+    client = Client(truth, latency=0.0015)
+    assert client.exchange() == b""
+    assert client.emulation.wake_ns == client.time_ns + round(1.5 * MS)
+    assert client.exchange() == b""
+    assert len(client.exchange()) == 9
 
 
 def test_a_stall_answers_all_at_its_end(truth: TruthFile) -> None:

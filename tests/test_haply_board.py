@@ -56,6 +56,13 @@ def test_a_clockwise_port_turns_and_counts_the_other_way() -> None:
     assert first == pytest.approx((162 - 5) * 360 / 4880, abs=1e-5)
 
 
+def test_a_port_that_is_wired_the_other_way_takes_the_other_direction() -> None:
+    board = HaplyBoard((COUNT, COUNT), senses=(0, 1))  # as in version 2 of the 2DIY
+    board.receive(SETUP.replace(b"\x03\x01\x01", b"\x03\x00\x01"), 0)
+    assert board.receive(PUSH, 1) == HOME
+    assert board.torque == pytest.approx(PUSHED, abs=1e-12)
+
+
 def test_directions_are_kept_by_order_not_by_port() -> None:
     board = HaplyBoard((COUNT, COUNT))
     # Port 2 alone, counter-clockwise; the direction goes to port 1, and port 2 stays clockwise.

@@ -59,6 +59,7 @@ from forcebound.errors import ConfigError
         ("delay: 2 ms", "loss: 2", "16:29", "loss: must be 0 to 1"),
         ("  law: $", "  reply_wait: 1\n  law: $", "10:15", "reply_wait: must be >= 0 and < 1"),
         ("  law: $", "  hold_limit: 0.5\n  law: $", "10:15", "hold_limit: must be 1 to 1e+06"),
+        ("  law: $", "  hold_limit: long\n  law: $", "10:15", "got 'long'; or 'auto'"),
         ("  law: $", "  rate: 1e29\n  law: $", "10:9", "rate: must be 0.1 to 1e+06 Hz"),
         ("  law: $", "  hold_limit: 1e29\n  law: $", "10:15", "hold_limit: must be 1 to 1e+06"),
         ("6 s", "1e300 s", "7:11", "at most 9e+09 s; got '1e300 s'"),

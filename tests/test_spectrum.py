@@ -16,7 +16,7 @@ from forcebound.analysis.spectrum import (
 )
 from forcebound.analysis.surface import Floats
 from forcebound.config.loader import load
-from forcebound.launch.virtual import run_virtual
+from forcebound.sweep.engine import run_all
 
 RATE = 1000.0
 PERIOD = 1.0 / RATE
@@ -133,7 +133,9 @@ def test_a_difference_of_a_weber_fraction_is_felt(stiffness: float, is_felt: boo
 
 
 def test_a_shaken_wall_shows_the_damping_of_its_hold_and_its_reply_wait() -> None:
-    summary = run_virtual(load("impedance", ["law:=none"])).summary
+    (ran,) = run_all([load("impedance", ["law:=none"])])
+    assert ran.result is not None
+    summary = ran.result.summary
     shown = {key: np.array(values) for key, values in summary["displayed_impedance"].items()}
     slow = shown["frequency_hz"] < 50.0
     # 1 N/mm, held for 1 ms and written 0.4 ms after the reading.

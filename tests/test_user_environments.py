@@ -322,6 +322,14 @@ def test_the_check_fails_with_what_was_expected_what_came_and_where(tmp_path: Pa
     assert "breaks its contract" in result.stderr
 
 
+def test_the_check_says_which_numbers_of_axes_it_has_tried(tmp_path: Path) -> None:
+    own(tmp_path, SPRING.replace("*[0.0] * (len(position) - 1)", ""))
+    result = invoke("check", "environment", str(tmp_path / "my_spring.py"), "--axes", "1")
+    assert result.exit_code == 0
+    assert "numbers of axes tried: 1\n" in result.output
+    assert "1 to 6" not in result.output
+
+
 def test_an_environment_that_gives_no_answer_is_told_too(tmp_path: Path) -> None:
     own(tmp_path, SPRING.replace("return (", "return 1 / 0, ("))
     result = invoke("check", "environment", str(tmp_path / "my_spring.py"))

@@ -21,7 +21,7 @@ from forcebound.bounding import ENERGY_TOLERANCE, LAWS
 from forcebound.errors import ConfigError
 
 TIGHT = 0.01  # an attack that leaves less than this share of the energy is tight
-UNINFORMED = 0.5  # share of the runs that a law without information gets
+UNINFORMED_SHARE = 0.5  # of the runs, which a law without information gets
 
 
 class PathTask(NamedTuple):
@@ -83,7 +83,7 @@ def plan(
 ) -> list[PathTask]:
     """Return the tasks of a campaign; arguments as in :func:`run_certificates`."""
     tasks: list[PathTask] = []
-    few, few_searched = (math.ceil(UNINFORMED * number) for number in (runs, searched))
+    few, few_searched = (math.ceil(UNINFORMED_SHARE * number) for number in (runs, searched))
     for certificate in certificates:
         for law in laws:
             tasks += _tasks(law, certificate, True, runs, searched, seed)

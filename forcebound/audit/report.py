@@ -84,6 +84,14 @@ UNITS = {
     "surface": "m",
     "delay": "samples",
     "jitter": "periods",
+    "write_delay": "s",
+    "presliding": "m",
+    "lag": "s",
+    "watchdog_limit": "s",
+    "allowance": "J",
+    "energy_cap": "J",
+    "largest_speed": "m/s",
+    "shortest": "ns",
     "energy_min": "J",
     "loss_and_work_min": "J",
     "balance_min": "J",
@@ -162,7 +170,7 @@ def _certificates(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         without = show_energy(row["without"]["margin_min_j"]) if row["without"] else "–"
         yield (
             f"| {row['summary']} | `{row['law']}` | {row['runs']:,} | {lowest} "
-            f"| {row['tight_share']:.1%} | {verdict_of_certificate(row)} | {without} |"
+            f"| {row['tight_share']:.1%} | {verdict(row)} | {without} |"
         )
     yield "\nRuns that break a law which is not informed, and certificates that are broken:\n"
     for row in rows:
@@ -246,21 +254,17 @@ def _share(row: dict[str, Any]) -> str:
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """Return the verdict of the campaign on a law."""
-    if row["is_certified"]:
+    """Return the verdict of the campaign on a law, or on a law with a certificate."""
+    if row.get("is_certified", True):
         return "passive" if row["holds"] else "BROKEN"
     leaks = row["loss_and_work_min_j"] < -ENERGY_TOLERANCE
     return "leaks" if leaks else "no leak found, none excluded"
 
 
-def verdict_of_certificate(row: dict[str, Any]) -> str:
-    """Return the verdict of the campaign on a certificate."""
-    return "passive" if row["holds"] else "BROKEN"
-
-
 def holds(document: dict[str, Any]) -> bool:
     """Return whether every certified law has kept what it promises."""
-    return all(row["holds"] for row in _rows(document))
+    rows = (*document.get("laws", ()), *document.get("certificates", ()))
+    return all(row["holds"] for row in rows)
 
 
 def lines(document: dict[str, Any]) -> Iterator[str]:
@@ -270,7 +274,7 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
         without = row["without"] and show_energy(row["without"]["margin_min_j"])
         yield (
             f"{row['certificate']:<20}{row['law']:<22}{lowest:>10}  "
-            f"{verdict_of_certificate(row):<9}tight {row['tight_share']:>5.1%}"
+            f"{verdict(row):<9}tight {row['tight_share']:>5.1%}"
             + (f"  not informed {without}" if without else "")
             + ("" if row["holds"] else f"\n    case {row['case']}")
         )
@@ -278,10 +282,6 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
         lowest = show_energy(row["loss_and_work_min_j"])
         yield f"{row['law']:<27}{lowest:>14}  {verdict(row):<30}case {row['case']}"
     yield f"{document['runs']} runs; repeat one with `forcebound audit replay LAW CASE`"
-
-
-def _rows(document: dict[str, Any]) -> list[dict[str, Any]]:
-    return [*document.get("laws", ()), *document.get("certificates", ())]
 
 
 def show_energy(energy: float) -> str:

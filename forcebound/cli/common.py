@@ -52,9 +52,11 @@ def _duration(_: click.Context, parameter: click.Parameter, text: str | None) ->
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 
 
-def duration_option_for(help_text: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Return an option ``--duration`` with another help text than that of a run."""
-    return click.option("--duration", callback=_duration, metavar="TIME", help=help_text)
+def duration_option_for(
+    help_text: str, name: str = "--duration"
+) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Return an option for a time with another help text, or name, than that of a run."""
+    return click.option(name, callback=_duration, metavar="TIME", help=help_text)
 
 
 duration_option = duration_option_for("Duration of the run, e.g. 5s or 500ms.")

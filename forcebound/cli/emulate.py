@@ -5,13 +5,15 @@ from typing import TextIO
 
 import click
 
-from forcebound.cli.common import reports_errors, show
+from forcebound.cli.common import ARGUMENTS, duration_option_for, reports_errors, show
 
-KINDS = ("haply_2diy",)  # those of forcebound.emulators, which is imported when it is used
+#: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
+KINDS = {"haply_2diy": "haply_2diy"}
 
 
 @click.command(short_help="Play a device on a pseudo-terminal.")
-@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("kind", type=click.Choice(list(KINDS)))
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
 @click.option(
     "--link",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -25,22 +27,32 @@ KINDS = ("haply_2diy",)  # those of forcebound.emulators, which is imported when
     help="short, noise, nan: spoil one reply, or those of a time; stall; unplug. TIME counts from "
     "the first reply; default: at=1s. Repeatable.",
 )
+@duration_option_for("Time from a message to its reply, beyond the terminal's.", "--latency")
 @click.option("--until-unused", is_flag=True, help="End when the port is closed.")
 @click.option("--values", type=click.File(), hidden=True, help="Mechanism and hand, as JSON.")
 @reports_errors
 def emulate(
     kind: str,
+    arguments: tuple[str, ...],
     link: Path | None,
     faults: tuple[str, ...],
+    latency: float | None,
     until_unused: bool,
     values: TextIO | None,
 ) -> None:
-    """Play a device on a pseudo-terminal, for tests and trials without hardware."""
+    """Play a device on a pseudo-terminal, for tests and trials without hardware.
+
+    Mechanism and hand are those of its launch file, whose arguments can be set, such as
+    approach_speed:=50mm/s.
+    """
     from forcebound.emulators import program
     from forcebound.emulators.faults import parse_fault
 
     wanted = [parse_fault(text) for text in faults]
-    nothing = '{"mechanism": {}, "operator": null}'
-    mechanism, operator = program.given_values(nothing if values is None else values.read())
-    link = program.default_link(kind) if link is None else link
-    program.run(kind, mechanism, operator, link, wanted, until_unused, show)
+    if values is not None:
+        mechanism, operator = program.given_values(values.read())
+    else:
+        mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
+    link = program.default_link(kind) if link is None else link.absolute()
+    show(f"in another terminal: forcebound launch {KINDS[kind]} device:={link}")
+    program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)

@@ -16,7 +16,7 @@ from forcebound.cli.common import (
     run_option,
     show,
 )
-from forcebound.files import check_writable, printable
+from forcebound.files import printable
 
 if TYPE_CHECKING:
     from forcebound.monitor.findings import Finding
@@ -66,9 +66,10 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
     """Show the loop delay of RUN, a recording or a run directory. Default: the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
+    from forcebound.network.trace import check_output
 
     if output is not None:
-        check_writable(output, "the trace")
+        check_output(output)
     measured = measure(run, duration)
     if not measured.is_complete:
         show(f"{run} is incomplete: these are the delays up to its end", err=True)
@@ -91,7 +92,7 @@ def param() -> None:
     """Show and change the parameters of a running graph."""
 
 
-@param.command("list")
+@param.command("list", short_help="List what can be changed during a run.")
 @click.option("--changed", is_flag=True, help="Only those changed since launch.")
 @run_option
 @json_option
@@ -101,7 +102,7 @@ def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
     _show_parameters((), run_dir, as_json, changed)
 
 
-@param.command("get")
+@param.command("get", short_help="Show parameters, or a whole section.")
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @run_option
 @json_option
@@ -111,7 +112,7 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
     _show_parameters(names, run_dir, as_json)
 
 
-@param.command("set")
+@param.command("set", short_help="Change parameters.")
 @click.argument("settings", nargs=-1, required=True, metavar="NAME:=VALUE...")
 @run_option
 @reports_errors

@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 
 from forcebound.config.arguments import Substitution
-from forcebound.config.problems import Place, Problems, unknown
+from forcebound.config.problems import Place, Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.files import not_text, place_in, read_bytes, reason
 
@@ -52,9 +52,7 @@ def missing(path: str | Path, folder: Path = Path()) -> str:
         beside = [one.name for one in islice(wanted.parent.glob("*.y*ml"), MOST_BESIDE)]
     except (OSError, ValueError):  # a path that no file can have
         beside = []
-    near = difflib.get_close_matches(wanted.name, [*beside, *shipped()], n=1)
-    near = near or difflib.get_close_matches(wanted.name, [Path(n).stem for n in shipped()], n=1)
-    guess = f"did you mean {near[0]!r}? " if near else ""
+    guess = nearest_file(wanted.name, [*shipped(), *beside])
     listed = ", ".join(shipped())
     return (
         f"there is no launch file {str(path)!r}; {guess}those that come with forcebound: {listed}"

@@ -216,6 +216,7 @@ class Section:
     def _note(self, details: list[Any]) -> None:
         """Note what pydantic refused: one problem for each place, whatever a union has tried."""
         found: dict[Place, tuple[str, Value, list[str], list[str]]] = {}
+        words: dict[Place, list[str]] = {}  # that are permitted beside a quantity
         for detail in details:
             if detail["loc"][0] not in self.value.entries:
                 self.add_here(f"{self.name} needs {detail['loc'][0]!r}")
@@ -226,9 +227,11 @@ class Section:
             name, _ = _inside(self.value, detail["loc"][:-1] if is_key else detail["loc"])
             _, _, refused, expected = found.setdefault(at.place, (name, at, [], []))
             refused.append(refusal[0]) if refusal else expected.append(_expected(detail))
+            if detail["type"] == "literal_error":
+                words.setdefault(at.place, []).append(expected[-1])
         for name, at, refused, expected in found.values():
             if refused:
-                self.add(f"{name}: {'; or '.join(refused)}", at)
+                self.add(f"{name}: {'; or '.join(refused + words.get(at.place, []))}", at)
             else:
                 self.add(f"{name}: expected {' or '.join(expected)}, got {at}", at)
 

@@ -10,6 +10,7 @@ A problem reads like a compiler's message, so that editors can jump to it::
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from forcebound.errors import ConfigError
 
@@ -120,6 +121,13 @@ class Problems:
         """
         if self._found:
             raise self.error()
+
+
+def nearest_file(name: str, names: Iterable[str]) -> str:
+    """Return the question for the file that is nearest by its stem; empty if none is near."""
+    stems = {Path(one).stem: one for one in names}
+    near = difflib.get_close_matches(Path(name).stem, stems, n=1)
+    return f"did you mean {stems[near[0]]!r}? " if near else ""
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

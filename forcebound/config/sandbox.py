@@ -125,7 +125,7 @@ class _Timeout:
             raise subprocess.TimeoutExpired(self.doing, self.limit)
         if waited > REMARK and self._is_silent:
             self._is_silent = False
-            message = "%s: %s takes long; given up after %g s"
+            message = "%s: %s takes long; it may take %g s"
             _logger.warning(message, self.names, self.doing, self.limit)
 
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forcebound.devices.joints import ANGLE, FRICTION, SPEED, arm_kernel
-from forcebound.devices.kinematics import ArmKinematics, Pose
 from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import pad
 from forcebound.devices.true_values import true_axes, true_value
@@ -15,7 +14,7 @@ from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 
 if TYPE_CHECKING:
-    from forcebound.devices.stated_joints import StatedJoints
+    from forcebound.devices.simulated_arm import SimulatedArm
 
 
 class ArmBody:
@@ -24,23 +23,18 @@ class ArmBody:
     Args:
         model: Parameters.
         operator: The hand at its tip.
-        kinematics: Of the arm.
-        pose: Of the arm.
-        geometry: What ``pose`` takes.
-        angles: Of the joints at the hand's first target, in rad.
+
+    Raises:
+        DeviceError: If the hand begins where the arm does not reach.
     """
 
-    def __init__(
-        self,
-        model: "StatedJoints",
-        operator: Operator,
-        kinematics: ArmKinematics,
-        pose: Pose,
-        geometry: Vector,
-        angles: Vector,
-    ) -> None:
+    def __init__(self, model: "SimulatedArm", operator: Operator) -> None:
         axes = model.axes
-        self.kinematics = kinematics
+        start = pad(operator.target(0.0), axes)
+        angles = model.angles(start)
+        if angles is None:
+            raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
+        self.kinematics = kinematics = model.kinematics()
         self.compensation: Vector = (0.0,) * axes
         self._resolution = true_axes(model, "resolution")
         self._lag, self._substep = true_value(model, "lag"), model.substep
@@ -53,14 +47,13 @@ class ArmBody:
         self._sound = self._plant[FRICTION:].copy()
         self._weak_spot = None if model.truth is None else model.truth.weak_spot
         self._hand = np.array([operator.mass, operator.stiffness, operator.damping])
-        self._geometry = np.array(geometry)
+        self._geometry = np.array(kinematics.geometry)
         self._joints = np.zeros((4, axes))
         self._joints[ANGLE] = angles
         self._told, self._from, self._to, self._muscle = np.zeros((4, axes))
         self._energy = 0.0
-        self._advance = arm_kernel(pose)
+        self._advance = arm_kernel(kinematics.pose)
         # Compile, or load from the cache, before time matters.
-        start = pad(operator.target(0.0), axes)
         joints = self._joints.copy()
         self.move(start, start, 1e-3, (0.0,) * axes)
         self._joints[:], self._energy = joints, 0.0

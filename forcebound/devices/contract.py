@@ -22,14 +22,8 @@ PROMISES: dict[str, str] = {
     "kinematics": "finite positions of the tip, and one finite torque per joint",
     **VALUE,
 }
-OF_OPEN = (
-    "answers",
-    "shape",
-    "bounded",
-    "stamps",
-    "cut",
-    "kinematics",
-)  # promises that only an open device can keep or break
+#: Promises that only an open device can keep or break.
+OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", "kinematics")
 
 PERIOD_NS = 1_000_000
 

@@ -15,24 +15,19 @@ tip pulls at the elbows along the distal links, so the torques are
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
-from forcebound.devices.simulated import SimulatedDevice, pad
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Inertia, Length, Torque
-
-if TYPE_CHECKING:
-    from forcebound.devices.arm import ArmBody
 
 #: Sine of the angle between the distal links below which the tip cannot be held: 6 degrees.
 LEAST_SINE = 0.1
@@ -75,7 +70,7 @@ def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiveBar(StatedJoints):
+class FiveBar(SimulatedArm):
     """Parameters of the simulated five-bar, of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
@@ -119,7 +114,7 @@ class FiveBar(StatedJoints):
         return (self.proximal, self.distal, self.base, *self.origin)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         return ArmKinematics(five_bar_pose, self.geometry, 2, 0.1 * self.proximal**2)
 
     def angles(self, position: Vector) -> Vector | None:
@@ -138,21 +133,3 @@ class FiveBar(StatedJoints):
             corner = math.acos(min(1.0, square / (2.0 * self.proximal * reach)))
             found.append(math.atan2(y, x) - side * corner)
         return tuple(found)
-
-    def body(self, operator: Operator) -> "ArmBody":
-        """Return the body; see :class:`forcebound.devices.simulated.Body`.
-
-        Raises:
-            DeviceError: If the hand begins where the arm does not reach.
-        """
-        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
-
-        angles = self.angles(start := pad(operator.target(0.0), 2))
-        if angles is None:
-            raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
-        kinematics = self.kinematics()
-        return ArmBody(self, operator, kinematics, five_bar_pose, self.geometry, angles)
-
-    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
-        return SimulatedDevice(self, operator, hold_limit)

@@ -32,15 +32,20 @@ class ArmKinematics:
         joints: Number of joints.
         smallest: Volume of the Jacobian, in m to the number of joints, below which a pose is
             singular.
+
+    Attributes:
+        pose: Of this kind of arm.
+        geometry: What ``pose`` takes, in m.
     """
 
     def __init__(self, pose: Pose, geometry: Vector, joints: int, smallest: float) -> None:
         import numpy as np
 
-        self._pose: Any = jit(pose)
+        self.pose, self.geometry = pose, geometry
+        self._compiled_pose: Any = jit(pose)
         self._smallest = smallest
         self._angles = np.zeros(joints)
-        self._geometry = np.array(geometry)
+        self._numbers = np.array(geometry)
         self._tip = np.zeros(joints)
         self._jacobian = np.zeros((joints, joints))
         self.position((0.5,) * joints)  # compile before time matters
@@ -80,4 +85,4 @@ class ArmKinematics:
 
     def _take(self, angles: Vector) -> None:
         self._angles[:] = angles
-        self._pose(self._angles, self._geometry, self._tip, self._jacobian)
+        self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)

@@ -10,23 +10,18 @@ The defaults are those of a small brushless motor without gears: assumed, none i
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
-from forcebound.devices.simulated import SimulatedDevice, pad
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
 from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
-
-if TYPE_CHECKING:
-    from forcebound.devices.arm import ArmBody
 
 
 def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
@@ -46,7 +41,7 @@ def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knob(StatedJoints):
+class Knob(SimulatedArm):
     """Parameters of the simulated knob.
 
     Attributes:
@@ -79,20 +74,9 @@ class Knob(StatedJoints):
         return (self.lever,) * self.joints
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         return ArmKinematics(knob_pose, self.geometry, self.joints, 0.1 * self.lever**self.joints)
 
     def angles(self, position: Vector) -> Vector:
         """Return the joint angles, in rad, for a tip at ``position``, in m."""
         return tuple([x / self.lever for x in position])
-
-    def body(self, operator: Operator) -> "ArmBody":
-        """Return the body; see :class:`forcebound.devices.simulated.Body`."""
-        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
-
-        angles = self.angles(pad(operator.target(0.0), self.joints))
-        return ArmBody(self, operator, self.kinematics(), knob_pose, self.geometry, angles)
-
-    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
-        return SimulatedDevice(self, operator, hold_limit)

@@ -11,24 +11,19 @@ that device.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from forcebound.devices.kinematics import ArmKinematics, Floats
-from forcebound.devices.simulated import SimulatedDevice, pad
+from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.operators import Operator
 from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
-
-if TYPE_CHECKING:
-    from forcebound.devices.arm import ArmBody
 
 
 def planar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
@@ -83,7 +78,7 @@ def spatial_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialArm(StatedJoints):
+class SerialArm(SimulatedArm):
     """Parameters of the simulated serial arm.
 
     Attributes:
@@ -129,7 +124,7 @@ class SerialArm(StatedJoints):
         return (self.upper, self.lower, *self.origin, 0.0)
 
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics of this geometry."""
+        """Return the kinematics; see :class:`SimulatedArm`."""
         pose = planar_pose if self.joints == 2 else spatial_pose
         volume = (self.upper * self.lower) if self.joints == 2 else self.upper**2 * self.lower
         return ArmKinematics(pose, self.geometry, self.joints, 0.1 * volume)
@@ -153,21 +148,3 @@ class SerialArm(StatedJoints):
         elbow_out = out - self.upper * math.cos(shoulder)
         elbow_up = up - self.upper * math.sin(shoulder)
         return (*base, shoulder, math.atan2(elbow_up, elbow_out) - shoulder)
-
-    def body(self, operator: Operator) -> "ArmBody":
-        """Return the body; see :class:`forcebound.devices.simulated.Body`.
-
-        Raises:
-            DeviceError: If the hand begins where the arm does not reach.
-        """
-        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
-
-        angles = self.angles(start := pad(operator.target(0.0), self.joints))
-        if angles is None:
-            raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
-        pose = planar_pose if self.joints == 2 else spatial_pose
-        return ArmBody(self, operator, self.kinematics(), pose, self.geometry, angles)
-
-    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
-        return SimulatedDevice(self, operator, hold_limit)

@@ -56,13 +56,14 @@ class HaplyBoard:
 
     Args:
         resolutions: Of the encoders at its ports, from port 1 up, in rad.
+        senses: The direction, 0 or 1, with which each port counts and turns towards larger angles.
     """
 
-    def __init__(self, resolutions: Sequence[float]) -> None:
+    def __init__(self, resolutions: Sequence[float], senses: Sequence[int] = (1, 1)) -> None:
         self.angles: Vector = (0.0,) * len(resolutions)
         self.torque: Vector = (0.0,) * len(resolutions)
         self.wake_ns: int | None = None
-        self._resolutions = tuple(resolutions)
+        self._resolutions, self._senses = tuple(resolutions), tuple(senses)
         self._inbox = bytearray()
         self._reply = bytearray()
         self._memory = bytearray(16 * PORTS)  # under the numbers of a message
@@ -184,9 +185,8 @@ class HaplyBoard:
         counts = zero + self._counts(port)
         return 360.0 * counts / turn if turn else math.nan
 
-    @staticmethod
-    def _sign(port: int, directions: Sequence[int]) -> int:
-        return -1 if directions[port] == CLOCKWISE else 1
+    def _sign(self, port: int, directions: Sequence[int]) -> int:
+        return 1 if directions[port] == self._senses[port] else -1
 
 
 def held_torque(torque: float) -> float:

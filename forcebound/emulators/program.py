@@ -27,6 +27,7 @@ def run(
     operator: Operator | None,
     link: Path,
     faults: Sequence[Fault],
+    latency: float,
     until_unused: bool,
     say: Callable[[str], None],
 ) -> None:
@@ -38,6 +39,7 @@ def run(
         operator: The hand on it; None: nobody holds it.
         link: Path of the port.
         faults: On demand.
+        latency: Of a reply, beyond that of the pseudo-terminal, in s.
         until_unused: Whether it ends when its user has closed the port.
         say: Takes the lines for the terminal.
 
@@ -48,11 +50,14 @@ def run(
     be_punctual()
     with Stop() as stop, PseudoPort(link) as port:
         emulated = assembler(kind)(values, operator)
-        emulation = Emulation(emulated, Faults(faults), port.truth)
+        emulation = Emulation(emulated, Faults(faults), port.truth, latency)
         say(f"an emulated {kind} at {link}; Ctrl-C ends it")
         realtime.freeze_garbage()
         serve(emulation, port, stop, until_unused)
-    say(f"{emulation.replies} replies, lowest energy {emulation.lowest_energy:.3g} J")
+    say(
+        f"{emulation.replies} replies; lowest energy {emulation.lowest_energy:.3g} J;"
+        f" torque held without a message for at most {1e3 * emulation.longest_hold:.3g} ms"
+    )
 
 
 def be_punctual() -> None:
@@ -75,7 +80,22 @@ def default_link(kind: str) -> Path:
     return folder / f"forcebound-{kind}"
 
 
-def given_values(text: str) -> tuple[dict[str, Any], Operator | None]:
+def launch_file_values(
+    file: str, arguments: Sequence[str]
+) -> tuple[Mapping[str, Any], Operator | None]:
+    """Return mechanism and operator of a launch file whose device can be emulated.
+
+    Raises:
+        ConfigError: If it is wrong.
+    """
+    from forcebound.config.loader import load  # a driver that starts an emulator reads none
+
+    config = load(file, arguments)
+    model: Any = config.device.model
+    return model.mechanism(), config.operator
+
+
+def given_values(text: str) -> tuple[Mapping[str, Any], Operator | None]:
     """Return mechanism and operator of the document that a driver gives.
 
     Raises:

@@ -22,9 +22,9 @@ FARTHEST = 1e300  # m, m/s: until here nothing may be raised
 FEWEST = 4  # questions for each number of axes, however long an answer takes
 
 PROMISES: dict[str, str] = {
-    "opens": f"opens for 1 to {MAX_AXES} axes, and closes",
+    "opens": "opens for every number of axes that was tried, and closes",
     "answers": f"gives an answer at every position and velocity, however far (to {FARTHEST:g} m)",
-    "shape": f"gives a tuple with one number per axis, for 1 to {MAX_AXES} axes",
+    "shape": "gives a tuple with one number per axis",
     "finite": f"a force is finite within {FAR:g} m, {FAR:g} m/s and {LONG:g} s",
     "pure": "the same questions, in the same order from open on, have the same answers",
     **VALUE,

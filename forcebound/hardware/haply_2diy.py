@@ -41,7 +41,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from forcebound.devices.five_bar import FiveBar
 from forcebound.devices.kinematics import ArmKinematics
@@ -53,7 +53,7 @@ from forcebound.devices.stated_joints import (
     TorqueOfJoints,
 )
 from forcebound.devices.truth import Truth
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
     REPLY_SIZE,
@@ -104,6 +104,8 @@ class Haply2DIY(StatedJoints):
         reply_within: A reply later than this is counted as late.
     """
 
+    simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
+
     inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     damping: DampingOfJoints = 1e-3  # assumed
     friction: TorqueOfJoints = 4e-3  # assumed
@@ -131,8 +133,6 @@ class Haply2DIY(StatedJoints):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.version == 2 and self.port == EMULATED:
-            raise ConfigError("port: the emulator is of version 3, not 2", field="port")
         self.five_bar()  # checks the origin
 
     def five_bar(self) -> FiveBar:
@@ -152,12 +152,20 @@ class Haply2DIY(StatedJoints):
             origin=self.origin,
         )
 
+    def mechanism(self) -> dict[str, Any]:
+        """Return what an emulator simulates, plain JSON in SI units."""
+        wiring = WIRINGS[self.version]
+        return {
+            **plain(self.five_bar()),
+            "resolution": math.tau / wiring.counts,  # whatever is stated
+            "home": [math.radians(angle) for angle in wiring.home],
+            "senses": list(wiring.directions),
+        }
+
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         """Return the device, set up in its home pose; see ``DeviceModel``."""
-        home = [math.radians(angle) for angle in WIRINGS[self.version].home]
         zero = exchange_message(self.address, (0.0, 0.0))
-        mechanism = {**plain(self.five_bar()), "home": home}
-        line = Line(KIND, self.port, zero, self.watchdog_limit, mechanism, operator)
+        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator)
         try:
             return OpenHaply(self, line)
         except BaseException:
@@ -233,6 +241,8 @@ class OpenHaply:
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        if self._line.is_at_rest and not any(force):
+            return force  # the last zero after a failure, which was written then
         scale = self._scale(force)
         wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
         self._torque = tuple([-torque for torque in wanted])
@@ -274,7 +284,8 @@ class OpenHaply:
             if not reply:
                 raise DeviceError(
                     f"no reply within {1e3 * patience:g} ms: is this the port of a Haply"
-                    " board, and does the board have power?"
+                    " board, and does the board have power? (an"
+                    " emulator may get no processor: a quieter machine, or a longer watchdog_limit)"
                 )
             angles = parse_reply(reply, address, self._wiring)
         except DeviceError as failure:

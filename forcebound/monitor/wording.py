@@ -263,7 +263,9 @@ CAUSES: dict[str, Text] = {
         action="does it compute for longer than that (environment.compute_delay)? See its log"
     ),
     "replies_rejected": Text(action="the replies are of an environment that does not serve"),
-    "law_not_certified": Text(action="this law is not certified"),
+    "law_not_certified": Text(
+        action="law {law} limits it and does not say why; law certified would name the causes"
+    ),
 }
 
 # Causes of little force: forcebound.analysis.bounder finds them.
@@ -274,12 +276,17 @@ CAUSES |= {
         command="forcebound bench servo",
     ),
     "delay": Text(
-        action="half of the answers are older than {p50:.2g ms}: less delay on the links, or an "
+        action="half of the answers are {p50:.2g ms} old or older: less delay on the links, or an "
         "environment that answers faster"
     ),
     "overruns": Text(
         action="{rate:.2g} hold-limit overruns/s cost energy of the ledger: device.hold_limit: "
         f"auto, or a longer one; {_PUNCTUAL}"
+    ),
+    "overruns_at_auto": Text(
+        action="{rate:.2g} hold-limit overruns/s cost energy of the ledger, though "
+        f"device.hold_limit is auto: {_PUNCTUAL}; if the device has neither, set_hold_limit or a "
+        "watchdog that reports"
     ),
     "late_ticks": Text(
         action="ticks are late, so a force is planned for {periods:.2g} periods, and the longer "

@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from forcebound.errors import ConfigError
-from forcebound.files import read_rows
+from forcebound.files import check_writable, open_file, read_rows, reason
 
 HEADER = ("time_s", "delay_s")
 LARGEST = 4e9  # s; a clock that counts from 1970 has 2e9, and differences in ns have 64 bits
@@ -78,6 +78,26 @@ class DelayTrace:
                     writer.writerow((f"{time:.9f}", "" if delay is None else f"{delay:.9f}"))
         except OSError as error:
             raise ConfigError(f"cannot write the trace {file}: {error.strerror}") from error
+
+
+def check_output(file: Path) -> None:
+    """Try before the work begins whether a trace can be written to a file.
+
+    Raises:
+        ConfigError: If it cannot be written, or holds something else than a trace, which would be
+            lost: a recording, say.
+    """
+    check_writable(file, "the trace")
+    if not file.is_file() or not file.stat().st_size:
+        return
+    head = ",".join(HEADER).encode()
+    try:
+        with open_file(file) as before:
+            is_trace = before.read(len(head)) == head
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {reason(error)}") from error
+    if not is_trace:
+        raise ConfigError(f"{file} exists and is no trace: choose another name")
 
 
 def read_csv(file: Path) -> DelayTrace:

@@ -18,11 +18,12 @@ from forcebound.config.document import MAX_BYTES, find
 from forcebound.config.fields import Field, Section, fields_of
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
-from forcebound.config.problems import Problems, unknown
+from forcebound.config.problems import Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_quantity
+from forcebound.sweep.limits import LABELS
 
 MAX_CASES = 2_000_000
 
@@ -121,8 +122,8 @@ def find_sweep(path: Path) -> Path:
         if path.parent == Path() and name in shipped():
             return SHIPPED / name
     raise ConfigError(
-        f"there is no sweep file {str(path)!r}; those that come with forcebound: "
-        + ", ".join(shipped())
+        f"there is no sweep file {str(path)!r}; {nearest_file(path.name, shipped())}"
+        f"those that come with forcebound: {', '.join(shipped())}"
     )
 
 
@@ -299,6 +300,15 @@ def _check_map(section: Section, varied: set[str]) -> None:
         entry = section.value.entries.get(key)
         if entry is not None and entry.text not in varied:
             section.add(unknown(f"varied argument for {key}:", entry.text, varied), entry)
+    limits = section.value.entries.get("limits")
+    if limits is None:
+        return
+    if not isinstance(limits.content, tuple):
+        section.add(f"limits: expected a list, got {limits}", limits)
+        return
+    for one in limits.content:
+        if one.text not in LABELS:
+            section.add(unknown("limit", one.text, LABELS), one)
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:

@@ -1,0 +1,41 @@
+"""What simulated arms have in common: a body in a hand. Each kind adds its geometry."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from forcebound.devices.kinematics import ArmKinematics
+from forcebound.devices.simulated import SimulatedDevice
+from forcebound.devices.stated_joints import StatedJoints
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+
+if TYPE_CHECKING:
+    from forcebound.devices.arm import ArmBody
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedArm(StatedJoints, ABC):
+    """Parameters of a simulated arm."""
+
+    @abstractmethod
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of this geometry."""
+
+    @abstractmethod
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
+
+    def body(self, operator: Operator) -> "ArmBody":
+        """Return the body; see :class:`forcebound.devices.simulated.Body`.
+
+        Raises:
+            DeviceError: If the hand begins where the arm does not reach.
+        """
+        from forcebound.devices.arm import ArmBody  # numpy, which a launcher does without
+
+        return ArmBody(self, operator)
+
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
+        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
+        return SimulatedDevice(self, operator, hold_limit)

@@ -1,0 +1,47 @@
+"""A live graph with an emulated Haply 2DIY: the wall, the energy, the death of the device."""
+
+import signal
+from pathlib import Path
+
+import pytest
+from live_graph import live_graph
+from test_emulators_live import program
+from waiting import PATIENCE, until
+
+from forcebound.devices.truth_file import TruthFile
+from forcebound.recording import read
+
+pytestmark = pytest.mark.live
+
+# A pseudo-terminal passes bytes on by an ordinary process of the kernel, which a busy machine lets
+# wait; so that this ends no test, a board may be silent for longer.
+PATIENT = "watchdog_limit:=400 ms"
+
+
+def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero() -> None:
+    with live_graph("haply_2diy", PATIENT, is_alone=False) as graph:
+        graph.until(lambda: list(graph.runtime.glob("*.truth")), "the emulator")
+        (path,) = graph.runtime.glob("*.truth")
+        truth = TruthFile(path)
+        graph.until(lambda: (found := truth.look()) is not None and any(found.torque), "a wall")
+        graph.signal("device", signal.SIGKILL)
+        until(lambda: (found := truth.look()) is not None and not any(found.torque), "zero torque")
+        truth.close()
+        graph.process.wait(PATIENCE)
+        assert graph.process.returncode == 1
+        columns = read(graph.record).telemetry
+        assert columns.applied_force.any()
+        assert columns.true_energy.min() >= 0.0
+
+
+def test_an_emulator_of_its_own_that_is_unplugged_ends_the_graph_in_order(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    with program(link, "--fault", "unplug") as emulator:
+        until(link.exists, "the port")
+        with live_graph("haply_2diy", f"device:={link}", PATIENT, is_alone=False) as graph:
+            graph.process.wait(PATIENCE)
+            assert graph.process.returncode == 1
+            assert "unplugged" in graph.log
+            assert "Traceback" not in graph.log
+        emulator.communicate()
+        assert emulator.returncode == 0
