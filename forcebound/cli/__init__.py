@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli import check, emulate, graph, identify, keys, run, study
+from forcebound.cli import check, device, emulate, graph, identify, keys, run, study
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
 
@@ -37,6 +37,7 @@ COMMANDS = (
     keys.keys_group,
     check.check,
     identify.identify,
+    device.device_group,
     emulate.emulate,
 )
 
