@@ -11,7 +11,8 @@ from forcebound.config.phases import timetable
 from forcebound.config.resolved import kind_of, to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_node
+from forcebound.launch.links import build_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
