@@ -8,7 +8,7 @@ hand. Done again with one number better than it was measured, this says what mea
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -159,5 +159,5 @@ def verdict(
     return Verdict(now, gains, max(gains, key=lambda name: gains[name]["built"]))
 
 
-def _times(value: float | Sequence[float], factor: float) -> float | Vector:
-    return factor * value if isinstance(value, float) else tuple([factor * v for v in value])
+def _times(value: float | Vector, factor: float) -> float | Vector:
+    return tuple([factor * v for v in value]) if isinstance(value, tuple) else factor * value
