@@ -71,7 +71,8 @@ class BoundedDevice:
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._use_limit = dissipation.hold_limit
-        if learns and not self.learns:
+        self._is_fixed = learns and not self.learns
+        if self._is_fixed:
             self._use_limit = FIXED * dissipation.period
         dissipation = replace(dissipation, hold_limit=self._use_limit)
         self.bounder = ForceBounder(law, dissipation, device.axes)
@@ -150,6 +151,8 @@ class BoundedDevice:
         limit = f"hold limit {self._use_limit * 1e3:.3g} ms"
         if self.learns:
             limit += " or longer, as late as ticks are"
+        elif self._is_fixed:
+            limit += ", which this device cannot change (no set_hold_limit)"
         if dissipation.watchdog != "none":
             return f"{limit}; {dissipation.watchdog} watchdog"
         last = f"no watchdog until {dissipation.watchdog_limit * 1e3:.3g} ms"

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -208,5 +209,9 @@ def test_the_command_attacks_a_certificate_and_shows_a_run_again(
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["margin"] == replay_path("certified", "plain:3")[0].margin
     assert picture.read_bytes().startswith(b"\x89PNG")
+    shown = CliRunner().invoke(main, again).stdout
+    (limit,) = re.findall(r"^hold_limit +(\S+) s$", shown, re.MULTILINE)
+    assert 1.02e-3 <= float(limit) <= 2.5e-3
+    assert re.search(r"^axes +[123]$", shown, re.MULTILINE)
     done = CliRunner().invoke(main, [*again, "--duration", "1 s"])
     assert "has a length of its own" in done.output

@@ -86,6 +86,13 @@ def bounded(device: Silent, law: str = "none", learns: bool = True) -> BoundedDe
     return BoundedDevice(device, law, DISSIPATION, learns)
 
 
+def test_a_hold_limit_that_the_device_cannot_change_is_told() -> None:
+    why = "which this device cannot change"
+    assert why in bounded(Silent(), learns=True).describe()
+    assert why not in bounded(Silent(), learns=False).describe()
+    assert why not in bounded(Told(), learns=True).describe()
+
+
 def test_a_device_that_can_be_given_a_hold_limit_gets_the_shortest_one_first() -> None:
     device = Told()
     node = bounded(device)

@@ -114,6 +114,11 @@ def test_torque_is_held_when_nobody_speaks(truth: TruthFile) -> None:
     assert found is not None
     assert found.torque == pytest.approx((0.05, -0.02), abs=1e-4)
     assert found.torque_ns == since
+    assert client.emulation.longest_hold == pytest.approx(0.050)
+    client.exchange()
+    for _ in range(100):
+        client.exchange(b"")
+    assert client.emulation.longest_hold == pytest.approx(0.051)
 
 
 def test_a_torque_that_does_work_on_the_hand_is_seen_in_the_energy(truth: TruthFile) -> None:

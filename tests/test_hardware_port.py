@@ -1,21 +1,27 @@
 """Serial ports: whole messages, reading until a deadline, and which port is meant."""
 
+import json
 import os
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from forcebound.cli import main
 from forcebound.errors import DeviceError
+from forcebound.hardware import ports
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import SerialPort, find, listed
 
 SOON_NS = 20_000_000
 HAPLY = SerialPort("/dev/ttyACM0", "Arduino Due", "1A2B", "haply_2diy")
 ODRIVE = SerialPort("/dev/ttyACM1", "ODrive", "3C4D", "odrive")
-OTHER = SerialPort("/dev/ttyUSB0")
+OTHER = SerialPort("/dev/ttyUSB0", "a converter")
+BUILT_IN = SerialPort("/dev/ttyS0")
 
 
 @dataclass
@@ -105,11 +111,13 @@ def test_a_port_that_is_not_there_or_none_is_said_in_a_sentence(tmp_path: Path) 
 
 def test_auto_is_the_only_port_of_the_kind_or_the_only_one() -> None:
     assert find("auto", "haply_2diy", [HAPLY, ODRIVE, OTHER]) == "/dev/ttyACM0"
-    assert find("auto", "haply_2diy", [OTHER]) == "/dev/ttyUSB0"
+    assert find("auto", "haply_2diy", [BUILT_IN, OTHER]) == "/dev/ttyUSB0"
     with pytest.raises(DeviceError, match=r"may mean several: .*ttyACM0.*ttyACM1"):
         find("auto", "", [HAPLY, ODRIVE])
     with pytest.raises(DeviceError, match=r"found none.*plug it in.*ports here: none"):
         find("auto", "odrive", [])
+    with pytest.raises(DeviceError, match="found none"):
+        find("auto", "odrive", [BUILT_IN])
 
 
 def test_a_port_is_found_by_the_serial_number_of_its_device() -> None:
@@ -117,6 +125,19 @@ def test_a_port_is_found_by_the_serial_number_of_its_device() -> None:
     assert find("/any/path", among=[]) == "/any/path"
     with pytest.raises(DeviceError, match=r"'5E6F', found none.*serial number 1A2B, seems to be h"):
         find("5E6F", among=[HAPLY])
+
+
+def test_the_list_of_ports_is_a_table_or_a_document(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "listed", lambda: [HAPLY, OTHER])
+    shown = CliRunner().invoke(main, ["device", "list"])
+    assert re.search(r"/dev/ttyACM0 +haply_2diy +1A2B +Arduino Due +yes", shown.output)
+    document = json.loads(CliRunner().invoke(main, ["device", "list", "--json"]).stdout)
+    assert [port["path"] for port in document] == ["/dev/ttyACM0", "/dev/ttyUSB0"]
+
+
+def test_without_a_port_the_emulator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "listed", list)
+    assert "`forcebound emulate haply_2diy`" in CliRunner().invoke(main, ["device", "list"]).output
 
 
 def test_the_ports_of_this_machine_are_in_order() -> None:

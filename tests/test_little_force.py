@@ -70,10 +70,12 @@ def test_missed_ticks_are_a_cause_from_one_in_a_hundred_on() -> None:
 
 def test_an_overrun_a_second_matters_with_a_silent_watchdog_and_not_with_another() -> None:
     report = PUNCTUAL | {"overruns": 1}
-    assert causes(pressed(), report) == ["overruns"]
+    assert causes(pressed(), report) == ["overruns_at_auto"]
+    assert causes(pressed(), report, hold_limit=1.02) == ["overruns"]
     assert causes(pressed(), report, watchdog="reporting") == ["dissipation"]
     assert causes(pressed(), report, watchdog="none") == ["dissipation"]
-    assert causes(pressed(), PUNCTUAL | {"overruns": 9}, watchdog="reporting") == ["overruns"]
+    many = PUNCTUAL | {"overruns": 9}
+    assert causes(pressed(), many, watchdog="reporting") == ["overruns_at_auto"]
 
 
 def test_a_long_hold_limit_is_set_or_learned_from_late_ticks() -> None:

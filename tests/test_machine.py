@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
+from forcebound.hardware.ports import SerialPort
 from forcebound.monitor import machine, runs, wording
 from forcebound.monitor.machine import Machine
 from forcebound.network.keys import new_key
@@ -63,6 +64,20 @@ def test_a_good_machine_is_fine_in_all_respects() -> None:
             "unsafe_keys",
             "others can replace the keys in /k",
             "chmod 700 /k",
+        ),
+        (
+            {"ports": (SerialPort("/dev/ttyACM0", is_permitted=False, group="dialout"),)},
+            "note",
+            "port_of_group",
+            "may not be opened by this user",
+            "usermod --append --groups dialout",
+        ),
+        (
+            {"ports": (SerialPort("/dev/ttyACM0", is_permitted=False),)},
+            "note",
+            "port_of_nobody",
+            "root alone",
+            'KERNEL=="ttyACM[0-9]*|ttyUSB[0-9]*", GROUP="dialout"',
         ),
     ],
 )

@@ -21,12 +21,13 @@ from forcebound.devices import DEVICES
 from forcebound.devices import contract as devices
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import DeviceError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.parts.contract import Report
 
-ticks = count()
+ticks, openings = count(), count()
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))
@@ -112,8 +113,15 @@ class Odd(PhantomPremium15):
     reading: Any = None
     gain: float = 1.0
     fails_to_close: bool = False
+    port: str = "here"
+    opens_anything: bool = False
+    locked_after: int = 2  # openings
 
     def open(self, operator: Operator | None, hold_limit: float) -> Held:
+        if self.port != "here" and not self.opens_anything:
+            raise DeviceError(f"there is no port {self.port}")
+        if next(openings) >= self.locked_after:
+            raise DeviceError("in use")
         return Held(self)
 
 
@@ -132,9 +140,14 @@ def test_a_law_that_was_replaced_and_put_back_ships_again() -> None:
         ({"reading": (float("inf"),)}, "shape"),
         ({"gain": 2.0}, "bounded"),
         ({"fails_to_close": True}, "opens"),
+        ({"locked_after": 1}, "reopens"),
+        ({"opens_anything": True, "locked_after": 3}, "port"),
     ],
 )
-def test_what_a_device_breaks_is_found(changed: dict[str, Any], promise: str) -> None:
+def test_what_a_device_breaks_is_found(
+    changed: dict[str, Any], promise: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"{__name__}.openings", count())
     assert not devices.check(Odd(**changed)).held[promise]
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -128,6 +129,8 @@ def test_an_argument_on_the_command_line_no_longer_varies(tmp_path: Path) -> Non
         ("duration: 50 ms", "duration: 5 mm", 5, "duration"),
         ("x: stiffness", "x: stifness", 10, "did you mean 'stiffness'?"),
         ("launch: stiff_wall", "launch: stif_wall", 4, "no launch file"),
+        ("x: stiffness", "limits: [encodr], x: stiffness", 10, "did you mean 'encoder'?"),
+        ("x: stiffness", "limits: encoder, x: stiffness", 10, "limits: expected a list"),
         ("set: {", "set: { stiffness: 1 N/mm,", 6, "also varies"),
         ("forcebound: 1", "forcebound: 2", 2, "version"),
     ],
@@ -169,6 +172,23 @@ def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:
     assert table["error"] == [None] * 6
     assert all(samples > 0 for samples in table["samples"])
     assert not list(tmp_path.glob("*.parts"))
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "words"),
+    [
+        (SMALL.replace("none]", "nnoe]"), (), "did you mean 'none'?"),
+        (SMALL.replace("none]", "none]\n  delay: [1 ms, 2 mm]"), (), "which is a length"),
+        (SMALL, ("stiffness:=1 N/mm",), "'stiffness' for x: is constant here"),
+    ],
+)
+def test_what_no_case_can_repair_is_refused_before_anything_runs(
+    tmp_path: Path, text: str, arguments: tuple[str, ...], words: str
+) -> None:
+    result = tmp_path / "small.parquet"
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        run(str(written(tmp_path, text)), arguments, result, plot=True)
+    assert not list(tmp_path.glob("*.parquet*"))
 
 
 def test_a_failed_case_is_a_row_with_its_error(tmp_path: Path) -> None:

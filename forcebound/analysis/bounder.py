@@ -162,12 +162,13 @@ def _of_holds(
     watchdog = device.get("watchdog", "silent")
     frequent = {"silent": FREQUENT_OVERRUNS, "reporting": FREQUENT_REPORTED}.get(watchdog)
     overruns = report.get("overruns", 0)
+    is_learned = device.get("hold_limit") == "auto"
     if frequent is not None and seconds > 0.0 and overruns > frequent * seconds:
-        yield Cause("overruns", {"rate": overruns / seconds})
+        code = "overruns_at_auto" if is_learned else "overruns"
+        yield Cause(code, {"rate": overruns / seconds})
     if "hold_limit" in report:
         periods = report["hold_limit"] * device["rate"]
         if periods > LONG_HOLD:
-            is_learned = device.get("hold_limit") == "auto"
             yield Cause("late_ticks" if is_learned else "long_hold_limit", {"periods": periods})
 
 

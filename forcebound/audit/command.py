@@ -13,6 +13,7 @@ from forcebound.audit.certificates import CERTIFICATES
 from forcebound.audit.certify import run_certificates
 from forcebound.audit.path_run import replay_path
 from forcebound.audit.paths import SENSORS
+from forcebound.audit.plan import with_units
 from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.audit.search import optimiser
@@ -124,6 +125,7 @@ def _run_path_again(
         "is_stated": result.case.is_stated,
         "sensor": SENSORS[result.case.sensor],
         **result.case.numbers,
+        **with_units(result.case),
     }
     return document
 

@@ -98,6 +98,16 @@ def axes_of(case: PathCase) -> int:
     return int(case.numbers.get("axes", 1.0))
 
 
+def with_units(case: PathCase) -> dict[str, float]:
+    """Return the numbers that a case states in other terms: whole axes, hold limits in s."""
+    found: dict[str, float] = {"hold_limit": hold_limit_of(case)}
+    if "axes" in case.numbers:
+        found["axes"] = axes_of(case)
+    if "watchdog_limit" in case.numbers:
+        found["watchdog_limit"] = watchdog_limit_of(case)
+    return found
+
+
 def hold_limit_of(case: PathCase) -> float:
     """Return the hold limit, in s."""
     return round(1e9 * PERIOD * (1.0 + case.numbers["hold_limit"])) / 1e9

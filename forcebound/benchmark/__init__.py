@@ -63,6 +63,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.servo",
         30.0,
     ),
+    "device": Benchmark(
+        "the round trip to a device on a serial port against a bare pyserial loop",
+        "forcebound.benchmark.device",
+        30.0,
+    ),
     "delay": Benchmark(
         "the error of injected delays beyond the link's own latency",
         "forcebound.benchmark.delay",

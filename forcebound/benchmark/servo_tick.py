@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from forcebound.benchmark.workers import READY, WARMUP, Stopwatch, enter_contestant
+from forcebound.devices import DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Telemetry
@@ -26,6 +27,7 @@ from forcebound.nodes import Node
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.operators import Operator
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.process import Runner, Stop, run
 from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
@@ -92,15 +94,28 @@ def main(role: str, folder: Path, core: int, policy: str, period_ns: int, count:
     if role == "controller":
         run(AnswerNode(), role, folder, {}, settings, Stop())
         return
-    model, servo = PhantomPremium15(), ServoSettings(rate=1e9 / period_ns)
-    device = model.open(SinusoidalHand(), servo.longest_hold)
+    measure(PhantomPremium15(), SinusoidalHand(), folder, settings, period_ns, count)
+    os._exit(0)  # without waiting for the sockets
+
+
+def measure(
+    model: DeviceModel,
+    operator: Operator | None,
+    folder: Path,
+    settings: Settings,
+    period_ns: int,
+    count: int,
+) -> None:
+    """Open a device and run ticks of its node; see :func:`drive`."""
+    servo = ServoSettings(rate=1e9 / period_ns)
+    device = model.open(operator, servo.opening_hold)
     node = DeviceNode(device, dissipation_of(model, servo), servo)
-    enter(settings, role)
-    runner = Runner(node, role, folder, {}, Network(), settings.spin_ns)
+    enter(settings, "device")
+    runner = Runner(node, "device", folder, {}, Network(), settings.spin_ns)
     node.engage()
     freeze_garbage()
     drive(runner, node, settings.spin_ns, count)
-    os._exit(0)  # without waiting for the sockets
+    device.close()
 
 
 if __name__ == "__main__":

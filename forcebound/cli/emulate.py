@@ -8,7 +8,7 @@ import click
 from forcebound.cli.common import ARGUMENTS, duration_option_for, reports_errors, show
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
-KINDS = {"haply_2diy": "haply_2diy"}
+KINDS = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
 
 
 @click.command(short_help="Play a device on a pseudo-terminal.")

@@ -92,7 +92,7 @@ def param() -> None:
     """Show and change the parameters of a running graph."""
 
 
-@param.command("list")
+@param.command("list", short_help="List what can be changed during a run.")
 @click.option("--changed", is_flag=True, help="Only those changed since launch.")
 @run_option
 @json_option
@@ -102,7 +102,7 @@ def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
     _show_parameters((), run_dir, as_json, changed)
 
 
-@param.command("get")
+@param.command("get", short_help="Show parameters, or a whole section.")
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @run_option
 @json_option
@@ -112,7 +112,7 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
     _show_parameters(names, run_dir, as_json)
 
 
-@param.command("set")
+@param.command("set", short_help="Change parameters.")
 @click.argument("settings", nargs=-1, required=True, metavar="NAME:=VALUE...")
 @run_option
 @reports_errors

@@ -33,7 +33,7 @@ workers_option = click.option(
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop, delay or sweep) against its reference implementation."""
+    """Measure NAME (servo, loop, device, delay or sweep) against its reference implementation."""
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:
@@ -106,7 +106,7 @@ def audit(
     sys.exit(0 if holds(document) else 1)
 
 
-@audit.command()
+@audit.command(short_help="Repeat one run of an audit.")
 @click.argument("law")
 @click.argument("case")
 @duration_option
@@ -126,7 +126,7 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
         show(line)
 
 
-@audit.command()
+@audit.command(short_help="Show what a wrong number of a device costs.")
 @click.option(
     "--device", "kind", default="phantom_premium_1_5", show_default=True, help="Kind of device."
 )

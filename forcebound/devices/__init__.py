@@ -160,6 +160,7 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "five_bar": "forcebound.devices.five_bar:FiveBar",
         "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
         "knob": "forcebound.devices.knob:Knob",
+        "odrive": "forcebound.hardware.odrive:ODrive",
         "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.devices.serial_arm:SerialArm",
     },

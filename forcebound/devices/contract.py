@@ -1,15 +1,17 @@
 """Contract of every device, and its check.
 
-The check opens the device. On a device without ground truth, which may be hardware, it writes no
-force but zero.
+The check opens the device, twice. On a device without ground truth, which may be hardware, it
+writes no force but zero. An emulated one has ground truth: it gets all that a driver must refuse.
 """
 
+import dataclasses
 import math
 from typing import Any
 
 from forcebound.devices import Device, DeviceModel
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import MAX_AXES
-from forcebound.parts.contract import VALUE, Findings, Report
+from forcebound.parts.contract import VALUE, Findings, Report, describe_raised
 
 PROMISES: dict[str, str] = {
     "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution and saturation",
@@ -20,12 +22,15 @@ PROMISES: dict[str, str] = {
     "stamps": "stamps of a read and of the write after it, in whole ns, in this order",
     "cut": "a reported cut has a time within the hold, and one finite reading per axis",
     "kinematics": "finite positions of the tip, and one finite torque per joint",
+    "reopens": "opens again after it was closed: nothing is left locked or out of order",
+    "port": "says with a DeviceError that there is no such port",
     **VALUE,
 }
 #: Promises that only an open device can keep or break.
-OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", "kinematics")
+OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", "kinematics", "reopens")
 
 PERIOD_NS = 1_000_000
+NO_PORT = "/nowhere/port"
 
 
 def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> Report:
@@ -49,8 +54,26 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
         finally:
             device.close()
-    unseen = OF_OPEN if found.is_broken("opens") else absent
+        with found.noting("reopens", "an open device", "open(None, ...) after close()"):
+            model.open(None, hold_limit).close()
+    unseen = [*OF_OPEN] if found.is_broken("opens") else absent
+    if hasattr(model, "port"):
+        _check_port(model, hold_limit, found)
+    else:
+        unseen = [*unseen, "port"]
     return found.report(PROMISES, 3 * ticks, unseen=unseen)
+
+
+def _check_port(model: Any, hold_limit: float, found: Findings) -> None:
+    where = f"open(None, ...) with the port {NO_PORT}"
+    try:
+        dataclasses.replace(model, port=NO_PORT).open(None, hold_limit).close()
+    except DeviceError:
+        return
+    except Exception as error:
+        found.add("port", "a DeviceError", describe_raised(error), where)
+    else:
+        found.add("port", "a DeviceError", "an open device", where)
 
 
 def _check_statements(model: Any, found: Findings) -> None:
@@ -69,7 +92,7 @@ def _check_statements(model: Any, found: Findings) -> None:
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:
     axes = model.axes
     is_simulated = device.truth() is not None
-    forces = (0.0, 0.5, -1e3, 1e30) if is_simulated else (0.0,)
+    forces = (0.0, 0.5, -1e3, 1e30, math.nan) if is_simulated else (0.0,)
     device.engage(0)
     for tick in range(ticks):
         time_ns = tick * PERIOD_NS
@@ -79,7 +102,8 @@ def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> Non
             reading, held = device.read(time_ns), device.write(time_ns, force)
             found.check_vector(reading, axes, "m", where, finite="shape")
             is_vector = found.check_vector(held, axes, "N", where, finite="shape")
-            largest = min(math.hypot(*force), model.saturation) * (1 + 1e-12)
+            asked = math.hypot(*force)
+            largest = min(0.0 if math.isnan(asked) else asked, model.saturation) * (1 + 1e-12)
             if is_vector and not math.hypot(*held) <= largest:
                 found.add("bounded", f"at most {largest:.4g} N", repr(held), where)
 

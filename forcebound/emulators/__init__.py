@@ -20,6 +20,7 @@ __all__ = ["EMULATORS", "assembler"]
 #: values of the mechanism and the operator (or None), and returns an ``Emulated``.
 EMULATORS = {
     "haply_2diy": "forcebound.emulators.haply_2diy:assemble",
+    "odrive": "forcebound.emulators.odrive:assemble",
 }
 
 

@@ -28,6 +28,7 @@ class Emulation:
     Attributes:
         replies: Number of replies so far.
         lowest_energy: Least ground-truth energy so far, in J.
+        longest_hold: Longest time so far that a torque was on and no bytes came, in s.
     """
 
     def __init__(
@@ -42,6 +43,8 @@ class Emulation:
         self._is_used = False
         self.replies = 0
         self.lowest_energy = 0.0
+        self.longest_hold = 0.0
+        self._heard_ns = 0
 
     @property
     def wake_ns(self) -> int | None:
@@ -66,6 +69,10 @@ class Emulation:
             DeviceError: If the hand has moved the tip to where the arm cannot be held.
         """
         self._mechanism.advance(time_ns)
+        if any(self._mechanism.torque):
+            self.longest_hold = max(self.longest_hold, (time_ns - self._heard_ns) * 1e-9)
+        if data:
+            self._heard_ns = time_ns
         self._unread += data
         if self._faults.is_on("stall", time_ns):
             return b""

@@ -54,7 +54,10 @@ def run(
         say(f"an emulated {kind} at {link}; Ctrl-C ends it")
         realtime.freeze_garbage()
         serve(emulation, port, stop, until_unused)
-    say(f"{emulation.replies} replies, lowest energy {emulation.lowest_energy:.3g} J")
+    say(
+        f"{emulation.replies} replies; lowest energy {emulation.lowest_energy:.3g} J;"
+        f" torque held without a message for at most {1e3 * emulation.longest_hold:.3g} ms"
+    )
 
 
 def be_punctual() -> None:

@@ -88,6 +88,24 @@ class Port:
             data += self._take(count - len(data))
         return data
 
+    def read_lines(self, count: int, deadline_ns: int) -> bytes:
+        """Return what has come when ``count`` lines have, or what there is by the deadline.
+
+        Args:
+            count: Of line feeds.
+            deadline_ns: On the monotonic clock, in ns; what is there is read even after it.
+
+        Raises:
+            DeviceError: If the device is unplugged.
+        """
+        descriptor, data = self.descriptor, b""
+        while data.count(b"\n") < count:
+            wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
+            if not select.select((descriptor,), (), (), wait_ns * 1e-9)[0]:
+                break
+            data += self._take(CHUNK)
+        return data
+
     def drain(self) -> bytes:
         """Return what has come and nobody has read.
 

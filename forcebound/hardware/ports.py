@@ -1,6 +1,10 @@
 """The serial ports of this machine: which there are, what they seem to be, which one is meant."""
 
+import grp
+import os
+import stat
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from forcebound.errors import DeviceError
@@ -24,12 +28,16 @@ class SerialPort:
         serial_number: Of its USB device; empty if it has none.
         seems: Kind of device, a key of ``forcebound.devices.DEVICES``, by its USB vendor and
             product; empty if unknown. A board of this kind may also be something else.
+        is_permitted: Whether this user may open it.
+        group: Whose members may open it; empty: no group may.
     """
 
     path: str
     description: str = ""
     serial_number: str = ""
     seems: str = ""
+    is_permitted: bool = True
+    group: str = ""
 
     def __str__(self) -> str:
         number = f", serial number {self.serial_number}" if self.serial_number else ""
@@ -48,6 +56,8 @@ def listed() -> list[SerialPort]:
                 "" if port.description in (None, "n/a") else port.description,
                 port.serial_number or "",
                 BOARDS.get((port.vid, port.pid), ""),
+                os.access(port.device, os.R_OK | os.W_OK),
+                _group(port.device),
             )
             for port in list_ports.comports()
         ),
@@ -60,7 +70,7 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
 
     Args:
         name: A path; the serial number of a USB device; or ``auto``: the only port that seems to be
-            of this kind, else the only one of all.
+            of this kind, else the only one with a USB device.
         kind: Of the device, for ``auto``.
         among: The ports of the machine; by default those that :func:`listed` returns.
 
@@ -72,7 +82,7 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
     ports = listed() if among is None else among
     if name == "auto":
         alike = [port for port in ports if kind and port.seems == kind]
-        found = alike or list(ports)
+        found = alike or [port for port in ports if port.description]  # something is plugged in
         wanted = "a device on a serial port"
     else:
         found = [port for port in ports if port.serial_number == name]
@@ -85,3 +95,12 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
     raise DeviceError(
         f"expected {wanted}, found none: plug it in, switch it on; serial ports here: {there}"
     )
+
+
+def _group(path: str) -> str:
+    with suppress(OSError, KeyError):  # it is gone meanwhile, or the group has no name
+        status = os.stat(path)
+        may_open = stat.S_IRGRP | stat.S_IWGRP
+        if status.st_mode & may_open == may_open and status.st_gid != 0:
+            return grp.getgrgid(status.st_gid).gr_name
+    return ""

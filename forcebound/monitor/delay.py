@@ -98,7 +98,7 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         os.sched_setaffinity(0, cores)
     if not packets:
         raise RunError(
-            f"no telemetry in {duration:g} s from the graph in {run_dir}: is it still starting?"
-            " Try again, with a longer --duration"
+            f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"
+            " ending? If it starts, try again, with a longer --duration"
         )
     return TelemetryColumns.from_packets(packets)

@@ -18,6 +18,7 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.folders import runtime_folder
+from forcebound.hardware.ports import SerialPort, listed
 from forcebound.monitor.findings import Finding
 from forcebound.network import keys, sockets
 
@@ -25,6 +26,8 @@ FEW_CORES = 2  # the chain of nodes has one of its own, all others share the res
 SMALL_SPACE = 200_000_000  # B in the temporary folder; a recording of some minutes
 NO_SPACE = 10_000_000  # B, with which no run can begin
 COARSE_CLOCK = 1e-6  # s; without high-resolution timers a clock steps by milliseconds
+#: Of udev: gives serial ports on USB to a group, as most distributions do.
+UDEV_RULE = 'KERNEL=="ttyACM[0-9]*|ttyUSB[0-9]*", GROUP="dialout", MODE="0660"'
 SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")  # microseconds to read, or coarse
 
 
@@ -50,6 +53,7 @@ class Machine:
     free: int | None  # room in it, in B; None: it cannot be used
     key_folder: Path
     key_problems: tuple[tuple[str, str], ...] = ()  # why keys cannot be used, and what to do
+    ports: tuple[SerialPort, ...] = ()
 
 
 def look() -> Machine:
@@ -81,13 +85,19 @@ def look() -> Machine:
         free=_free(temporary),
         key_folder=folder,
         key_problems=_key_problems(folder),
+        ports=tuple(listed()),
     )
 
 
 def examine(machine: Machine) -> list[Finding]:
     """Return the findings about a machine, first what prevents live runs."""
     order = ("problem", "note", "fine")
-    findings = [*_scheduling(machine), *_clocks(machine), *_software(machine)]
+    findings = [
+        *_scheduling(machine),
+        *_clocks(machine),
+        *_software(machine),
+        *_ports(machine),
+    ]
     return sorted(findings, key=lambda finding: order.index(finding.severity))
 
 
@@ -131,6 +141,13 @@ def _software(machine: Machine) -> Iterator[Finding]:
         yield Finding("note", "unsafe_keys", "keys", {"problem": problem, "action": action})
     if not machine.key_problems:
         yield Finding("fine", "keys", "keys", {"folder": str(machine.key_folder)})
+
+
+def _ports(machine: Machine) -> Iterator[Finding]:
+    for port in machine.ports:
+        data = {"port": str(port), "group": port.group, "rule": UDEV_RULE}
+        kind = "port_of_group" if port.group else "port_of_nobody"
+        yield _judge(port.is_permitted, port.path, "port", kind, **data)
 
 
 def _temporary_folder(machine: Machine) -> Finding:

@@ -175,6 +175,18 @@ FINDINGS |= {
     "no_temporary_folder": Text("{folder} cannot be written: no run can begin", *_ROOM),
     "keys": Text("nothing wrong in {folder}"),
     "unsafe_keys": Text("{problem}", "{action}"),
+    "port": Text("{port}"),
+    "port_of_group": Text(
+        "{port} may not be opened by this user",
+        "join the group that may, then log in anew",
+        "sudo usermod --append --groups {group} $USER",
+    ),
+    "port_of_nobody": Text(
+        "{port} may be opened by root alone",
+        "a rule of udev gives it to the group dialout, which you join; then plug it in anew",
+        "sudo tee /etc/udev/rules.d/60-forcebound.rules <<< '{rule}';"
+        " sudo udevadm control --reload; sudo usermod --append --groups dialout $USER",
+    ),
 }
 
 # Reasons for a rejected packet, of codec, safety chain and controller: what it is, what to do.
@@ -251,7 +263,9 @@ CAUSES: dict[str, Text] = {
         action="does it compute for longer than that (environment.compute_delay)? See its log"
     ),
     "replies_rejected": Text(action="the replies are of an environment that does not serve"),
-    "law_not_certified": Text(action="this law is not certified"),
+    "law_not_certified": Text(
+        action="law {law} limits it and does not say why; law certified would name the causes"
+    ),
 }
 
 # Causes of little force: forcebound.analysis.bounder finds them.
@@ -268,6 +282,11 @@ CAUSES |= {
     "overruns": Text(
         action="{rate:.2g} hold-limit overruns/s cost energy of the ledger: device.hold_limit: "
         f"auto, or a longer one; {_PUNCTUAL}"
+    ),
+    "overruns_at_auto": Text(
+        action="{rate:.2g} hold-limit overruns/s cost energy of the ledger, though "
+        f"device.hold_limit is auto: {_PUNCTUAL}; if the device has neither, set_hold_limit or a "
+        "watchdog that reports"
     ),
     "late_ticks": Text(
         action="ticks are late, so a force is planned for {periods:.2g} periods, and the longer "

@@ -3,12 +3,14 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from forcebound.config.loader import build
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
+from forcebound.quantities import split_quantity
 from forcebound.sweep.plan import Sweep, load_sweep
 from forcebound.sweep.runner import run_cases, run_sweep
 from forcebound.workers import cluster_executor, local_executor, progress_bar
@@ -33,6 +35,9 @@ def run(
     sweep = load_sweep(file, arguments)
     if arguments:  # the same in all cases, so checked once
         build(sweep.template, sweep.overrides(0))
+    if plot:
+        _check_axes(sweep)
+    _check_values(sweep)
     _check_map(sweep)
     result = output or Path(f"{sweep.name}.parquet")
     began = time.monotonic()
@@ -47,6 +52,45 @@ def run(
         draw(result, picture)
         document["map"] = str(picture)
     return document
+
+
+def _check_axes(sweep: Sweep) -> None:
+    """Raise if the command line holds constant what the map is to vary."""
+    for key in ("x", "y"):
+        name = sweep.drawing.get(key)
+        if name is not None and name not in sweep.columns:
+            raise ConfigError(f"map: {name!r} for {key}: is constant here: leave out --plot")
+
+
+def _check_values(sweep: Sweep) -> None:
+    """Raise if a name or a unit is wrong wherever it stands, so that all its cases would fail.
+
+    The first and the last case that have it are asked: another argument may forbid it in one.
+    """
+    ends: dict[tuple[str, str], tuple[int, int]] = {}
+    for number, case in enumerate(sweep.cases):
+        for column in zip(sweep.columns, map(_name_or_unit, case), strict=True):
+            ends[column] = ends.get(column, (number, number))[0], number
+    for first, last in dict.fromkeys(ends.values()):
+        error = _error_of(sweep, first)
+        if error is not None and _error_of(sweep, last) is not None:
+            raise error
+
+
+@cache
+def _name_or_unit(text: str) -> str:
+    try:
+        return split_quantity(text)[1]
+    except ConfigError:
+        return text
+
+
+def _error_of(sweep: Sweep, case: int) -> ConfigError | None:
+    try:
+        build(sweep.template, sweep.overrides(case))
+    except ConfigError as error:
+        return error
+    return None
 
 
 def _check_map(sweep: Sweep) -> None:

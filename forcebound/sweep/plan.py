@@ -23,6 +23,7 @@ from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_quantity
+from forcebound.sweep.limits import LABELS
 
 MAX_CASES = 2_000_000
 
@@ -299,6 +300,15 @@ def _check_map(section: Section, varied: set[str]) -> None:
         entry = section.value.entries.get(key)
         if entry is not None and entry.text not in varied:
             section.add(unknown(f"varied argument for {key}:", entry.text, varied), entry)
+    limits = section.value.entries.get("limits")
+    if limits is None:
+        return
+    if not isinstance(limits.content, tuple):
+        section.add(f"limits: expected a list, got {limits}", limits)
+        return
+    for one in limits.content:
+        if one.text not in LABELS:
+            section.add(unknown("limit", one.text, LABELS), one)
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:

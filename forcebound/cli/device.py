@@ -1,0 +1,39 @@
+"""Commands about devices on serial ports."""
+
+from dataclasses import asdict
+
+import click
+
+from forcebound.cli.common import json_option, print_json, print_rows, reports_errors, show
+
+
+@click.group("device")
+def device_group() -> None:
+    """Look for devices on serial ports."""
+
+
+@device_group.command("list")
+@json_option
+@reports_errors
+def list_devices(as_json: bool) -> None:
+    """List the serial ports of this machine, and what seems to be there."""
+    from forcebound.hardware.ports import listed
+
+    ports = listed()
+    if as_json:
+        print_json([asdict(port) for port in ports])
+        return
+    rows = [
+        (
+            port.path,
+            port.seems or "–",
+            port.serial_number or "–",
+            port.description or "–",
+            "yes" if port.is_permitted else "no: `forcebound doctor`",
+        )
+        for port in ports
+    ]
+    if rows:
+        print_rows(("port", "seems to be", "serial number", "description", "may be opened"), rows)
+    else:
+        show("no serial port has a device; plug it in, or try `forcebound emulate haply_2diy`")

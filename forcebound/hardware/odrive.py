@@ -1,0 +1,324 @@
+r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
+
+**A tick** has three exchanges. Both reads ask for the positions. The write sets the torques and
+asks for the error of one axis, each in its turn: lines are processed in their order, so the reply
+says that the torques were taken, and that the axis is well.
+
+**Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
+takes longer may have passed before the board or after it. The board estimates positions and sets
+torques at its own 8 kHz: a position is up to 125 us older than the request's arrival, a torque acts
+up to 125 us after. So with a request sent at a and its reply here at e, a reading is stamped
+a - 125 us and may be later by e - a - m + 125 us (:meth:`OpenODrive.latch_jitter`); a torque is
+stamped e - m + 125 us.
+
+**Readings** come from the board's estimator, which keeps within a count of the encoder at rest and
+at constant speed, and lags by the acceleration over the square of ``encoder.config.bandwidth``.
+Where that matters the resolution has to contain it. An estimate that is not valid is repeated; the
+axis then has an error, found within as many ticks as there are axes.
+
+**The watchdog** of the board switches a motor off for good: it ends a force when host or cable
+fail, and does not cut a late hold. So the driver states ``watchdog: none``, and as its
+``watchdog_limit`` the time that it gives the board. It counts in every state, so the motors are
+switched on by the first writes, when the servo runs: until then the driver writes, and says so,
+zero torque.
+
+**What the driver switches off**, because the torque must be what was written: the limit of torque
+by speed, and every input mode but the plain one. What the board's limits of torque and current
+forbid is refused at the start.
+
+**Signs.** A positive torque on the wire turns towards larger angles; a positive torque of
+forcebound resists that.
+
+**What goes wrong ends in zero torque and a DeviceError**, once, as :mod:`forcebound.hardware.line`
+has it: silence for half of the ``watchdog_limit``; a reply that is cut short, without its checksum,
+or no number; more replies than asked for; an error of an axis; a port that is gone; a guardian that
+had to step in.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
+
+from forcebound.devices.kinematics import ArmKinematics
+from forcebound.devices.knob import Knob
+from forcebound.devices.stated import Source, per_axis
+from forcebound.devices.stated_joints import (
+    AngleOfJoints,
+    DampingOfJoints,
+    StatedJoints,
+    TorqueOfJoints,
+)
+from forcebound.devices.truth import Truth
+from forcebound.errors import DeviceError
+from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.odrive_lines import (
+    DECIMALS,
+    WATCHDOG_EXPIRED,
+    error_words,
+    number,
+    position,
+    request,
+    torque_request,
+)
+from forcebound.hardware.odrive_requests import Exchange, Requests
+from forcebound.hardware.odrive_start import (
+    SETTLING,
+    Switch,
+    check_firmware,
+    set_up,
+    switched_off,
+    zero_torque,
+)
+from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
+from forcebound.parts.plain import plain
+from forcebound.quantities import (
+    POSITIVE,
+    AngularSpeed,
+    Inertia,
+    Length,
+    Range,
+    Time,
+    Torque,
+)
+
+KIND = "odrive"
+CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
+FIRST_EXCHANGES = 50  # without force, for the quickest exchange
+BITS = 10  # on a UART for each byte
+REPLY_SIZE = 26  # bytes: of the usual reply to f
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ODrive(StatedJoints):
+    """Parameters of motors on an ODrive, each a knob.
+
+    Motor and encoder must be calibrated before, with the maker's tool. Damping and friction are
+    those of the motor in use: ``forcebound identify`` measures them.
+
+    Attributes:
+        resolution: Of the positions that the board reports: two counts of the encoder, or more.
+        joints: Number of motors, from axis 0 up.
+        lever: From the axle of a motor to the hand.
+        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
+        baud: Bits a second, for a UART; null: USB, which has no such limit.
+        watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
+        reply_within: A reply later than this is counted as late.
+    """
+
+    simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
+
+    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
+    damping: DampingOfJoints = 1e-3  # assumed
+    friction: TorqueOfJoints = 1e-2  # assumed
+    resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
+    saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
+    write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
+    watchdog: Literal["none"] = "none"
+    watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] = 0.02
+    joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
+    lever: Annotated[Length, POSITIVE] = 0.04
+    port: str = EMULATED
+    baud: Annotated[int, Range(at_least=9600)] | None = None
+    reply_within: Annotated[Time, POSITIVE] = 3e-4
+    sources: Mapping[str, Source] = field(
+        default_factory=lambda: dict.fromkeys(
+            ("damping", "friction", "inertia", "resolution", "saturation", "largest_speed"),
+            "assumed",
+        ),
+        hash=False,
+    )
+
+    @property
+    def axes(self) -> int:
+        """Number of motors."""
+        return self.joints
+
+    def knob(self) -> Knob:
+        """Return the simulated knob with this geometry, and an encoder as fine as this needs."""
+        encoder = tuple([0.5 * step for step in per_axis(self.resolution, self.joints)])
+        return Knob(
+            joints=self.joints,
+            lever=self.lever,
+            inertia=self.inertia,
+            damping=self.damping,
+            friction=self.friction,
+            resolution=encoder,
+            presliding=self.presliding,
+            gain_error=self.gain_error,
+            lag=self.lag,
+            substep=self.substep,
+            truth=self.truth,
+        )
+
+    def mechanism(self) -> dict[str, Any]:
+        """Return what an emulator simulates, plain JSON in SI units."""
+        return plain(self.knob())
+
+    def open(self, operator: Operator | None, hold_limit: float) -> "OpenODrive":
+        """Return the device, its motors off until the first writes; see ``DeviceModel``."""
+        zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
+        baud = self.baud or 115_200
+        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator, baud)
+        try:
+            return OpenODrive(self, line, hold_limit)
+        except BaseException:
+            line.close()
+            raise
+
+
+class OpenODrive:
+    """Motors on an ODrive, from open to close; see :class:`forcebound.devices.Device`.
+
+    Args:
+        model: Its parameters.
+        line: To its board.
+        hold_limit: Longest time between two writes, in s.
+
+    Attributes:
+        kinematics: Of the knobs.
+
+    Raises:
+        DeviceError: If the board does not answer as an ODrive does, cannot give the torque that the
+            model states, or is too slow for ticks of this length.
+    """
+
+    def __init__(self, model: ODrive, line: Line, hold_limit: float) -> None:
+        self._model, self._line = model, line
+        joints = range(model.joints)
+        self._zero: Vector = (0.0,) * model.joints
+        self._held = self._zero
+        self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
+        self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
+        self._next = 0  # axis whose error is asked for next
+        self._read_ns = self._effect_ns = self._jitter_ns = 0
+        self._check_rate(hold_limit, self._seconds_on_wire())
+        self._requests = Requests(line, model.reply_within)
+        self._switch = Switch(self._requests, model.joints, model.watchdog_limit)
+        self.kinematics: ArmKinematics = model.knob().kinematics()
+        self._requests.tell(b"\n" + zero_torque(model.joints))
+        time.sleep(SETTLING)
+        line.port.drain()  # what a former user has left
+        check_firmware(self._requests)
+        for axis in joints:
+            set_up(self._requests, axis, model.saturation)
+        for _ in range(FIRST_EXCHANGES):
+            tick_ns = 2 * self._ask().quickest_ns + self._tell(self._zero).quickest_ns
+        self._check_rate(hold_limit, tick_ns * 1e-9)
+        self._requests.patience, self._requests.late_replies = line.silence, 0
+
+    @property
+    def axes(self) -> int:
+        """Number of motors."""
+        return self._model.joints
+
+    def engage(self, time_ns: int) -> None:
+        """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
+        if self._line.truth is not None:
+            self._line.truth.engage(time_ns)
+
+    def read(self, time_ns: int) -> Vector:
+        """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
+        exchange = self._ask()
+        self._read_ns = exchange.sent_ns - CONTROL_NS
+        self._jitter_ns = exchange.excess_ns + CONTROL_NS
+        return tuple([math.tau * turns for turns in exchange.said])
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        if not self._switch.is_on:
+            self._switch.go_on()
+            self._effect_ns = time.monotonic_ns()
+            return self._zero
+        magnitude = math.hypot(*force)
+        if not magnitude < math.inf:
+            force = self._zero
+        elif magnitude > self._model.saturation:
+            scale = self._model.saturation / magnitude
+            force = tuple([scale * torque for torque in force])
+        force = tuple([round(torque, DECIMALS) for torque in force])  # as the wire has it
+        axis = self._next
+        exchange = self._tell(force)
+        self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
+        error = int(exchange.said[0])
+        if error == WATCHDOG_EXPIRED and not any(self._held):
+            self._switch.begin()  # after a pause without force
+            force = self._zero
+        elif error:
+            self._requests.end(
+                DeviceError(
+                    f"axis {axis} of the ODrive is off with the error {error_words(error)}: its"
+                    " tool says more (dump_errors)"
+                )
+            )
+        self._held = force
+        return force
+
+    def stamps(self) -> tuple[int, int]:
+        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
+        return self._read_ns, max(self._effect_ns, self._read_ns)
+
+    def latch_jitter(self) -> int:
+        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
+        return self._jitter_ns
+
+    def truth(self) -> Truth | None:
+        """Return the ground truth of an emulated device; None for a real one."""
+        return None if self._line.truth is None else self._line.truth.read()
+
+    def close(self) -> None:
+        """Write zero torque, switch off, release the port; see ``Device``."""
+        joints, requests = self._model.joints, self._requests
+        with suppress(DeviceError):  # also where the line has failed, and takes no other message
+            self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
+        self._line.close()
+        if requests.replies:
+            share = 100.0 * requests.late_replies / requests.replies
+            limit = 1e3 * self._model.reply_within
+            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
+            _logger.info(message, requests.replies, share, limit)
+
+    def _ask(self) -> Exchange[float]:
+        return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
+
+    def _tell(self, force: Vector) -> Exchange[float]:
+        """Set torques, which resist where positive, and ask an axis for its error."""
+        axis = self._next
+        self._next = (axis + 1) % self._model.joints
+        message = _torque_lines(force) + self._ask_error[axis]
+        return self._requests.exchange("write", message, 1, _error, has_force=any(force))
+
+    def _seconds_on_wire(self) -> float:
+        """Return what the bytes of a tick take on a UART, in s; 0 on USB."""
+        model = self._model
+        if model.baud is None:
+            return 0.0
+        told = len(_torque_lines((-0.1,) * model.joints) + self._ask_error[0])
+        count = 2 * len(self._ask_positions) + told + (2 * model.joints + 1) * REPLY_SIZE
+        return count * BITS / model.baud
+
+    def _check_rate(self, hold_limit: float, seconds: float) -> None:
+        """Raise DeviceError if the messages of a tick take longer than a tick may."""
+        if seconds > hold_limit:
+            baud = self._model.baud
+            where = "this port" if baud is None else f"{baud} baud"
+            raise DeviceError(
+                f"the messages of a tick take {1e3 * seconds:.3g} ms at {where}, and a force is"
+                f" held for {1e3 * hold_limit:.3g} ms: at most {1.0 / seconds:.0f} ticks a second."
+                " Use the board's USB port or a higher baud rate, or lower device.rate"
+            )
+
+
+def _torque_lines(force: Vector) -> bytes:
+    return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
+
+
+def _error(text: str) -> float:
+    return number(text, "of an axis's error")

@@ -1,0 +1,102 @@
+"""Requests to an ODrive: timed, checked, and the end of the line where one fails."""
+
+import time
+from collections.abc import Callable
+from typing import Generic, NamedTuple, NoReturn, TypeVar
+
+from forcebound.errors import DeviceError
+from forcebound.hardware.line import Line
+from forcebound.hardware.odrive_lines import answer, number, request
+
+PATIENCE = 0.5  # s, with a board that has not been given a force yet
+
+Said = TypeVar("Said")
+
+
+class Exchange(NamedTuple, Generic[Said]):
+    """A message and its replies."""
+
+    sent_ns: int
+    quickest_ns: int  # that one of its kind took so far
+    excess_ns: int  # that this one took longer
+    said: list[Said]
+
+
+class Requests:
+    """Requests to the board on a line.
+
+    Args:
+        line: To the board.
+        reply_within: A reply later than this is counted as late, in s.
+
+    Attributes:
+        patience: A board that is silent for longer is lost, in s.
+        replies: That have come.
+        late_replies: Those that were late.
+    """
+
+    def __init__(self, line: Line, reply_within: float) -> None:
+        self._line = line
+        self._late_ns = round(reply_within * 1e9)
+        self._quickest_ns: dict[str, int] = {}
+        self.patience = max(PATIENCE, line.silence)
+        self.replies = self.late_replies = 0
+
+    def exchange(
+        self,
+        kind: str,
+        message: bytes,
+        count: int,
+        parse: Callable[[str], Said],
+        has_force: bool = False,
+    ) -> Exchange[Said]:
+        """Send a message and wait for its replies.
+
+        Args:
+            kind: Of the message; those of a kind should take equally long.
+            message: Lines.
+            count: Of replies.
+            parse: Reads a reply.
+            has_force: Whether the board gives a force after the message.
+
+        Raises:
+            DeviceError: If the replies are not what is expected: zero torque was written.
+        """
+        line = self._line
+        try:
+            sent_ns = time.monotonic_ns()
+            line.send(message, has_force)
+            data = line.port.read_lines(count, sent_ns + round(self.patience * 1e9))
+            took_ns = time.monotonic_ns() - sent_ns
+            lines = data.split(b"\r\n")
+            if len(lines) != count + 1 or lines.pop():
+                raise DeviceError(
+                    f"expected {count} replies within {1e3 * self.patience:g} ms, got"
+                    f" {data[:40]!r}: is this the port of an ODrive with firmware 0.5, and does it"
+                    " have power?"
+                )
+            said = [parse(answer(one)) for one in lines]
+        except DeviceError as failure:
+            self.end(failure)
+        self.replies += count
+        self.late_replies += took_ns > self._late_ns
+        quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
+        self._quickest_ns[kind] = quickest_ns
+        return Exchange(sent_ns, quickest_ns, took_ns - quickest_ns, said)
+
+    def value(self, name: str) -> float | None:
+        """Return the value of a property; None if the board does not have it."""
+
+        def parse(text: str) -> float | None:
+            return None if text == "invalid property" else number(text, name)
+
+        return self.exchange("property", request(f"r {name}"), 1, parse).said[0]
+
+    def tell(self, message: bytes) -> None:
+        """Send lines without replies, and without force."""
+        self._line.send(message, has_force=False)
+
+    def end(self, failure: DeviceError) -> NoReturn:
+        """Write zero torque, refuse all further messages, raise the failure."""
+        self._line.fail(failure)
+        raise failure

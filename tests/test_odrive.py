@@ -1,0 +1,334 @@
+"""The ODrive driver against the emulated board, message by message."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from builders import MS
+
+from forcebound.devices.truth_file import TruthFile
+from forcebound.emulators.odrive_board import ODriveBoard
+from forcebound.errors import DeviceError
+from forcebound.hardware.odrive import ODrive, OpenODrive
+from forcebound.hardware.odrive_lines import (
+    answer,
+    error_words,
+    number,
+    position,
+    request,
+    torque_request,
+)
+from forcebound.messages.packets import Vector
+
+HOLD = 1.0  # s; a fake line has no time
+
+
+class FakePort:
+    """A port whose board answers at once; a millisecond passes with each message."""
+
+    def __init__(self, board: ODriveBoard) -> None:
+        self.board, self.time_ns, self.unread = board, 0, b""
+        self.written: list[bytes] = []
+
+    def write(self, message: bytes) -> None:
+        self.time_ns += MS
+        self.written.append(message)
+        self.unread += self.board.receive(message, self.time_ns)
+
+    def read_lines(self, count: int, deadline_ns: int) -> bytes:
+        return self.drain()
+
+    def drain(self) -> bytes:
+        data, self.unread = self.unread, b""
+        return data
+
+
+class FakeLine:
+    """A line to such a port, without guardian."""
+
+    truth: TruthFile | None = None
+    silence = 0.01
+
+    def __init__(self, board: ODriveBoard) -> None:
+        self.port = FakePort(board)
+        self.failure: DeviceError | None = None
+        self.forces: list[bool] = []
+        self.closed = 0
+
+    def send(self, message: bytes, has_force: bool) -> None:
+        if self.failure is not None:
+            raise self.failure
+        if self.port.drain():
+            raise DeviceError("what nobody asked for")
+        self.forces.append(has_force)
+        self.port.write(message)
+
+    def fail(self, failure: DeviceError) -> None:
+        self.failure = self.failure or failure
+        self.port.write(b"\nc 0 0\nc 1 0\nc 2 0\n")
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def opened(
+    board: ODriveBoard | None = None, **changed: float | None
+) -> tuple[OpenODrive, ODriveBoard, Any]:
+    """A driver on a fake line, its motors off."""
+    board = board or ODriveBoard(1)
+    line: Any = FakeLine(board)
+    numbers: dict[str, Any] = dict(changed)
+    model = replace(ODrive(joints=len(board.angles)), **numbers)
+    return OpenODrive(model, line, HOLD), board, line
+
+
+def write_often(device: OpenODrive, force: Vector) -> None:
+    for _ in range(5):
+        device.write(0, force)
+
+
+def switched_on(
+    board: ODriveBoard | None = None, **changed: float | None
+) -> tuple[OpenODrive, ODriveBoard, Any]:
+    device, board, line = opened(board, **changed)
+    for _ in range(2 * device.axes + 2):
+        assert device.write(0, (0.0,) * device.axes) == (0.0,) * device.axes
+    return device, board, line
+
+
+def test_lines_of_the_specification() -> None:
+    assert request("r vbus_voltage") == b"r vbus_voltage *93\n"
+    assert request("f 0") == b"f 0 *86\n"
+    assert request("c 0 0.05") == b"c 0 0.05 *104\n"
+    assert request("u 0") == b"u 0 *69\n"
+
+
+@pytest.mark.parametrize("torque", [math.nan, math.inf, 1e39 * 1e300])
+def test_what_is_no_number_is_not_sent(torque: float) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        torque_request(0, torque)
+
+
+@pytest.mark.parametrize("line", [b"0.1 0.2", b"0.1 0.2*1", b"*", b"", b"0.1*x"])
+def test_a_reply_without_its_checksum_is_refused(line: bytes) -> None:
+    with pytest.raises(DeviceError, match="checksum is wrong"):
+        answer(line)
+
+
+@pytest.mark.parametrize("text", ["nan nan", "0.1", "0.1 0.2 0.3", "inf 0", "unknown command"])
+def test_a_position_that_is_no_number_is_refused(text: str) -> None:
+    with pytest.raises(DeviceError, match="expected position and velocity"):
+        position(text)
+
+
+def test_numbers_and_errors_in_words() -> None:
+    assert number("-1234.567", "x") == -1234.567
+    with pytest.raises(DeviceError, match=r"expected the number vbus.*invalid"):
+        number("invalid property", "vbus")
+    assert error_words(0x840) == "0x840 (MOTOR_FAILED, WATCHDOG_TIMER_EXPIRED)"
+
+
+def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> None:
+    device, board, _ = opened()
+    assert board.torque == (0.0,)
+    assert device.write(0, (0.1,)) == (0.0,)
+    assert board.torque == (0.0,)
+    for _ in range(3):
+        device.write(0, (0.0,))
+    assert device.write(0, (0.1,)) == (0.1,)
+    assert board.torque == (-0.1,)  # a positive one resists
+
+
+def test_the_start_has_the_order_that_the_firmware_needs() -> None:
+    _, _, line = switched_on(watchdog_limit=0.021)
+    text = b"".join(line.port.written).decode()
+    places = [
+        text.index(part)
+        for part in (
+            "w axis0.controller.config.enable_torque_mode_vel_limit 0 ",
+            "w axis0.config.watchdog_timeout 0.02 ",
+            "u 0 ",
+            "w axis0.config.enable_watchdog 1 ",
+            "sc ",
+            "w axis0.requested_state 8 ",
+            "r axis0.current_state ",
+        )[:-1]
+    ]
+    assert places == sorted(places)
+    assert not any(line.forces)
+
+
+def test_angles_are_those_of_the_shafts() -> None:
+    device, board, _ = switched_on(ODriveBoard(2))
+    board.angles = (0.5, -1.25)
+    assert device.read(0) == pytest.approx((0.5, -1.25), abs=math.tau * 5e-7)
+    assert device.kinematics.position((0.5, -1.25)) == pytest.approx((0.02, -0.05))
+
+
+def test_what_is_given_is_what_the_wire_has() -> None:
+    device, board, line = switched_on(ODriveBoard(2))
+    given = device.write(0, (0.1234567891, -0.05))
+    assert given == (0.123457, -0.05)
+    assert board.torque == (-0.123457, 0.05)
+    assert line.forces[-1]
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"), [((3.0, 4.0), (0.18, 0.24)), ((math.nan, 1.0), (0.0, 0.0))]
+)
+def test_it_gives_no_more_than_its_saturation(asked: Vector, given: Vector) -> None:
+    device, board, _ = switched_on(ODriveBoard(2))
+    assert device.write(0, asked) == pytest.approx(given)
+    assert board.torque == pytest.approx(tuple(-g for g in given))
+    assert device.write(0, (1e39, 0.0)) == (0.3, 0.0)
+
+
+def test_a_reading_is_stamped_early_and_a_force_late() -> None:
+    device, _, _ = switched_on()
+    device.read(0)
+    device.write(0, (0.1,))
+    read_ns, effect_ns = device.stamps()
+    assert effect_ns - read_ns >= 250_000  # both ends of the firmware's period
+    assert device.latch_jitter() >= 125_000
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_error_of_any_axis_ends_all(axis: int) -> None:
+    board = ODriveBoard(2)
+    device, _, line = switched_on(board)
+    device.write(0, (0.1, 0.1))
+    board.receive(b"w axis%d.error 64\n" % axis, line.port.time_ns)
+    with pytest.raises(DeviceError, match=f"axis {axis} .*MOTOR_FAILED"):
+        write_often(device, (0.1, 0.1))
+    assert board.torque == (0.0, 0.0)
+    with pytest.raises(DeviceError, match="MOTOR_FAILED"):
+        device.read(0)
+
+
+def test_an_estimate_that_is_repeated_is_found_out() -> None:
+    device, board, _ = switched_on()
+    device.write(0, (0.1,))
+    board.has_estimate = False
+    device.read(0)
+    with pytest.raises(DeviceError, match="ENCODER_FAILED"):
+        device.write(0, (0.1,))
+    assert board.torque == (0.0,)
+
+
+def test_a_watchdog_that_expires_under_force_is_the_end() -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    line.port.time_ns += 30 * MS
+    with pytest.raises(DeviceError, match="WATCHDOG_TIMER_EXPIRED"):
+        device.write(0, (0.1,))
+    assert board.torque == (0.0,)
+
+
+def test_after_a_pause_without_force_the_motors_are_switched_on_again() -> None:
+    device, board, line = switched_on()
+    line.port.time_ns += 3000 * MS
+    assert device.write(0, (0.1,)) == (0.0,)
+    for _ in range(3):
+        assert device.write(0, (0.1,)) in ((0.0,), (0.1,))
+    assert device.write(0, (0.1,)) == (0.1,)
+    assert board.torque == (-0.1,)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda reply: reply[:-1], "expected 1 replies"),
+        (lambda reply: b"", "expected 1 replies"),
+        (lambda reply: reply + b"0*48\r\n", "expected 1 replies"),
+        (lambda reply: bytes([reply[0] ^ 1]) + reply[1:], "checksum"),
+    ],
+    ids=["short", "late", "foreign", "noise"],
+)
+def test_a_reply_that_is_not_in_order_ends_all(spoil: Callable[[bytes], bytes], words: str) -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    read_lines = line.port.read_lines
+    line.port.read_lines = lambda count, deadline_ns: spoil(read_lines(count, deadline_ns))
+    with pytest.raises(DeviceError, match=words):
+        device.read(0)
+    assert board.torque == (0.0,)
+    with pytest.raises(DeviceError, match=words):
+        device.write(0, (0.1,))
+
+
+def test_readings_that_are_no_numbers_end_all() -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    read_lines = line.port.read_lines
+    line.port.read_lines = lambda *given: board.with_nan(read_lines(*given))
+    with pytest.raises(DeviceError, match="expected position and velocity"):
+        device.read(0)
+    assert board.torque == (0.0,)
+
+
+def test_what_nobody_asked_for_ends_all() -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    line.port.unread = b"0.1 0.2\r\n"
+    with pytest.raises(DeviceError, match="nobody asked for"):
+        device.read(0)
+    assert board.torque == (0.0,)
+
+
+def test_what_a_former_user_has_left_does_not_matter() -> None:
+    board = ODriveBoard(1)
+    board.receive(b"c 0 0.1\nw axis0.requested_state 8\nw axis0.controller.inp", 0)
+    device, _, _ = opened(board)
+    assert device.read(0) == (0.0,)
+    assert board.torque == (0.0,)
+
+
+def test_a_board_that_is_not_calibrated_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, _, _ = opened(ODriveBoard(1, is_calibrated=False))
+    monkeypatch.setattr("forcebound.hardware.odrive_start.SWITCHING_NS", 0)
+    with pytest.raises(DeviceError, match=r"does not switch on, error 0x1 \(INVALID_STATE\)"):
+        write_often(device, (0.0,))
+
+
+def test_a_board_with_fewer_axes_is_told_so() -> None:
+    line: Any = FakeLine(ODriveBoard(1))
+    with pytest.raises(DeviceError, match="no axis 1"):
+        OpenODrive(ODrive(joints=2), line, HOLD)
+
+
+def test_a_board_that_cannot_give_the_saturation_is_told_so() -> None:
+    with pytest.raises(DeviceError, match=r"gives 0.4 N m at most.*current_lim 10 A"):
+        opened(saturation=0.5)
+
+
+def test_another_firmware_is_told_so() -> None:
+    board = ODriveBoard(1)
+    board._values["fw_version_minor"] = 6
+    with pytest.raises(DeviceError, match=r"firmware 0\.6"):
+        opened(board)
+
+
+def test_a_line_that_is_too_slow_is_told_so_with_the_numbers() -> None:
+    line: Any = FakeLine(ODriveBoard(1))
+    with pytest.raises(DeviceError, match=r"take 1\d\.?\d* ms at 115200 baud.*at most \d\d ticks"):
+        OpenODrive(ODrive(baud=115_200), line, 1.25e-3)
+    OpenODrive(ODrive(baud=2_000_000), line, 1.25e-3)
+
+
+def test_it_is_closed_without_torque_and_without_a_watchdog_that_complains() -> None:
+    device, board, line = switched_on()
+    device.write(0, (0.1,))
+    device.close()
+    assert line.closed == 1
+    board.receive(b"", line.port.time_ns + 100 * MS)
+    assert board.torque == (0.0,)
+    said = board.receive(b"r axis0.error\nr axis0.current_state\n", line.port.time_ns + 100 * MS)
+    assert said == b"0\r\n1\r\n"
+
+
+def test_three_motors_are_switched_on_one_after_the_other() -> None:
+    device, board, _ = switched_on(ODriveBoard(3))
+    assert device.write(0, (0.1, 0.05, -0.1)) == (0.1, 0.05, -0.1)
+    assert board.torque == (-0.1, -0.05, 0.1)
