@@ -31,6 +31,7 @@ class ScriptedBoard:
 
     truth = None
     silence = 0.01  # s
+    is_at_rest = False
 
     def __init__(self, reply: Reply = angles) -> None:
         self.port = self
@@ -68,6 +69,7 @@ class ScriptedBoard:
 
     def fail(self, failure: DeviceError) -> None:
         self.failures.append(failure)
+        self.is_at_rest = True
         self._take(ZERO)
 
     def close(self) -> None:

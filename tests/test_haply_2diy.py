@@ -160,6 +160,7 @@ def test_a_wrong_reply_ends_in_zero_torque_and_one_reason(board: ScriptedBoard, 
         device.read(0)
     with pytest.raises(DeviceError, match=words):
         device.write(0, (0.05, -0.02))
+    assert device.write(0, (0.0, 0.0)) == (0.0, 0.0)  # it is there already
     device.close()
     assert set(board.torques[held + 1 :]) == {(0.0, 0.0)}  # after the exchange that failed
     assert len(board.others) == 1

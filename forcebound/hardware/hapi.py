@@ -18,8 +18,8 @@ to:
   says 11.95082. What was cut is known, and put back.
 * **A torque is cut to whole steps of the pulse width**, 0.123 N m / 4095, towards zero.
 * **An angle is a whole number of counts.** Without a checksum this is the only check of a reply
-  beside its address and its length; noise passes it in one of ten cases, and then most likely
-  fails the device's ``largest_speed``.
+  beside its address and its length; noise in both angles passes it in one of a hundred cases, and
+  then most likely fails the device's ``largest_speed``.
 * **NaN passes the firmware's clamp**, so it is refused here.
 """
 

@@ -241,6 +241,8 @@ class OpenHaply:
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
+        if self._line.is_at_rest and not any(force):
+            return force  # the last zero after a failure, which was written then
         scale = self._scale(force)
         wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
         self._torque = tuple([-torque for torque in wanted])
@@ -282,7 +284,8 @@ class OpenHaply:
             if not reply:
                 raise DeviceError(
                     f"no reply within {1e3 * patience:g} ms: is this the port of a Haply"
-                    " board, and does the board have power?"
+                    " board, and does the board have power? (an"
+                    " emulator may get no processor: a quieter machine, or a longer watchdog_limit)"
                 )
             angles = parse_reply(reply, address, self._wiring)
         except DeviceError as failure:

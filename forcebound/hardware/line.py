@@ -39,6 +39,7 @@ class Line:
     Attributes:
         port: Open. Write with :meth:`send`.
         silence: A board that is silent for longer is lost, in s.
+        is_at_rest: Whether it has failed, and zero force was written.
         truth: The ground truth of an emulated device; None: it is a real one.
 
     Raises:
@@ -57,6 +58,7 @@ class Line:
     ) -> None:
         self._zero = zero
         self.silence = SILENCE * watchdog_limit
+        self.is_at_rest = False
         self._failure: DeviceError | None = None
         with ExitStack() as opened:
             if name == EMULATED:
@@ -107,6 +109,7 @@ class Line:
         """Write zero force, if the port still takes it, and refuse every message from now on."""
         with suppress(DeviceError):
             self.port.write(self._zero)
+            self.is_at_rest = True
         if self._failure is None:
             self._failure = failure
 
