@@ -24,6 +24,7 @@ HOLD_LIMITS = (1.25, 2.0, 4.0, 10.0, "auto")
 JITTER = 20e-6  # s
 # Watchdog -> what the device states beside it. Without one, a hold may last 10 ms at most.
 WATCHDOGS: dict[str, dict[str, float]] = {
+    "guarding": {},
     "reporting": {},
     "silent": {},
     "none": {"watchdog_limit": 10e-3},

@@ -116,7 +116,10 @@ def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
     for number, line in enumerate(_LINE.finditer(text), start=1):
         if len(line[0]) > MAX_LINE:
             raise ConfigError(f"{path}:{number}: more than {MAX_LINE} characters: no row has them")
-        row = next(csv.reader((line[0],)))
+        try:
+            row = next(csv.reader((line[0],), strict=True))
+        except csv.Error as error:
+            raise ConfigError(f"{path}:{number}: {error}") from None
         if row:
             yield f"{path}:{number}", row
 

@@ -131,6 +131,7 @@ def campaign(target: str, seconds: int) -> bool:
         f"-artifact_prefix={folder}/found-",
         f"-dict={folder / 'words.dict'}",
         f"-timeout={SLOWEST}",
+        f"-report_slow_units={SLOWEST}",
         f"-rss_limit_mb={MEMORY}",
         "-max_len=8192",
         "-print_final_stats=1",

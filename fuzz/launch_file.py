@@ -19,7 +19,8 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     from forcebound.config.loader import arguments_of, from_document, load
     from forcebound.config.resolved import to_document
     from forcebound.errors import ConfigError
-    from forcebound.launch.build import build_links, build_node
+    from forcebound.launch.build import build_node
+    from forcebound.launch.links import build_links
     from forcebound.processes import NODES
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "graph.yaml"

@@ -10,7 +10,8 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import differences, parameters
 from forcebound.config.resolved import with_parameters
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_link, change_environment, change_link
+from forcebound.launch.build import change_environment, change_link
+from forcebound.launch.links import build_link
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode

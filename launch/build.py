@@ -1,4 +1,4 @@
-"""Nodes and links of a graph, made from its configuration."""
+"""Nodes of a graph, made from its configuration; changes of nodes and links."""
 
 from collections.abc import Callable
 
@@ -90,23 +90,6 @@ def build_device(config: GraphConfig, clock: Callable[[], int] | None = None) ->
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = GuardedDevice(device)
     return DeviceNode(device, dissipation_of(model, servo), servo, clock)
-
-
-def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
-    """Return the impaired links by topic; the others are perfect.
-
-    Consumers want the newest value of every topic.
-    """
-    return {
-        topic: build_link(topic, impairment, config.seed)
-        for topic, impairment in config.links.items()
-        if impairment != Impairment()
-    }
-
-
-def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
-    """Return the link of a topic in a graph with this seed."""
-    return Link(impairment, link_seed(seed, topic), True, trace_of(impairment))
 
 
 def change_link(link: Link[Packet], impairment: Impairment) -> None:

@@ -283,6 +283,8 @@ class Lifecycle:
         limits = self._limits
         if self.phase is Phase.STARTING:
             reasons = "; ".join(self._missing(node) for node in self.not_ready)
+            if not self.silent:  # the servo comes first on the core that all of them share
+                reasons += "; is the rate of the device too high for this machine?"
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
             return self._stop(time_ns)
         if self.phase is Phase.ENGAGING:

@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
+from forcebound.launch.links import check_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.run_lock import exclusive, shared
 from forcebound.launch.supervisor import Step, Supervisor
@@ -50,7 +51,8 @@ from forcebound.process import (
 from forcebound.processes import LAUNCHER, PROCESSES
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
-# two ticks of a slower one nothing is heard of a request to engage or to stop.
+# two ticks of a slower one nothing is heard of a request to engage or to stop. Not measured here:
+# that would depend on what else runs just now, and refuse on a busy machine what runs well.
 SLOWEST, FASTEST = 10.0, 5000.0
 MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
 
@@ -154,21 +156,32 @@ def run_live(
                 start_cores=cores,
             )
             interrupted = supervisor.run()
+        except RunError:
+            _discard_if_empty(recording)
+            raise
         finally:
             os.sched_setaffinity(0, cores)
         return _result(recording, interrupted)
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:
+    if interrupted and _discard_if_empty(recording):
+        raise KeyboardInterrupt
     try:
-        result = replace(RunResult.from_recording(recording), interrupted=interrupted)
-        if not interrupted or result.summary["samples"]:
-            return result
+        return replace(RunResult.from_recording(recording), interrupted=interrupted)
     except ConfigError as error:
-        if not interrupted:
-            raise RunError(str(error)) from error
-    recording.unlink(missing_ok=True)  # before the first sample: there is no result
-    raise KeyboardInterrupt
+        raise RunError(str(error)) from error
+
+
+def _discard_if_empty(recording: Path) -> bool:
+    """Remove a recording without a sample, which would stand in the way of the next run."""
+    from forcebound.recording import read  # slow, and rarely needed here
+
+    with suppress(ConfigError):
+        if (read(recording, (TELEMETRY,)).telemetry.engagement > 0.0).any():
+            return False
+    recording.unlink(missing_ok=True)
+    return True
 
 
 def check_here(config: GraphConfig, record: Path | None = None) -> None:
@@ -180,8 +193,8 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
     Raises:
         ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
-            be written, a key be missing, the address not be ours or a port be in use; the message
-            names all that is wrong.
+            be written, a link lose all packets, a key be missing, the address not be ours or a port
+            be in use; the message names all that is wrong.
     """
     problems = []
     rate = config.device.servo.rate
@@ -190,7 +203,10 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
             f"device.rate: a live run keeps {SLOWEST:g} Hz to {FASTEST:g} Hz, got {rate:g} Hz;"
             " virtual time keeps any: `forcebound simulate`"
         )
-    checks: list[Callable[[], object]] = [partial(realtime.choose_core, config.realtime.cores)]
+    checks: list[Callable[[], object]] = [
+        partial(realtime.choose_core, config.realtime.cores),
+        partial(check_links, config),
+    ]
     if record is not None:
         checks.append(partial(check_writable, record, "the recording"))
     if config.remote is not None:

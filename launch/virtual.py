@@ -11,7 +11,8 @@ from forcebound.config.phases import timetable
 from forcebound.config.resolved import kind_of, to_document
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_node
+from forcebound.launch.links import build_links
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
@@ -79,9 +80,10 @@ def check_has_virtual_time(config: GraphConfig) -> None:
     """
     instead = getattr(config.device.model, "simulated_in", None)
     if instead is not None:
+        kind = kind_of("device", config.device.model)
         raise ConfigError(
-            f"a {kind_of('device', config.device.model)} is at a serial port, emulated or not, and"
-            f" has no virtual time: use `forcebound launch`, or `forcebound simulate {instead}`"
+            f"the device {kind} is at a serial port, emulated or not, and has no virtual time:"
+            f" use `forcebound launch`, or `forcebound simulate {instead}`"
         )
 
 

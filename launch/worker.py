@@ -24,8 +24,9 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import CODE_OF_PROCESS, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Tuner
-from forcebound.launch.build import build_links, build_node
+from forcebound.launch.build import build_node
 from forcebound.launch.children import name_begins
+from forcebound.launch.links import build_links
 from forcebound.launch.live import (
     RECORDING,
     RUN_FILE,

@@ -7,7 +7,7 @@ At each write the bounder hears what really happened since the last one, before 
    between them is never taken for shorter than it is; else the time of the tick. If the device
    says by how much a reading may be later than its stamp, that is added to the interval: the same
    way in a longer time dissipates less. So the bounder's clock runs ahead by what is uncertain.
-2. *Cuts.* Where and when a reporting watchdog has dropped a force.
+2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
 3. *The hold limit* of the force to come. The device is given it before the write.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
@@ -66,7 +66,7 @@ class BoundedDevice:
         self._ahead_ns = 0  # of the bounder's clock
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
         self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
-        if dissipation.watchdog != "reporting":
+        if dissipation.watchdog not in ("guarding", "reporting"):
             self._cut = None
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)

@@ -19,7 +19,8 @@ many overruns do so where they are cheap. On a punctual clock the limit is the s
 
 import math
 from bisect import bisect_left
-from typing import Literal
+
+from forcebound.bounding.dissipation import Watchdog
 
 FLOOR = 1.02  # periods; the shortest limit: a punctual servo is late by less than this
 FIXED = 1.25  # periods; for a device that cannot be told how long to hold
@@ -31,7 +32,7 @@ HORIZON = FADING_TICKS / (1.0 - FADING)  # periods: what the counts remember
 LEAST_SEEN = 500.0  # periods; a few late intervals at the beginning do not stand for a rate
 
 # Share of the force that one overrun costs a pressed wall (docs/theory.md, section 3).
-PRICES = {"reporting": 0.0015, "silent": 0.5, "none": 0.0}
+PRICES = {"guarding": 5e-5, "reporting": 0.0015, "silent": 0.5, "none": 0.0}
 
 
 class HoldLimit:
@@ -45,7 +46,7 @@ class HoldLimit:
         limit_ns: Longest time that the next force may be held, in ns.
     """
 
-    def __init__(self, period_ns: int, watchdog: Literal["reporting", "silent", "none"]) -> None:
+    def __init__(self, period_ns: int, watchdog: Watchdog) -> None:
         self._rungs = [round(ratio * period_ns) for ratio in LADDER]
         self._period_ns = period_ns
         self._costs = [0.5 * math.log(ratio) for ratio in LADDER]

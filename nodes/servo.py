@@ -86,6 +86,7 @@ STATED = (
     "watchdog",
     "watchdog_tolerance",
     "watchdog_limit",
+    "guard_period",
     "weight",
     "weight_error",
     "sources",

@@ -110,6 +110,7 @@ def test_a_step_within_an_interval_costs_no_more_than_its_penalty(
         {"watchdog_tolerance": 0.1},
         {"weight_error": 0.02},
         {"energy_cap": 5e-3},
+        {"watchdog": "guarding", "guard_period": 5e-5},
     ],
 )
 def test_what_a_device_does_not_do_exactly_costs_force(worse: dict[str, Any]) -> None:
@@ -231,6 +232,33 @@ def test_a_reported_cut_takes_nearly_nothing_from_a_hand_at_rest() -> None:
     left, bounder = late(replace(PHANTOM, watchdog="reporting"), 2 * MS, reports=True)
     assert 0.97 < left <= 1.0
     assert bounder.overruns == 1
+
+
+def test_a_force_that_is_guarded_costs_a_hand_at_rest_nothing() -> None:
+    left, bounder = late(replace(PHANTOM, watchdog="guarding", guard_period=5e-5), 50 * MS)
+    assert left == pytest.approx(1.0)
+    assert bounder.overruns == 1
+
+
+def test_the_price_of_a_guard_is_paid_once() -> None:
+    guarded = ForceBounder("certified", replace(PHANTOM, watchdog="guarding", guard_period=5e-5))
+    price = 4.0 * 0.27 * (1.5e-5) ** 2 / 0.95e-3
+    left = ForceBounder("certified", PHANTOM).estimated_energy - guarded.estimated_energy
+    assert left == pytest.approx(price)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({}, "guard_period above 0 s and below the period, 0.001 s, got 0.0 s"),
+        ({"guard_period": 1e-3}, "below the period"),
+        ({"guard_period": 5e-5, "lag": 1e-4}, "use watchdog 'reporting'"),
+        ({"guard_period": 5e-5, "write_delay": 1e-4}, "use watchdog 'reporting'"),
+    ],
+)
+def test_a_guard_looks_more_often_than_the_servo(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        replace(PHANTOM, watchdog="guarding", **wrong)
 
 
 def test_a_cut_that_ought_to_have_been_reported_is_not_taken_for_a_hold() -> None:

@@ -190,6 +190,16 @@ def test_a_simulation_that_is_interrupted_gives_the_result_until_then(tmp_path: 
     assert RunResult.from_recording(run).summary["samples"] == summary["samples"]
 
 
+def test_a_link_that_loses_everything_is_refused_by_a_live_run_only(tmp_path: Path) -> None:
+    lossy = "include: stiff_wall.yaml\nlinks: {force_command: {loss: 100 %}}\n"
+    path = str(written(tmp_path, lossy))
+    for words in (["launch", path], ["launch", path, "--check"]):
+        done = invoke(*words)
+        assert done.exit_code == 2
+        assert "links.force_command: no packet gets through in the first 60 s" in done.stderr
+    assert invoke("simulate", path, "--check").exit_code == 0
+
+
 def test_check_and_show_args_start_nothing() -> None:
     assert "correct" in invoke("launch", "stiff_wall.yaml", "--check").stdout
     document = json.loads(invoke("launch", "stiff_wall.yaml", "--check", "--json").stdout)

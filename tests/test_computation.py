@@ -17,7 +17,8 @@ from forcebound.config.resolved import to_document
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_node
+from forcebound.launch.links import build_links
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.computation import ComputationTime

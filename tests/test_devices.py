@@ -260,12 +260,38 @@ def test_a_hold_limit_that_is_set_holds_from_the_next_write_on() -> None:
 
 
 def test_a_reporting_watchdog_says_when_and_where_it_dropped_the_force() -> None:
-    device = pushed(FREE, hold_limit=2e-3)
+    device = pushed(replace(FREE, watchdog="reporting"), hold_limit=2e-3)
     assert place_of_cut(device, 2 * MS) == pytest.approx(0.5 * 10 * 2e-3**2)
     device.write(50 * MS, (-1.0,))
     assert device.cut() is None  # none since the last write
     device.read(51 * MS)
     assert device.cut() is None
+
+
+def test_a_guarding_watchdog_drops_a_late_force_when_a_reading_has_moved_back() -> None:
+    device = pushed(replace(FREE, resolution=1e-4), hold_limit=2e-3)
+    moved_back = 3_200_000  # ns: of the looks every 50 us the first after sqrt(2 * 50 um / 10 m/s²)
+    assert place_of_cut(device, moved_back) == pytest.approx(1e-4)
+    assert device.truth().velocity[0] == pytest.approx(10 * 3.2e-3)
+
+
+def test_a_guarding_watchdog_drops_a_force_at_the_hold_limit_that_has_moved_back_before() -> None:
+    assert place_of_cut(pushed(FREE, hold_limit=2e-3), 2 * MS) == pytest.approx(0.5 * 10 * 2e-3**2)
+
+
+def test_a_guarding_watchdog_leaves_the_force_on_up_to_its_limit() -> None:
+    coarse = replace(FREE, resolution=1.0, watchdog_limit=20e-3)
+    assert place_of_cut(pushed(coarse, hold_limit=2e-3), 20 * MS) == 0.0
+
+
+def test_a_guard_begins_anew_with_each_force() -> None:
+    device = SimulatedDevice(replace(FREE, write_delay=3e-4), None, hold_limit=1.5e-3)
+    device.read(0)
+    device.write(0, (-1.0,))
+    device.read(1_020_000)
+    device.write(1_020_000, (1.0,))  # acts from 1.32 ms on; back where it began at 3.36 ms
+    device.read(50 * MS)
+    assert place_of_cut(device, 3_370_000) == pytest.approx(0.5 * 10 * 1.02e-3**2, rel=0.03)
 
 
 def test_a_silent_watchdog_drops_the_force_and_reports_nothing() -> None:

@@ -94,10 +94,10 @@ def test_a_recorder_that_hears_nothing_is_a_problem() -> None:
 
 
 def test_a_law_that_limits_most_of_the_time_is_information() -> None:
-    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=2.0, loop_delay=4e-4))
+    seen = replace(healthy(), telemetry=telemetry(asked=8.0, applied=1.5, loop_delay=4e-4))
     finding = only(seen)
     assert (finding.severity, finding.kind) == ("note", "law_limits")
-    assert finding.data == {"law": "certified", "share": 1.0, "commanded": 8.0, "applied": 2.0}
+    assert finding.data == {"law": "certified", "share": 1.0, "commanded": 8.0, "applied": 1.5}
     assert codes(finding) == ["dissipation"]
     assert codes(only(replace(seen, config=graph("law:=tdpa")))) == ["law_not_certified"]
 

@@ -15,7 +15,8 @@ from live_graph import live_graph
 from forcebound.config.loader import load
 from forcebound.config.phases import timetable
 from forcebound.launch.application import apply
-from forcebound.launch.build import build_device, build_links, build_node
+from forcebound.launch.build import build_device, build_node
+from forcebound.launch.links import build_links
 from forcebound.messages.packets import TOPIC_OF, Packet, Telemetry
 from forcebound.processes import NODES
 from forcebound.simulation import Simulation

@@ -35,6 +35,7 @@ DEVICES = {  # and their axes
     "unsure of everything": (replace(UNSURE, presliding=2e-5), 1),
     "unsure of everything, two axes": (UNSURE, 2),
     "friction that yields, two axes": (replace(OWN, presliding=(2e-5, 1e-5)), 2),
+    "late forces are guarded": (replace(PHANTOM, watchdog="guarding", guard_period=5e-5), 1),
     "cuts are reported": (replace(PHANTOM, watchdog="reporting"), 1),
     "nothing cuts": (replace(PHANTOM, watchdog="none", watchdog_limit=0.1, allowance=2e-3), 2),
 }

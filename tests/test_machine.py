@@ -29,7 +29,7 @@ GOOD = Machine(
     python=(3, 12, 1),
     zmq="4.3.5",
     has_curve=True,
-    temporary=Path("/tmp"),
+    runtime=Path("/tmp"),
     free=10_000_000_000,
     key_folder=Path("/home/me/keys"),
 )
@@ -55,7 +55,7 @@ def test_a_good_machine_is_fine_in_all_respects() -> None:
         ({"clock_resolution": 4e-3}, "note", "coarse_timers", "4 ms", "HIGH_RES"),
         ({"clock_source": "hpet"}, "note", "slow_clock", "hpet", "echo tsc"),
         ({"has_curve": False}, "note", "no_curve", "without CURVE", "pip install"),
-        ({"free": None}, "problem", "no_temporary_folder", "cannot be written", "XDG_RUNTIME_DIR"),
+        ({"free": None}, "problem", "no_runtime_folder", "cannot be written", "XDG_RUNTIME_DIR"),
         ({"free": 1_000_000}, "problem", "no_space", "1.0 MB are free", "XDG_RUNTIME_DIR"),
         ({"free": 100_000_000}, "note", "little_space", "100 MB are free", "XDG_RUNTIME_DIR"),
         (
@@ -145,4 +145,4 @@ def test_without_a_graph_the_command_examines_the_machine(
     document = json.loads(done.stdout)
     assert document["graph"] is None
     assert document["is_well"] is False
-    assert document["findings"][0]["kind"] == "no_temporary_folder"
+    assert document["findings"][0]["kind"] == "no_runtime_folder"

@@ -9,6 +9,8 @@ from live_graph import live_graph
 from remote_environment import serving, write_launch_file
 from waiting import PATIENCE, free_port, until
 
+from forcebound.network.keys import new_key
+
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
 
 
@@ -21,6 +23,19 @@ def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() ->
         assert out == b""
         assert graph.log.splitlines()[-1] == "forcebound: interrupted"
         assert not graph.record.exists()  # it would hold nothing, and stand in the way of the next
+
+
+def test_an_environment_with_a_key_that_is_none_ends_at_once(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    new_key("here", keys)
+    new_key("there", keys)
+    secret = keys / "here.key_secret"
+    secret.write_text(re.sub('"[^"]*"', f'"{"#" * 40}"', secret.read_text()))
+    remote = f"address: 127.0.0.1, port: {free_port()}, graph_key: there, environment_keys: [here]"
+    file = write_launch_file(tmp_path, "a.yaml", remote)
+    with serving(file, keys=keys) as environment:
+        assert environment.process.wait(PATIENCE) == 2
+        assert f"{secret}: its public-key is not 40 characters of Z85" in environment.log
 
 
 def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path, run_dir: Path) -> None:

@@ -157,6 +157,15 @@ def test_the_commands_that_run_a_graph_say_what_the_file_did(tmp_path: Path, com
     assert "mine.py: loading it and calling it once ended the process" in result.stderr
 
 
+def test_the_check_tries_some_ticks_with_the_file(tmp_path: Path) -> None:
+    path, _ = own(tmp_path, "if elapsed > 0.01: raise ValueError('late')")
+    assert load(path)
+    for command in ("launch", "simulate"):
+        result = invoke(command, path, "--check")
+        assert result.exit_code == 2
+        assert "in a trial of 20 ticks the environment's code failed" in result.stderr
+
+
 def test_the_check_says_at_which_question_it_stopped(tmp_path: Path) -> None:
     _, file = own(tmp_path, "if position[0] == 1e6: os._exit(3)")
     result = invoke("check", "environment", file)

@@ -230,7 +230,8 @@ def test_a_process_whose_log_nobody_reads_goes_on_and_drops_lines() -> None:
 @pytest.mark.live
 def test_who_is_not_ready_is_named_with_what_is_missing(run_dir: Path) -> None:
     limits = Limits(start_ns=3 * 10**9)
-    with pytest.raises(RunError, match=r"not ready after 3 s: .*controller has received nothing"):
+    said = r"not ready after 3 s: .*controller has received nothing.*is the rate of the device"
+    with pytest.raises(RunError, match=said):
         supervise(run_dir, {"device": "good", "controller": "deaf"}, limits)
 
 
@@ -261,6 +262,30 @@ def test_a_recording_that_cannot_be_written_is_refused_before_anything_starts(
     for path in (run_dir / "none" / "run.mcap", run_dir):
         with pytest.raises(ConfigError, match="cannot write the recording"):
             run_live(config, 0.5, path)
+
+
+@pytest.mark.live
+def test_a_start_that_fails_leaves_no_recording_in_the_way(run_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "silent.py").write_text(SILENT)
+    file = tmp_path / "silent.yaml"
+    file.write_text("include: stiff_wall.yaml\nenvironment: {kind: silent.py}\n")
+    config = load(file)
+    record = tmp_path / "run.mcap"
+    with pytest.raises(RunError, match="not ready after"):
+        run_live(config, 0.5, record, Limits(start_ns=6 * 10**9))
+    assert not record.exists()
+
+
+SILENT = """import sys
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Silent:
+    def force(self, position, velocity, elapsed):
+        if "node" in sys.argv:
+            raise ValueError("not in a graph")
+        return tuple(0.0 for _ in position)
+"""
 
 
 class Launched:

@@ -174,6 +174,19 @@ def test_a_row_has_parameters_figures_and_engine(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.parts"))
 
 
+def test_a_case_that_is_too_long_for_the_memory_fails_at_once(tmp_path: Path) -> None:
+    sweep = load_sweep(written(tmp_path, SMALL.replace("50 ms", "1e9 s")))
+    document = run_sweep(sweep, tmp_path / "a.parquet", AtOnce())
+    assert document["failed"] == document["cases"]
+    assert "at most 1000000 ticks" in document["first_error"]
+
+
+def test_too_many_cases_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    text = SMALL.replace("[certified, none]", "{ all: laws }").replace("count: 3", "count: 300000")
+    with pytest.raises(ConfigError, match=r":9:.* more than 2000000 cases"):
+        load_sweep(written(tmp_path, text))
+
+
 @pytest.mark.parametrize(
     ("text", "arguments", "words"),
     [

@@ -16,7 +16,7 @@ from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.config.traces import read_trace, shortest_of
 from forcebound.errors import ConfigError
-from forcebound.launch.build import build_links
+from forcebound.launch.links import build_links
 from forcebound.launch.live import run_live
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment, Outage
@@ -55,6 +55,7 @@ def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path
         ("0,0.1\n", r"wrong.csv:1: expected the header time_s,delay_s, got '0,0.1'"),
         ("time_s,delay_s\n", "expected a row for each packet, got none"),
         ("time_s,delay_s\n0,x\n", r"wrong.csv:2: expected a time in s and a delay in s.*'0,x'"),
+        ('time_s,delay_s\n0,"1\n', r"wrong.csv:2: unexpected end of data"),
         ("time_s,delay_s\n0,1,2\n", r"wrong.csv:2: .*'0,1,2'"),
         ("time_s,delay_s\n0\n", r"wrong.csv:2: .*'0'"),
         ("time_s,delay_s\n,1\n", r"wrong.csv:2: .*',1'"),

@@ -25,6 +25,7 @@ from experiments.independent_attack.truth import (
     FASTEST,
     FRICTION,
     GAIN,
+    GUARD,
     LAG,
     NUMBERS,
     PRESLIDING,
@@ -170,6 +171,13 @@ def reporting(draft: Draft) -> None:
     draft.fields["watchdog"] = draft.case["watchdog"] = "reporting"
 
 
+def guarding(draft: Draft) -> None:
+    """The watchdog guards a late force."""
+    draft.fields["watchdog"] = draft.case["watchdog"] = "guarding"
+    draft.fields["guard_period"] = draft.fields["period"] * _log(draft.random, 0.01, 0.99)
+    draft.numbers[GUARD] = draft.fields["guard_period"]
+
+
 def none(draft: Draft) -> None:
     """No watchdog; late holds up to the hardware's limit may leak the allowance."""
     hold = draft.fields["hold_limit"]
@@ -245,7 +253,8 @@ EFFECTS: dict[str, Callable[[Draft], None]] = {
     effect.__name__: effect
     for effect in (
         pooled, joints, write_delay, presliding, gain, gain_of_axes, lag, tolerance, reporting,
-        none, none_punctual, changing, refused, glitches, too_fast, cap, weight, weight_cut,
+        guarding, none, none_punctual, changing, refused, glitches, too_fast, cap, weight,
+        weight_cut,
     )
 }  # fmt: skip
 
@@ -268,6 +277,16 @@ CERTIFICATES = {
         "silent watchdog in a range", ("tolerance",), {"watchdog_tolerance": 0.0}
     ),
     "reporting": Certificate("reporting watchdog", ("reporting",), {}),
+    "guarding": Certificate("guarding watchdog", ("guarding",), {}),
+    "guarding_all": Certificate(
+        "guarding watchdog, elastic friction, gain error, other hold limits",
+        ("presliding", "gain_of_axes", "changing", "guarding"),
+        {"presliding": 0.0},
+        axes=(1, 2, 3),
+    ),
+    "guarding_weight": Certificate(
+        "guarding watchdog and compensated weight: the ledger alone", ("weight_cut", "guarding"), {}
+    ),
     "none": Certificate(
         "no watchdog, late holds leak the allowance", ("none",), {"watchdog": "silent"}
     ),
@@ -330,6 +349,8 @@ def _some(random: Random, axes: int) -> list[str]:
     if random.random() < 0.2:
         chosen.append("weight")
     watchdogs = ["", "tolerance", "reporting", "none", "none_punctual"]
+    if not {"lag", "write_delay"} & set(chosen):
+        watchdogs.append("guarding")
     chosen.append(watchdogs[random.integers(len(watchdogs))])
     return [effect for effect in chosen if effect]
 

@@ -209,7 +209,7 @@ class _Watch:
     def before(self, index: int, time_ns: int, record: Floats, seen: Floats) -> None:
         """Report a cut in the interval that has just ended; set the hold limit of the next."""
         case = self.case
-        if case.watchdog == "reporting" and record[CUT_TIME] >= 0.0:
+        if case.watchdog in ("guarding", "reporting") and record[CUT_TIME] >= 0.0:
             error = case.device[ERROR] * np.clip(self.cuts[index] * 2.0, -1.0, 1.0)
             at = tuple((seen[AT_CUT] + error)[: case.axes].tolist())
             start_ns = time_ns - self.durations[index - 1]

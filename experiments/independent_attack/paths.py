@@ -23,6 +23,7 @@ from experiments.independent_attack.truth import (
     FASTEST,
     FRICTION,
     GAIN,
+    GUARD,
     LAG,
     OUTPUT,
     POSITION,
@@ -32,6 +33,7 @@ from experiments.independent_attack.truth import (
     Floats,
     no_faster,
     strike,
+    strike_guarded,
     walk,
 )
 
@@ -50,8 +52,8 @@ ENERGY, LOWEST, STRUCK, PEAK, SHARE, LEFT, CUT_AFTER, CUT_TIME, LATE_STRUCK, FAL
 RECORD = 10
 
 # Rows of what is remembered from tick to tick besides the body.
-READING, LAST_MOVE, AT_CUT = range(3)
-SEEN_ROWS = 3
+READING, LAST_MOVE, AT_CUT, AT_WRITE = range(4)
+SEEN_ROWS = 4
 
 SMALLEST_PEAK = 1e-5  # J, of the energy; a share of less says nothing
 LARGE_PEAK = 1e-4  # J; what is left after such a peak says how tight a law is
@@ -191,6 +193,17 @@ def worst_way(device: Floats, numbers: Floats, force: Floats, duration: float, w
 
 
 @numba.njit(cache=True, error_model="numpy")
+def is_guarded(body: Floats, device: Floats, numbers: Floats, seen: Floats) -> bool:
+    """Return whether a watchdog that looks now leaves the force on: its readings hide up to 2r."""
+    for axis in range(int(numbers[USED_AXES])):
+        force = body[TARGET, axis] + device[COMPENSATION, axis]
+        back = -math.copysign(1.0, force) * (body[POSITION, axis] - seen[AT_WRITE, axis])
+        if force != 0.0 and back > 2.0 * device[ERROR, axis]:
+            return False
+    return bool(numbers[GUARD] > 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def through(
     body: Floats,
     device: Floats,
@@ -226,6 +239,9 @@ def through(
             if write <= now and write >= 0.0:
                 body[TARGET] = force - device[COMPENSATION]
                 cut, write = now + hold, -1.0
+                seen[AT_WRITE] = body[POSITION]
+            if cut <= now and is_guarded(body, device, numbers, seen):
+                cut = now + numbers[GUARD]
             if cut <= now:
                 body[TARGET] = 0.0
                 record[CUT_TIME] = now
@@ -255,6 +271,7 @@ def through(
                 left = 0.0
     if write >= 0.0:  # at the very end of the interval, to rounding
         body[TARGET] = force - device[COMPENSATION]
+        seen[AT_WRITE] = body[POSITION]
         cut = now + hold
     record[CUT_AFTER] = cut - now
 
@@ -296,6 +313,8 @@ def tick(
     duration, write = row[DURATION] * 1e-9, row[WRITE] * 1e-9
     record[CUT_TIME] = -1.0
     low = strike(body, device, numbers, write, record[CUT_AFTER], force, holds[1])
+    if numbers[GUARD] > 0.0:
+        low = min(low, strike_guarded(body, device, numbers, write, force))
     low += record[ENERGY]
     if low < record[STRUCK]:
         record[STRUCK] = low

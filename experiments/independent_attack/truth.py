@@ -39,12 +39,15 @@ DAMPING, FRICTION, PRESLIDING, GAIN, ERROR, WEIGHT, COMPENSATION = range(7)  # S
 DEVICE_ROWS = 7
 
 # Places of its other numbers.
-# s; 1: friction acts along the path; number of axes; 1: an arm, moved at its tip; m/s.
-LAG, ALONG_PATH, USED_AXES, AT_TIP, FASTEST = range(5)
-NUMBERS = 5
+# s; 1: friction acts along the path; number of axes; 1: an arm, moved at its tip; m/s; s between
+# two looks of a guarding watchdog, or 0.
+LAG, ALONG_PATH, USED_AXES, AT_TIP, FASTEST, GUARD = range(6)
+NUMBERS = 6
 
 #: Pieces into which the worst end of a hold is cut when the force changes within it.
 PIECES = 6
+
+STALL = 1.0  # s, of a late hold that is guarded
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -296,4 +299,38 @@ def strike(
             end, low = worst_end(state, device, numbers, duration, pieces)
             lowest = min(lowest, energy + low)
             energy += end
+    return lowest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def strike_guarded(
+    body: Floats, device: Floats, numbers: Floats, write_after: float, force: Floats
+) -> float:
+    """Return the lowest energy, in J, in a long hold that is guarded.
+
+    The hand moves back by 2r, which the readings can hide, on all axes or on one of them, slowly;
+    then as far as it pays before the watchdog looks again.
+
+    Args:
+        body: The state now, at a reading; it is not changed.
+        device: Properties of the device.
+        numbers: The other numbers.
+        write_after: Time from the reading to the write, s; the old force acts so long.
+        force: What will be written, N.
+    """
+    axes, lowest = int(numbers[USED_AXES]), 0.0
+    for chosen in range(-1, axes):
+        state, energy = body.copy(), 0.0
+        if write_after > 0.0:
+            energy = worst_end(state, device, numbers, write_after, 1)[0]
+        state[TARGET] = force - device[COMPENSATION]
+        state[OUTPUT] = state[TARGET]
+        move = np.zeros(AXES)
+        for axis in range(axes):
+            if chosen < 0 or chosen == axis:
+                move[axis] = -math.copysign(2.0 * device[ERROR, axis], force[axis])
+        no_faster(move, STALL, numbers[FASTEST])
+        energy += walk(state, device, numbers, STALL, move)
+        lowest = min(lowest, energy)
+        lowest = min(lowest, energy + worst_end(state, device, numbers, numbers[GUARD], 1)[1])
     return lowest

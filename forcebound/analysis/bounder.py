@@ -18,6 +18,7 @@ from forcebound.nodes.events import BOUNDER_REPORTED
 from forcebound.telemetry import TelemetryColumns
 
 LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
+LITTLE_SHARE = 0.25  # of the commanded force; less is little, also where all is well
 UNBOUNDED = 1.0 - 1e-9  # of the commanded force; below, it was made smaller, not merely rounded
 MISSED_SHARE = 0.01  # of all ticks
 LONG_HOLD = 1.3  # periods
@@ -142,7 +143,11 @@ def causes_of_little_force(
         causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
     else:
         causes.append(Cause("law_not_certified", {"law": law}))
-    return causes or [Cause("dissipation", {})]
+    limited, _ = limited_ticks(columns)
+    commanded, applied = (one[limited].mean() for one in magnitudes(columns))
+    if not causes and applied < LITTLE_SHARE * commanded:
+        causes.append(Cause("dissipation", {}))
+    return causes
 
 
 def _of_the_loop(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:

@@ -28,6 +28,7 @@ NUMBERS: dict[str, Range] = {
     "watchdog_tolerance": Range(0.01, 0.3),
     "cut_side": Range(-1.0, 1.0),  # of the watchdog's time within its tolerance
     "hold_change": Range(0.1, 3.0),  # largest change of the hold limit, as a share of it
+    "guard_period": Range(1e-5, 9e-4, is_logarithmic=True),  # s
     "watchdog_limit": Range(1.5, 50.0, is_logarithmic=True),  # in periods
     "allowance": Range(1e-6, 1e-2, is_logarithmic=True),  # J
     "weight_share": Range(0.02, 0.9),  # of the least friction: error of the compensated weight
@@ -50,7 +51,7 @@ class Certificate:
         unstated: Fields of :class:`forcebound.bounding.Dissipation` as the law gets them when it is
             not informed; None: that of the first axis, or of the first hold, for all. Empty:
             nothing can be left out.
-        watchdog: Of the device: "silent", "reporting" or "none".
+        watchdog: Of the device, one of :data:`forcebound.bounding.dissipation.WATCHDOGS`.
     """
 
     summary: str
@@ -116,6 +117,11 @@ CERTIFICATES: dict[str, Certificate] = {
         {"watchdog_tolerance": 0.0},
     ),
     "reporting": Certificate("watchdog that reports its cuts", ("axes",), watchdog="reporting"),
+    "guarding": Certificate(
+        "watchdog that guards a late force",
+        ("axes", "guard_period"),
+        watchdog="guarding",
+    ),
     "hold_change": Certificate(
         "hold limit that changes from hold to hold",
         ("axes", "hold_change"),
@@ -167,6 +173,17 @@ CERTIFICATES: dict[str, Certificate] = {
         (*OWN_NUMBERS_OF_AXES, *IMPERFECTIONS, "hold_change"),
         UNINFORMED,
         watchdog="reporting",
+    ),
+    "all_guarding": Certificate(
+        "all of this but lag and write delay, guarding watchdog",
+        (
+            *OWN_NUMBERS_OF_AXES,
+            *(name for name in IMPERFECTIONS if name not in ("lag", "write_delay")),
+            "guard_period",
+            "hold_change",
+        ),
+        {"presliding": 0.0, "gain_error": 0.0},
+        watchdog="guarding",
     ),
     "all_allowance": Certificate(
         "all of this, no watchdog, an allowance",

@@ -60,11 +60,11 @@ def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
     device, plan, axes = device_of(case), plan_of(case), axes_of(case)
     bounder = ForceBounder(law, dissipation_of(case), axes)
     walk, motion = jit(truth.walk), truth.start(axes, device)
-    readings, force = np.zeros((2, axes)), np.zeros(axes)
+    readings, force = np.zeros((3, axes)), np.zeros(axes)
     state, events = motion.state, motion.times
     written: Any = force.data  # numpy takes longer to set a number
     place = state[truth.POSITION].data
-    reports_cuts = case.certificate.watchdog == "reporting"
+    reports_cuts = case.certificate.watchdog in ("guarding", "reporting")
     changes_hold_limit = case.is_stated and "hold_change" in case.numbers
     truth.read(0, axes, plan.choices, device, state, readings[0])
     bounder.start(0, tuple(readings[0].tolist()))
@@ -74,7 +74,7 @@ def attack_path(law: str, case: PathCase) -> tuple[PathResult, Floats]:
         energy, lowest, fall, cut_ns = walk(
             n, axes, plan.times, plan.choices, device, force, state, events, readings
         )
-        reading, at_cut = map(tuple, readings.tolist())
+        reading, at_cut = map(tuple, readings[:2].tolist())
         if n in plan.glitch:
             reading = tuple(map(add, reading, plan.glitch[n]))
         if changes_hold_limit:

@@ -22,6 +22,7 @@ STATED = (
     "gain_error",
     "lag",
     "watchdog_tolerance",
+    "guard_period",
     "allowance",
     "energy_cap",
     "largest_speed",
@@ -55,7 +56,7 @@ class Plan(NamedTuple):
 def device_of(case: PathCase) -> Floats:
     """Return the device as it really is; :mod:`forcebound.audit.truth` names the rows."""
     numbers, axes = case.numbers, axes_of(case)
-    device = np.zeros((truth.SHARED + 1, 4))
+    device = np.zeros((truth.SHARED + 1, 5))
     for row, name, ratio in (
         (truth.DAMPING, "damping", "damping_ratio"),
         (truth.FRICTION, "friction", "friction_ratio"),
@@ -73,6 +74,7 @@ def device_of(case: PathCase) -> Floats:
         numbers.get("lag", 0.0),
         numbers.get("largest_speed", numbers.get("fastest_hand", math.inf)),
         float(case.sensor),
+        numbers.get("guard_period", 0.0),
     )
     return device
 

@@ -6,8 +6,9 @@ faster than :data:`FASTEST_HAND`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,12 +105,32 @@ def case_of(search: Search, noise: int, point: Sequence[float]) -> PathCase:
     return PathCase("", certificate, False, noise, search.sensor, numbers, phases, SAMPLES, THEFT)
 
 
+def trembling() -> Iterator[list[float]]:
+    """Yield points whose paths go to and fro, each way with a force of its own.
+
+    A late force gives most on these, and random paths rarely are such.
+    """
+    longest = math.log(40.0)  # of a phase, in samples: see plan.py
+    for samples in (1, 2, 8):
+        for forces in product((0.0, 0.5, 1.0), repeat=2):
+            for speed in (0.7, 1.0):
+                point: list[float] = []
+                for force, way in zip(forces, (speed, 1.0 - speed), strict=True):
+                    phase = {"length": math.log(samples) / longest, "speed": way, "force": force}
+                    phase |= {"thief": 0.0, "delay": 1.0}
+                    point += [phase.get(name, 0.5) for name in SEARCHED]
+                yield point
+
+
 #: Numbers of a mistake that a law would be informed of if the device stated them.
 UNSTATED = ("gain_error", "watchdog_tolerance", "write_delay", "lag", "presliding")
 
 
 def lowest_energy(search: Search) -> float:
-    """Return the lowest energy that a search finds, in J; it begins at the best of random paths."""
+    """Return the lowest energy that a search finds, in J; from the best of some paths on.
+
+    Half of the runs are random paths and :func:`trembling` ones.
+    """
     dimensions = 2 * len(SEARCHED)
     rng = np.random.default_rng((1, search.sensor))
 
@@ -118,8 +139,10 @@ def lowest_energy(search: Search) -> float:
         return result, result.objective
 
     levels = (0.0, 0.5, 1.0)
-    points: list[list[float]] = [
-        rng.choice((*levels, rng.random()), dimensions).tolist() for _ in range(search.runs // 2)
+    points = list(islice(trembling(), search.runs // 3))
+    points += [
+        rng.choice((*levels, rng.random()), dimensions).tolist()
+        for _ in range(search.runs // 2 - len(points))
     ]
     tried = [attack(0, point) for point in points]
     best = min(range(len(tried)), key=lambda one: tried[one][1])

@@ -30,11 +30,12 @@ Integers: TypeAlias = NDArray[np.int64]
 PIECES = 3  # straight lines between two events
 NEVER = np.iinfo(np.int64).max // 2
 
-# A device, shape (8, at least 4): rows with one number for each axis, and a row of shared numbers.
+# A device, shape (8, at least 5): rows with one number for each axis, and a row of shared numbers.
 DAMPING, FRICTION, PRESLIDING, HALF_RESOLUTION, WEIGHT, CARRIED, GAIN, SHARED = range(8)
 #: Columns of the shared numbers: whether friction acts on each axis by itself, the time constant of
-#: the amplifier in s, the largest speed in m/s, and the kind of reading error.
-ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR = range(4)
+#: the amplifier in s, the largest speed in m/s, the kind of reading error, and the time between
+#: two looks of a guarding watchdog in s, or 0.
+ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR, GUARD_PERIOD = range(5)
 
 # A path, as far as it does not depend on the forces: for each sample a row of times, in ns: of the
 # reading, of the write (-1: it is lost), how long after the write the watchdog drops the force and
@@ -96,7 +97,8 @@ def walk(
         force: In N.
         state: See :class:`Motion`; it changes.
         events: Times of the device, see :class:`Motion`; they change.
-        readings: Of this sample, and at the last cut, shape (2, axes); they change.
+        readings: Of this sample, at the last look or cut of the watchdog, and when the force that
+            acts began to act, shape (3, axes); they change.
 
     Returns:
         The energy; the lowest since the last reading; the most by which a punctual hold has brought
@@ -114,13 +116,15 @@ def walk(
             energies[AT_WRITE] = energies[NOW]
             for i in range(axes):
                 state[WRITTEN, i] = force[i] - device[CARRIED, i]
+            look(n, axes, choices, device, state, -1.0, readings[2])
         if now >= end:
             break
-        if now == events[CUT]:
+        if now == events[CUT] and is_guarded(n, axes, choices, device, state, readings):
+            events[CUT] = now + max(round(device[SHARED, GUARD_PERIOD] * 1e9), 1)
+        elif now == events[CUT]:
             events[WAS_CUT] = now
             for i in range(axes):
                 state[WRITTEN, i] = 0.0
-            read(n, axes, choices, device, state, readings[1])
         until = end
         for event in (write, rest, events[CUT], events[LATE]):
             if now < event < until:
@@ -134,6 +138,39 @@ def walk(
         now = until
     read(n, axes, choices, device, state, readings[0])
     return energies[NOW], energies[LOWEST], energies[PUNCTUAL_FALL], events[WAS_CUT]
+
+
+def is_guarded(
+    n: int, axes: int, choices: Floats, device: Floats, state: Floats, readings: Floats
+) -> bool:
+    """Return whether the watchdog leaves the force on: it guards, and no axis has moved back."""
+    look(n, axes, choices, device, state, 1.0, readings[1])
+    moved_back = False
+    for i in range(axes):
+        force = state[WRITTEN, i] + device[CARRIED, i]
+        moved_back = moved_back or force * (readings[1, i] - readings[2, i]) < 0.0
+    return device[SHARED, GUARD_PERIOD] > 0.0 and not moved_back
+
+
+def look(
+    n: int,
+    axes: int,
+    choices: Floats,
+    device: Floats,
+    state: Floats,
+    side: float,
+    readings: Floats,
+) -> None:
+    """Read as the watchdog does; if it guards, wrong towards the force (1) or against it (-1).
+
+    So the hand can move back as far as a reading can hide.
+    """
+    read(n, axes, choices, device, state, readings)
+    if device[SHARED, GUARD_PERIOD] > 0.0 and device[SHARED, SENSOR] != 0.0:
+        for i in range(axes):
+            force = state[WRITTEN, i] + device[CARRIED, i]
+            error = side * math.copysign(device[HALF_RESOLUTION, i], force)
+            readings[i] = state[POSITION, i] + error
 
 
 def lowest_of_hold(until: int, device: Floats, state: Floats, events: Integers) -> float:

@@ -21,7 +21,8 @@ from typing import ClassVar
 from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, Stopwatch, enter_contestant
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
-from forcebound.launch.build import build_links, build_node
+from forcebound.launch.build import build_node
+from forcebound.launch.links import build_links
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet
 from forcebound.network.sockets import Network
 from forcebound.nodes import Node

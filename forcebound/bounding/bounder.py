@@ -17,6 +17,7 @@ from forcebound.bounding.timeline import (
     DEVICE,
     ENDS,
     GAIN,
+    GUARDING,
     IS_ALONG_PATH,
     IS_RIGID,
     IS_UNSURE,
@@ -46,7 +47,12 @@ LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
 
-_WATCHDOG_ROWS = {"silent": SILENT, "reporting": REPORTING, "none": NONE}
+_WATCHDOG_ROWS = {
+    "silent": SILENT,
+    "reporting": REPORTING,
+    "none": NONE,
+    "guarding": GUARDING,
+}
 _CAP = DEVICE + DeviceConstants._fields.index("energy_cap")
 _LIMIT = DEVICE + DeviceConstants._fields.index("hold_limit")
 

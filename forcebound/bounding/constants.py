@@ -23,7 +23,7 @@ def device_constants(dissipation: Dissipation, axes: int) -> DeviceConstants:
         hold_limit=dissipation.hold_limit,
         axes=float(axes),
         path_friction=dissipation.least_friction if along_path else 0.0,
-        start_price=_start_price(dissipation, axes),
+        start_price=_start_price(dissipation, axes) + _guard_price(dissipation, axes),
         energy_cap=energy_cap(dissipation, axes, dissipation.hold_limit),
     )
 
@@ -109,6 +109,16 @@ def longest_plan(dissipation: Dissipation, hold_limit: float) -> float:
     if dissipation.watchdog == "none":
         return hold_limit
     return hold_limit * (1.0 + dissipation.watchdog_tolerance)
+
+
+def _guard_price(dissipation: Dissipation, axes: int) -> float:
+    """J by which a force that is late, and guarded, can give more than a punctual one."""
+    if dissipation.watchdog != "guarding":
+        return 0.0
+    duration = dissipation.period - dissipation.guard_period
+    return sum(
+        4.0 * one.damping * one.half_play**2 / duration for one in axis_constants(dissipation, axes)
+    )
 
 
 def _start_price(dissipation: Dissipation, axes: int) -> float:

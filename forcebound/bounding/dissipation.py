@@ -16,10 +16,11 @@ from forcebound.errors import ConfigError
 #: A number for every axis alike, or one for each axis.
 PerAxis: TypeAlias = float | tuple[float, ...]
 
-#: ``reporting``: drops the force at the hold limit, and says when and where. ``silent``: drops it
-#: and says nothing. ``none``: the force stays on until the next write, or until
-#: ``watchdog_limit``.
-Watchdog: TypeAlias = Literal["reporting", "silent", "none"]
+#: ``guarding``: from the hold limit on looks at the readings, drops the force when one of them has
+#: moved back, and says when and where. ``reporting``: drops it at the hold limit, and says so.
+#: ``silent``: drops it and says nothing. ``none``: the force stays on until the next write, or
+#: until ``watchdog_limit``.
+Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
 #: Where a number comes from.
@@ -54,7 +55,10 @@ class Dissipation:
         watchdog_tolerance: A silent watchdog drops the force somewhere between ``1 - tolerance``
             and ``1 + tolerance`` hold limits.
         watchdog_limit: Without a watchdog: longest time that a force can stay on when no other
-            comes, in s; then the hardware drops it, or something else that you vouch for.
+            comes, in s; then the hardware drops it, or something else that you vouch for. A
+            guarding watchdog drops it then at the latest.
+        guard_period: Longest time between two looks of a guarding watchdog, in s, less than the
+            period.
         allowance: Most that the hand may get out of holds longer than the hold limit, ε, in J.
         energy_cap: Most energy that a ledger keeps, in J; None: the most that the saturation can
             use.
@@ -83,6 +87,7 @@ class Dissipation:
     watchdog: Watchdog = "silent"
     watchdog_tolerance: float = 0.0
     watchdog_limit: float = math.inf
+    guard_period: float = 0.0
     allowance: float = 0.0
     energy_cap: float | None = None
     weight: PerAxis = 0.0
@@ -127,6 +132,21 @@ class Dissipation:
                 "watchdog 'none' needs a watchdog_limit of at least the hold limit, "
                 f"{self.hold_limit} s, and finite, got {self.watchdog_limit} s: state after which "
                 "time the hardware drops the force at last, or the longest stall that you vouch for"
+            )
+        if self.watchdog == "guarding":
+            self._check_guard()
+
+    def _check_guard(self) -> None:
+        if not 0.0 < self.guard_period < self.period:
+            raise ConfigError(
+                "watchdog 'guarding' needs a guard_period above 0 s and below the period, "
+                f"{self.period} s, got {self.guard_period} s"
+            )
+        if self.lag > 0.0 or self.write_delay > 0.0:
+            raise ConfigError(
+                f"watchdog 'guarding' with a lag of {self.lag} s and a write_delay of "
+                f"{self.write_delay} s: what a late force costs is known only without both; "
+                "use watchdog 'reporting'"
             )
 
     def _check_axes(self) -> None:
@@ -178,6 +198,7 @@ _NOT_NEGATIVE = {
     "presliding": "m",
     "lag": "s",
     "write_delay": "s",
+    "guard_period": "s",
     "allowance": "J",
     "weight_error": "N",
 }

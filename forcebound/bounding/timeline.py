@@ -24,7 +24,7 @@ from forcebound.bounding.waveform import MOTOR_ROWS, load_motor, retarget, run, 
 SATURATION, ENDS, GAIN, LAG, WRITE_DELAY, WATCHDOG, TOLERANCE, WATCHDOG_LIMIT = range(8)
 ALLOWANCE, IS_RIGID, IS_ALONG_PATH, PLANNED_LIMIT, PATH_ERROR = range(8, 13)
 #: Values of ``WATCHDOG``.
-SILENT, REPORTING, NONE = 0.0, 1.0, 2.0
+SILENT, REPORTING, NONE, GUARDING = 0.0, 1.0, 2.0, 3.0
 # The law: state and energy available for the next hold, at the least and the largest gain.
 STATE, AVAILABLE = 13, 15
 HELD_PRICE = 17  # J, of the last reading that was taken in
@@ -107,9 +107,10 @@ def _run_motors(rows: Floats, axes: int, piece: float) -> None:
 def may_be_dropped(rows: Floats) -> bool:
     """Whether the watchdog may, or may not yet, have dropped the acting force.
 
-    A reporting watchdog that is late with its report is not believed to have held the force.
+    A reporting watchdog that is late with its report is not believed to have held the force; a
+    guarding one, which need not drop it, is.
     """
-    if rows[IS_DROPPED] == 1.0 or rows[WATCHDOG] == NONE:
+    if rows[IS_DROPPED] == 1.0 or rows[WATCHDOG] == NONE or rows[WATCHDOG] == GUARDING:
         return False
     if rows[WATCHDOG] == SILENT and rows[TOLERANCE] == 0.0:
         return False
@@ -126,10 +127,10 @@ def take_effect(rows: Floats, axes: int) -> None:
     rows[HELD_LIMIT], rows[BUDGET], rows[UNTIL_WRITE] = limit, rows[PENDING_BUDGET], -1.0
     if rows[WATCHDOG] == SILENT:
         rows[UNTIL_CUT] = limit * (1.0 + rows[TOLERANCE])
-    elif rows[WATCHDOG] == REPORTING:
-        rows[UNTIL_CUT] = math.inf
-    else:
+    elif rows[WATCHDOG] == NONE:
         rows[UNTIL_CUT] = rows[WATCHDOG_LIMIT]
+    else:  # it will be reported
+        rows[UNTIL_CUT] = math.inf
 
 
 def drop(rows: Floats, axes: int) -> None:

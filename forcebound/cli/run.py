@@ -214,10 +214,10 @@ def _configuration(
         config = replace(config, seed=seed)
     if not check:
         return config
-    from forcebound.launch.trial import try_ticks
+    from forcebound.launch.trial import try_start
 
     also(config)
-    try_ticks(config)
+    try_start(config)
     print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
 

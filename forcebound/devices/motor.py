@@ -9,13 +9,16 @@ from forcebound.devices.true_values import TrueMotor
 from forcebound.messages.packets import Vector
 
 NEVER = 1 << 62  # ns
+LONGEST_GUARDED = 0.1  # s, if the device states no limit
 
 
 class Motor:
     """The force that the motor is told to give, over time.
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a
-    force that has acted for longer than the hold limit that held when it was written.
+    force that has acted for longer than the hold limit that held when it was written. A guarding
+    one drops it only if, at one of its looks from then on, an axis has moved back: against the
+    force, from where it was when the force began to act.
 
     Args:
         stated: What the device states.
@@ -28,6 +31,7 @@ class Motor:
         next_ns: When ``force`` changes next, in ns.
         effect_ns: When the force of the last write acts, in ns.
         cut_ns: When the watchdog dropped a force after the last write, in ns; None if it did not.
+        guards: Whether the watchdog is a guarding one.
     """
 
     def __init__(
@@ -44,8 +48,14 @@ class Motor:
         if stated.watchdog == "none":
             limit = stated.watchdog_limit
             self._fixed_hold = math.inf if limit is None else limit
-        self._waiting: deque[tuple[int, int, Vector]] = deque()  # effect, end, force
-        self._drop_ns = NEVER
+        self.guards = stated.watchdog == "guarding"
+        self._guard_ns = round(1e9 * stated.guard_period)
+        longest = LONGEST_GUARDED if stated.watchdog_limit is None else stated.watchdog_limit
+        self._longest_ns = round(1e9 * longest)
+        # When it begins to act, for how long, what the motor is told, and what was written.
+        self._waiting: deque[tuple[int, int, Vector, Vector]] = deque()
+        self._drop_ns = self._last_ns = NEVER
+        self._written = self._reference = self._zero
         self.force = force
         self.next_ns = NEVER
         self.effect_ns = 0
@@ -56,8 +66,15 @@ class Motor:
         """Set the hold limit of the forces from the next write on, in s."""
         self._hold_limit = seconds if self._fixed_hold is None else self._fixed_hold
 
-    def write(self, time_ns: int, force: Vector) -> None:
-        """Take a new force; every change before ``time_ns`` has been made."""
+    def write(self, time_ns: int, told: Vector, written: Vector, reading: Vector) -> None:
+        """Take a new force; every change before ``time_ns`` has been made.
+
+        Args:
+            time_ns: Now, in ns.
+            told: What the motor is told to give, in N.
+            written: What was written, in N.
+            reading: Now, in m; only a guarding watchdog looks at it.
+        """
         self.cut_ns = None
         delay_ns, share = self._delay_ns, self._share
         if self._random is not None:
@@ -66,26 +83,40 @@ class Motor:
         # The order of writes is kept.
         self.effect_ns = max(time_ns + round(delay_ns), self.effect_ns)
         hold_ns = min(share * self._hold_limit * 1e9, NEVER)
-        self._waiting.append((self.effect_ns, self.effect_ns + round(hold_ns), force))
+        self._waiting.append((self.effect_ns, round(hold_ns), told, written))
         if self.effect_ns == time_ns:
-            self._begin()
+            self._begin(reading)
         self._plan()
 
-    def change(self) -> bool:
-        """Make the change that is due at ``next_ns``; return whether the watchdog made it."""
-        is_cut = self._drop_ns == self.next_ns and not self._is_due()
-        if is_cut:
-            self.cut_ns, self._drop_ns, self.force = self._drop_ns, NEVER, self._zero
+    def change(self, reading: Vector) -> bool:
+        """Make the change that is due at ``next_ns``; return whether the watchdog dropped a force.
+
+        Args:
+            reading: Then, in m.
+        """
+        is_cut = False
+        if self._is_due():
+            self._begin(reading)
+        elif self.guards and self.next_ns < self._last_ns and not self._has_moved_back(reading):
+            self._drop_ns = min(self.next_ns + self._guard_ns, self._last_ns)
         else:
-            self._begin()
+            is_cut = True
+            self.cut_ns, self._drop_ns, self.force = self._drop_ns, NEVER, self._zero
         self._plan()
         return is_cut
+
+    def _has_moved_back(self, reading: Vector) -> bool:
+        moves = zip(self._written, reading, self._reference, strict=True)
+        return any(force * (now - then) < 0.0 for force, now, then in moves)
 
     def _is_due(self) -> bool:
         return bool(self._waiting) and self._waiting[0][0] <= self.next_ns
 
-    def _begin(self) -> None:
-        _, self._drop_ns, self.force = self._waiting.popleft()
+    def _begin(self, reading: Vector) -> None:
+        effect_ns, hold_ns, self.force, self._written = self._waiting.popleft()
+        self._reference = reading
+        self._drop_ns = effect_ns + hold_ns
+        self._last_ns = effect_ns + max(hold_ns, self._longest_ns)
 
     def _plan(self) -> None:
         self.next_ns = min(self._drop_ns, self._waiting[0][0] if self._waiting else NEVER)

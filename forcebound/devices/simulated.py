@@ -73,7 +73,7 @@ class SimulatedDevice:
     It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
     and write first moves the body to the given time, under the force that was held meanwhile. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
-    gets too old, as the watchdog of a real device's firmware does.
+    gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
     """
 
     def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
@@ -90,7 +90,7 @@ class SimulatedDevice:
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
         self._motor = Motor(stated, truth, hold_limit, self._told((0.0,) * self.axes))
-        self._reports_cuts = stated.watchdog == "reporting"
+        self._reports_cuts = stated.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
@@ -121,7 +121,8 @@ class SimulatedDevice:
         if not magnitude <= self._saturation:
             scale = self._saturation / magnitude if math.isfinite(magnitude) else 0.0
             force = tuple([scale * f if math.isfinite(f) else 0.0 for f in force])
-        self._motor.write(time_ns, self._told(force))
+        reading = self._body.reading() if self._motor.guards else ()
+        self._motor.write(time_ns, self._told(force), force, reading)
         return force
 
     def set_hold_limit(self, seconds: float) -> None:
@@ -162,8 +163,9 @@ class SimulatedDevice:
         motor = self._motor
         while motor.next_ns < time_ns:
             self._hold_until(motor.next_ns)
-            if motor.change():
-                self._reading_at_cut = self._body.reading()
+            reading = self._body.reading()
+            if motor.change(reading):
+                self._reading_at_cut = reading
         self._hold_until(time_ns)
 
     def _hold_until(self, time_ns: int) -> None:

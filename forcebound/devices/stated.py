@@ -47,11 +47,13 @@ class StatedImperfections:
         lag: Time constant of the amplifier, first order.
         write_delay: Largest time from a read to the moment when the force of its write acts.
         largest_speed: A reading that implies more is refused; null: none is.
-        watchdog: What drops a force that is older than the hold limit: a watchdog that reports
-            when and where it did, one that does not, or none.
+        watchdog: What drops a force that is older than the hold limit: a watchdog that guards it
+            (it drops the force once a reading moves back, and reports it), one that drops it and
+            reports when and where, one that does not report, or none.
         watchdog_tolerance: The watchdog drops the force within this share of the hold limit.
         watchdog_limit: Without a watchdog that keeps the hold limit: age at which the hardware
-            drops a force after all; null: never.
+            drops a force after all; null: never, or after 100 ms if it is guarded.
+        guard_period: A guarding watchdog looks so often at the readings.
         sources: By name of a number: measured, data sheet or assumed; for reports.
     """
 
@@ -59,9 +61,10 @@ class StatedImperfections:
     lag: Annotated[Time, NOT_NEGATIVE] = 0.0
     write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
     largest_speed: Annotated[Speed, POSITIVE] | None = None
-    watchdog: Watchdog = "reporting"
+    watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     watchdog_limit: Annotated[Time, POSITIVE] | None = None
+    guard_period: Annotated[Time, POSITIVE] = 50e-6
     sources: Mapping[str, Source] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ from forcebound.monitor.findings import Finding
 from forcebound.network import keys, sockets
 
 FEW_CORES = 2  # the chain of nodes has one of its own, all others share the rest
-SMALL_SPACE = 200_000_000  # B in the temporary folder; a recording of some minutes
+SMALL_SPACE = 200_000_000  # B in the runtime folder; a recording of some minutes
 NO_SPACE = 10_000_000  # B, with which no run can begin
 COARSE_CLOCK = 1e-6  # s; without high-resolution timers a clock steps by milliseconds
 #: Of udev: gives serial ports on USB to a group, as most distributions do.
@@ -49,7 +49,7 @@ class Machine:
     python: tuple[int, int, int]
     zmq: str  # version of libzmq
     has_curve: bool  # whether libzmq can encrypt
-    temporary: Path  # folder for run directories
+    runtime: Path  # folder for run directories
     free: int | None  # room in it, in B; None: it cannot be used
     key_folder: Path
     key_problems: tuple[tuple[str, str], ...] = ()  # why keys cannot be used, and what to do
@@ -60,9 +60,9 @@ def look() -> Machine:
     """Return the properties of this machine."""
     folder = keys.key_folder()
     try:
-        temporary = runtime_folder() or Path(tempfile.gettempdir())
+        runtime = runtime_folder() or Path(tempfile.gettempdir())
     except OSError:  # none of the usual ones can be used
-        temporary = Path("/tmp")
+        runtime = Path("/tmp")
     version, has_curve = sockets.library()
     slack = _read("/proc/self/timerslack_ns")
     core = max(os.sched_getaffinity(0))
@@ -81,8 +81,8 @@ def look() -> Machine:
         python=sys.version_info[:3],
         zmq=version,
         has_curve=has_curve,
-        temporary=temporary,
-        free=_free(temporary),
+        runtime=runtime,
+        free=_free(runtime),
         key_folder=folder,
         key_problems=_key_problems(folder),
         ports=tuple(listed()),
@@ -136,7 +136,7 @@ def _clocks(machine: Machine) -> Iterator[Finding]:
 def _software(machine: Machine) -> Iterator[Finding]:
     yield Finding("fine", "python", "Python", {"version": ".".join(map(str, machine.python))})
     yield _judge(machine.has_curve, "libzmq", "libzmq", "no_curve", version=machine.zmq)
-    yield _temporary_folder(machine)
+    yield _runtime_folder(machine)
     for problem, action in machine.key_problems:
         yield Finding("note", "unsafe_keys", "keys", {"problem": problem, "action": action})
     if not machine.key_problems:
@@ -150,11 +150,11 @@ def _ports(machine: Machine) -> Iterator[Finding]:
         yield _judge(port.is_permitted, port.path, "port", kind, **data)
 
 
-def _temporary_folder(machine: Machine) -> Finding:
-    where, free = "temporary folder", machine.free
-    data = {"folder": str(machine.temporary), "free": free}
+def _runtime_folder(machine: Machine) -> Finding:
+    where, free = "runtime folder", machine.free
+    data = {"folder": str(machine.runtime), "free": free}
     if free is None:
-        return Finding("problem", "no_temporary_folder", where, data)
+        return Finding("problem", "no_runtime_folder", where, data)
     if free < NO_SPACE:
         return Finding("problem", "no_space", where, data)
     return _judge(free >= SMALL_SPACE, where, "space", "little_space", **data)

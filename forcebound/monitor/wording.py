@@ -172,7 +172,7 @@ FINDINGS |= {
     "space": Text("{free:.1f GB} are free in {folder}"),
     "little_space": Text("{free:.0f MB} are free in {folder}: for minutes of recording", *_ROOM),
     "no_space": Text("{free:.1f MB} are free in {folder}: no run can begin", *_ROOM),
-    "no_temporary_folder": Text("{folder} cannot be written: no run can begin", *_ROOM),
+    "no_runtime_folder": Text("{folder} cannot be written: no run can begin", *_ROOM),
     "keys": Text("nothing wrong in {folder}"),
     "unsafe_keys": Text("{problem}", "{action}"),
     "port": Text("{port}"),

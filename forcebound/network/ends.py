@@ -154,7 +154,14 @@ class RemoteSection:
     def _keys(self, role: Role, folder: Path | None) -> tuple[KeyPair | None, dict[str, str]]:
         """Return the pair of an end, None without keys, and the other end's names by public key."""
         if self._is_open:
-            return _keys_of(role, *LOOPBACK, loopback_keys())
+            folder = loopback_keys()
+            try:
+                return _keys_of(role, *LOOPBACK, folder)
+            except ConfigError as error:
+                raise ConfigError(
+                    f"{error}\nend what uses a link on this machine and delete the folder {folder}:"
+                    " its keys are made anew"
+                ) from None
         if self.graph_key is not None:
             return _keys_of(role, self.graph_key, self.environment_keys, folder)
         return None, {}
@@ -167,7 +174,8 @@ class RemoteSection:
 def loopback_keys() -> Path:
     """Return the folder with the keys for links on loopback, of this user and this session.
 
-    They are made when they are first needed, in the user's runtime folder.
+    They are made when they are first needed, in the user's runtime folder. A run of its own could
+    not make them: the other end is started by another command, maybe first.
 
     Raises:
         ConfigError: If there is no such folder, or the keys in it cannot be used.

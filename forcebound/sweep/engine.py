@@ -34,6 +34,9 @@ class Ran:
     error: Exception | None = None
 
 
+MAX_TICKS = 1_000_000  # a case keeps some 100 bytes of each until its part is done
+
+
 def ticks_of(config: GraphConfig) -> int:
     """Return the number of complete ticks of a run."""
     servo = config.device.servo
@@ -54,6 +57,12 @@ def run_all(configs: Sequence[GraphConfig], engine: Engine | None = None) -> lis
     outcomes: list[Ran | None] = [None] * len(configs)
     groups: dict[tuple[Any, ...], list[tuple[int, Timing]]] = {}
     for index, config in enumerate(configs):
+        if ticks_of(config) > MAX_TICKS:
+            error = RunError(
+                f"a case of a sweep has at most {MAX_TICKS} ticks; use a shorter duration"
+            )
+            outcomes[index] = Ran("graph", None, error)
+            continue
         key = None if engine == "graph" else _group_of(config)
         timing = None if key is None else timing_of(config, ticks_of(config))
         if key is None or timing is None or not timing.is_exact:

@@ -220,10 +220,13 @@ def _constants(section: Section, known: Collection[str]) -> dict[str, str]:
 
 def _over(section: Section, known: Collection[str], draw: _Draw | None) -> dict[str, list[str]]:
     _check_arguments(section, known)
-    return {
-        name: _values(Section(value, name, value, section.problems, any_value=True), draw)
-        for name, value in section.value.entries.items()
-    }
+    found: dict[str, list[str]] = {}
+    for name, value in section.value.entries.items():
+        found[name] = _values(Section(value, name, value, section.problems, any_value=True), draw)
+        if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
+            section.add(f"more than {MAX_CASES} cases in one sweep", value)
+            break
+    return found
 
 
 def _random(section: Section, known: Collection[str]) -> tuple[dict[str, list[str]], int]:
