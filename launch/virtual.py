@@ -80,9 +80,10 @@ def check_has_virtual_time(config: GraphConfig) -> None:
     """
     instead = getattr(config.device.model, "simulated_in", None)
     if instead is not None:
+        kind = kind_of("device", config.device.model)
         raise ConfigError(
-            f"a {kind_of('device', config.device.model)} is at a serial port, emulated or not, and"
-            f" has no virtual time: use `forcebound launch`, or `forcebound simulate {instead}`"
+            f"the device {kind} is at a serial port, emulated or not, and has no virtual time:"
+            f" use `forcebound launch`, or `forcebound simulate {instead}`"
         )
 
 

@@ -239,9 +239,9 @@ def test_after_a_pause_without_force_the_motors_are_switched_on_again() -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda reply: reply[:-1], "expected 1 replies"),
-        (lambda reply: b"", "expected 1 replies"),
-        (lambda reply: reply + b"0*48\r\n", "expected 1 replies"),
+        (lambda reply: reply[:-1], "expected a reply to each request, 1 in all"),
+        (lambda reply: b"", "no reply within 10 ms"),
+        (lambda reply: reply + b"0*48\r\n", "expected a reply to each request"),
         (lambda reply: bytes([reply[0] ^ 1]) + reply[1:], "checksum"),
     ],
     ids=["short", "late", "foreign", "noise"],

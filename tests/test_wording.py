@@ -26,6 +26,11 @@ def test_a_part_without_its_values_is_left_out() -> None:
         wording.render("process {pid}", {"pid": None})
 
 
+def test_a_delay_is_not_said_to_be_exceeded_by_answers_that_all_have_it() -> None:
+    said = wording.remedy(Fact("delay", {"p50": 4.4e-3}))
+    assert said.startswith("half of the answers are 4.4 ms old or older: less delay")
+
+
 def test_the_causes_of_a_finding_add_to_its_advice_and_commands() -> None:
     causes = (Fact("load", {"load": 3.0, "cores": 2}), Fact("unknown"))
     finding = Finding("note", "process_stopped", "a", {"node": "a", "state": "stopped"}, causes)

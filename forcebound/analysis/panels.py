@@ -118,7 +118,8 @@ def _draw_energy(axes: Axes, view: View) -> None:
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
-        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=2.0)
+        # pad: above the triangle of a fault
+        axes.set_title(text, fontsize=7, color=NEUTRAL, loc="right", pad=5.0)
 
 
 def _draw_delay(axes: Axes, view: View) -> None:

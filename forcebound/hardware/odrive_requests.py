@@ -68,14 +68,7 @@ class Requests:
             line.send(message, has_force)
             data = line.port.read_lines(count, sent_ns + round(self.patience * 1e9))
             took_ns = time.monotonic_ns() - sent_ns
-            lines = data.split(b"\r\n")
-            if len(lines) != count + 1 or lines.pop():
-                raise DeviceError(
-                    f"expected {count} replies within {1e3 * self.patience:g} ms, got"
-                    f" {data[:40]!r}: is this the port of an ODrive with firmware 0.5, and does it"
-                    " have power?"
-                )
-            said = [parse(answer(one)) for one in lines]
+            said = [parse(answer(one)) for one in self._lines(data, count)]
         except DeviceError as failure:
             self.end(failure)
         self.replies += count
@@ -83,6 +76,21 @@ class Requests:
         quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
         self._quickest_ns[kind] = quickest_ns
         return Exchange(sent_ns, quickest_ns, took_ns - quickest_ns, said)
+
+    def _lines(self, data: bytes, count: int) -> list[bytes]:
+        """Return the replies in ``data``, as many as were asked for."""
+        if not data:
+            raise DeviceError(
+                f"no reply within {1e3 * self.patience:g} ms: is this the port of an ODrive, does"
+                " it have power, is this machine too busy to hear it (`forcebound doctor`)?"
+            )
+        *lines, rest = data.split(b"\r\n")
+        if len(lines) != count or rest:
+            raise DeviceError(
+                f"expected a reply to each request, {count} in all, got {data[:40]!r}: is this the"
+                " port of an ODrive with firmware 0.5?"
+            )
+        return lines
 
     def value(self, name: str) -> float | None:
         """Return the value of a property; None if the board does not have it."""
