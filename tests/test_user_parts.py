@@ -60,19 +60,34 @@ def write_page(page: str, folder: Path) -> Path:
     return path
 
 
+#: For tests that share one folder of pages, so that the law there is compiled once.
+in_one_process = pytest.mark.xdist_group("pages")
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files of all pages, as written there."""
+    folder = tmp_path_factory.mktemp("pages")
+    for page in PAGES:
+        write_page(page, folder)
+    return folder
+
+
 def simulate_page(page: str, folder: Path, seconds: float = 1.0) -> RunResult:
-    return run_virtual(load(write_page(page, folder)), duration=seconds)
+    return run_virtual(load(folder / f"my_{page}.yaml"), duration=seconds)
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_the_page_runs_in_virtual_time_twice_the_same(page: str, tmp_path: Path) -> None:
-    one, other = (simulate_page(page, tmp_path) for _ in range(2))
+@in_one_process
+def test_the_page_runs_in_virtual_time_twice_the_same(page: str, pages: Path) -> None:
+    one, other = (simulate_page(page, pages) for _ in range(2))
     assert (one.columns.position == other.columns.position).all()
     assert (one.columns.applied_force == other.columns.applied_force).all()
 
 
-def test_the_law_of_the_page_lets_less_through_than_the_exact_bound(tmp_path: Path) -> None:
-    reserved = simulate_page("law", tmp_path).summary["peak_force_n"]
+@in_one_process
+def test_the_law_of_the_page_lets_less_through_than_the_exact_bound(pages: Path) -> None:
+    reserved = simulate_page("law", pages).summary["peak_force_n"]
     exact = run_virtual(load("stiff_wall", ["law:=aol"]), duration=1.0).summary["peak_force_n"]
     assert 0.0 < reserved < exact
 
@@ -89,8 +104,8 @@ def test_a_law_that_does_not_compile_is_reported_in_one_line(tmp_path: Path) -> 
     assert "nopython" not in str(error.value)
 
 
-def test_the_controller_of_the_page_holds_the_hand_at_the_wall(tmp_path: Path) -> None:
-    summary = simulate_page("controller", tmp_path, seconds=2.0)
+def test_the_controller_of_the_page_holds_the_hand_at_the_wall(pages: Path) -> None:
+    summary = simulate_page("controller", pages, seconds=2.0)
     assert summary.columns.commanded_force[-1, 0] > 0.5
     assert summary.columns.position[-1, 0] > 0.010  # the coupling is soft, the proxy at the wall
 
@@ -134,12 +149,13 @@ def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("page", "part"), [("law", "law"), ("device", "device")])
+@in_one_process
 def test_what_is_not_certified_is_logged(
-    page: str, part: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    page: str, part: str, pages: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    load_tried(write_page(page, tmp_path))
+    load_tried(pages / f"my_{page}.yaml")
     (message,) = [r.getMessage() for r in caplog.records if "not certified" in r.getMessage()]
-    assert message.startswith(f"{part} {tmp_path}/my_{page}.py:")
+    assert message.startswith(f"{part} {pages}/my_{page}.py:")
 
 
 def test_what_ships_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
@@ -159,9 +175,9 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_what_the_page_shows_passes_its_check(page: str, tmp_path: Path) -> None:
-    write_page(page, tmp_path)
-    document = check_here(no_progress, page, str(tmp_path / f"my_{page}.py"))
+@in_one_process
+def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
+    document = check_here(no_progress, page, str(pages / f"my_{page}.py"))
     assert document["violations"] == []
 
 

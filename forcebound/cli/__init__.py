@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli import check, device, emulate, graph, keys, run, study
+from forcebound.cli import check, device, emulate, graph, identify, keys, run, study
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
 
@@ -36,6 +36,7 @@ COMMANDS = (
     study.draw_map,
     keys.keys_group,
     check.check,
+    identify.identify,
     device.device_group,
     emulate.emulate,
 )

@@ -54,5 +54,5 @@ def emulate(
     else:
         mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
     link = program.default_link(kind) if link is None else link.absolute()
-    show(f"in another terminal: forcebound launch {KINDS[kind]} device:={link}")
+    show(f"in another terminal: `forcebound launch {KINDS[kind]} device:={link}`")
     program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)

@@ -19,6 +19,7 @@ from typing import Any
 
 from forcebound.bounding import LAWS
 from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
+from forcebound.config.device_file import with_device_file
 from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
@@ -131,7 +132,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     rest = {name: value for name, value in template.entries.items() if name != "arguments"}
     filled = substitution.apply(replace(template, content=rest))
     check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
-    return filled
+    return with_device_file(filled, problems)
 
 
 def arguments_of(path: str | Path) -> list[Argument]:
@@ -237,7 +238,7 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to ask a user's own parts for an answer."""
     top = Section(root, "the launch file", root, problems)
     _check_format(top)
-    top.check_keys(("forcebound", "arguments", "include", KEY, *RUN_KEYS, *SECTIONS))
+    top.check_keys(("forcebound", "arguments", "include", "identified", KEY, *RUN_KEYS, *SECTIONS))
     has_phases = KEY in root.entries
     run_keys = tuple(key for key in RUN_KEYS if key != "duration" or not has_phases)
     values = top.read(fields_of(GraphConfig, run_keys))

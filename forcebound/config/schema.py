@@ -37,7 +37,7 @@ _SCALAR = {"type": ["string", "number", "boolean", "null"]}
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
     beside: dict[str, dict[str, Any]] = {
-        "device": properties(fields_of(ServoSettings)),
+        "device": {**properties(fields_of(ServoSettings)), "include": {"type": ["string", "null"]}},
         "environment": properties(fields_of(EnvironmentConfig, COMPUTATION)),
     }
     link = _mapping(properties(fields_of(Impairment)))
@@ -48,6 +48,7 @@ def json_schema() -> dict[str, Any]:
             {
                 "forcebound": {"const": FORMAT, "description": "version of the format"},
                 "include": {"type": "string", "description": "launch file to lie beneath this one"},
+                "identified": {"type": "object", "description": "where its numbers come from"},
                 "arguments": {"type": ["object", "null"], "additionalProperties": _argument()},
                 **properties(fields_of(GraphConfig, RUN_KEYS)),
                 **{name: _kinds(name, beside.get(name, {})) for name in KINDS},
@@ -137,6 +138,7 @@ without a default must be given. Relative paths start from the folder of the fil
 |---|---|---|---|
 | `forcebound` | 1 |  | version of the format |
 | `include` | text | none | launch file beneath this one: what this file says wins, key by key |
+| `identified` | mapping | none | written by `forcebound identify`: where the numbers of `device` come from; no run reads it |
 | `arguments` | mapping | none | `name: default` or `name: { default, help, choices }`; used as `$(arg name)` |
 """  # noqa: E501
 

@@ -43,7 +43,7 @@ class Device(Protocol):
         """Hold ``force``, in N, from ``time_ns`` on; return what is really applied.
 
         The device lets the force fall to zero by itself when it is older than the hold limit,
-        unless it states ``watchdog: none``.
+        unless it states ``watchdog: none``, or once a reading moves back with ``guarding``.
         """
         ...
 

@@ -130,6 +130,10 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             found.add(
                 "stamps", "the read, then the write", f"{read_ns!r}, {write_ns!r}", "stamps()"
             )
+        if getattr(device, "latch_jitter", None) is not None:
+            jitter_ns = device.latch_jitter()
+            if not (isinstance(jitter_ns, int) and jitter_ns >= 0):
+                found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
 
 
 def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:

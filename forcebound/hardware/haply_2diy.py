@@ -152,6 +152,10 @@ class Haply2DIY(StatedJoints):
             origin=self.origin,
         )
 
+    def angles(self, position: Vector) -> Vector | None:
+        """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
+        return self.five_bar().angles(position)
+
     def mechanism(self) -> dict[str, Any]:
         """Return what an emulator simulates, plain JSON in SI units."""
         wiring = WIRINGS[self.version]

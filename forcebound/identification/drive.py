@@ -1,10 +1,10 @@
 """Driving a device along a path: position control with what is roughly known of each axis."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from forcebound.identification.rig import Rig, Trace, rest
+from forcebound.identification.rig import Controller, Rig, Trace, rest
 from forcebound.messages.packets import Vector
 
 BANDWIDTH = 60.0  # rad/s, of the position control
@@ -81,26 +81,32 @@ class Follower:
     """
 
     def __init__(self, rough: Rough, period: float, reading: float) -> None:
-        self._rough, self._period = rough, period
-        decay = math.exp(-OBSERVER * BANDWIDTH * period)
-        self._alpha, self._beta = 1.0 - decay**2, (1.0 - decay) ** 2 / period
+        self._rough, self._period, self._elapsed = rough, period, -period
         self._x, self._v, self._a = reading, 0.0, 0.0
         self._stiffness = rough.inertia * BANDWIDTH**2
         self._loss = 2.0 * rough.inertia * BANDWIDTH
 
-    def force(self, reading: float, wanted: tuple[float, float, float]) -> float:
+    def begin(self) -> None:
+        """Begin a run: its time counts from 0."""
+        self._elapsed = -self._period
+
+    def force(self, elapsed: float, reading: float, wanted: tuple[float, float, float]) -> float:
         """Return the force, in N, positive against positive motion.
 
         Args:
+            elapsed: Time since the run began, in s.
             reading: Now.
             wanted: Position, speed and acceleration.
         """
+        dt = max(elapsed - self._elapsed, self._period)
+        self._elapsed = elapsed
+        decay = math.exp(-OBSERVER * BANDWIDTH * dt)
         # Predict with the acceleration that is wanted: a filter without it lags when that changes.
-        self._x += (self._v + 0.5 * self._a * self._period) * self._period
-        self._v += self._a * self._period
+        self._x += (self._v + 0.5 * self._a * dt) * dt
+        self._v += self._a * dt
         miss = reading - self._x
-        self._x += self._alpha * miss
-        self._v += self._beta * miss
+        self._x += (1.0 - decay**2) * miss
+        self._v += (1.0 - decay) ** 2 / dt * miss
         x, v, a = wanted
         self._a = a
         rough = self._rough
@@ -134,15 +140,10 @@ class Drive:
         """Move one axis to a position, in m (rad), and hold the others; return way and trace."""
         way = Way(self.wanted[axis], end, speed, self.acceleration(axis))
 
-        def controller(elapsed: float, reading: Vector) -> Vector:
-            return tuple(
-                [
-                    follower.force(q, way.at(elapsed) if i == axis else (self.wanted[i], 0.0, 0.0))
-                    for i, (follower, q) in enumerate(zip(self._followers, reading, strict=True))
-                ]
-            )
+        def wanted(one: int, elapsed: float) -> tuple[float, float, float]:
+            return way.at(elapsed) if one == axis else (self.wanted[one], 0.0, 0.0)
 
-        trace = self.rig.run(way.duration, controller)
+        trace = self.rig.run(way.duration, self._controller(wanted))
         self.wanted[axis] = end
         return way, trace
 
@@ -153,18 +154,19 @@ class Drive:
 
     def hold(self, seconds: float) -> Trace:
         """Hold all axes where they are wanted."""
+        still = self._controller(lambda one, elapsed: (self.wanted[one], 0.0, 0.0))
+        return self.rig.run(seconds, still)
+
+    def _controller(self, wanted: Callable[[int, float], tuple[float, float, float]]) -> Controller:
+        """Forces that keep each axis where it is wanted at a time."""
+        for follower in self._followers:
+            follower.begin()
 
         def controller(elapsed: float, reading: Vector) -> Vector:
-            return tuple(
-                [
-                    follower.force(q, (wanted, 0.0, 0.0))
-                    for follower, q, wanted in zip(
-                        self._followers, reading, self.wanted, strict=True
-                    )
-                ]
-            )
+            followers = enumerate(zip(self._followers, reading, strict=True))
+            return tuple([one.force(elapsed, q, wanted(i, elapsed)) for i, (one, q) in followers])
 
-        return self.rig.run(seconds, controller)
+        return controller
 
     def take_over(self, reading: Sequence[float]) -> None:
         """Begin anew from where the axes rest: they were moved without control."""

@@ -5,13 +5,14 @@ the limits of the rig stop whatever moves too fast or too far.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from forcebound.errors import DeviceError
 from forcebound.identification.drive import Drive, Rough, Way
-from forcebound.identification.rig import Floats, Rig, Trace, rest
+from forcebound.identification.rig import Controller, Floats, Rig, Trace, rest
 from forcebound.messages.packets import Vector
 
 RAMP = 1.5  # s, from no force to the largest
@@ -20,8 +21,10 @@ KICKED = 0.1  # share of the reach over which an axis is accelerated
 KICK = 3.0  # times the force at which the axis began to move
 COAST = 0.06  # s
 BRAKE_TICKS = 3
+STILL_TICKS, STILL = 60, 0.005  # share of the reach within these ticks
+PATIENCE = 3.0  # s, for an axis that comes to rest
 STOPPING = 0.2  # s
-SETTLED, PUSH_RAMP, PUSH_LOOK = 0.08, 0.1, 0.06  # s
+SETTLED, PUSH_RAMP, PUSH_LOOK = 0.15, 0.3, 0.3  # s; an axis rings on friction that yields
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # places that repeat late
 
 
@@ -59,6 +62,19 @@ class Push:
     yielded: Vector
 
 
+def come_to_rest(rig: Rig) -> Floats:
+    """Wait until the device that is left alone does not move; return its readings."""
+    seen: list[Vector] = []
+
+    def is_still(reading: Vector) -> bool:
+        seen.append(reading)
+        past = seen[-1 - STILL_TICKS] if len(seen) > STILL_TICKS else None
+        return past is not None and math.dist(reading, past) < STILL * rig.limits.reach
+
+    trace = rest(rig, PATIENCE, is_still)
+    return np.array(trace.readings[-1])
+
+
 def start_to_move(rig: Rig, axis: int, side: int) -> float:
     """Return the force, in N (N m), at which an axis begins to move.
 
@@ -67,7 +83,7 @@ def start_to_move(rig: Rig, axis: int, side: int) -> float:
     Raises:
         DeviceError: If it does not move, moves the other way, or another axis moves instead.
     """
-    start = rest(rig, 0.02).readings[-1]
+    start = come_to_rest(rig)
     way, most = STARTED * rig.limits.reach, rig.limits.force
 
     def controller(elapsed: float, reading: Vector) -> Vector:
@@ -136,7 +152,7 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
         side: 1 or -1.
         started: Force at which it begins to move, in N (N m).
     """
-    start = rest(rig, 0.02).readings[-1]
+    start = come_to_rest(rig)
     force = min(max(KICK * started, 0.05 * rig.limits.force), rig.limits.force)
     way = KICKED * rig.limits.reach
     pushed = rig.run(
@@ -144,11 +160,12 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
         lambda elapsed, reading: _along(rig.axes, axis, -side * force),
         lambda reading: abs(reading[axis] - start[axis]) >= way,
     )
-    coasted = rest(rig, COAST)
+    left = pushed.readings[-1, axis]
+    coasted = rest(rig, COAST, lambda reading: abs(reading[axis] - left) >= 2.0 * way)
     _brake(rig, axis, side, force)
     gained, pushed_speed = curvature(pushed.read, pushed.readings[:, axis])
     gone = np.abs(coasted.readings[:, axis] - coasted.readings[0, axis])
-    moving = max(8, int(np.searchsorted(gone, 0.75 * gone[-1])))
+    moving = max(8, int(np.searchsorted(gone, 0.9 * gone[-1])))
     lost, speed = curvature(coasted.read[1:moving], coasted.readings[1:moving, axis])
     return Kick(force, abs(gained), abs(lost), abs(pushed_speed), abs(speed))
 
@@ -173,9 +190,16 @@ def curvature(time: Floats, position: Floats) -> tuple[float, float]:
 
 
 def centre(drive: Drive, middle: Vector, speeds: list[float]) -> None:
-    """Bring every axis to the middle, one after the other."""
-    for axis in range(drive.rig.axes):
+    """Bring every axis to the middle, one after the other; from now on the reach counts from there.
+
+    They may be far from it, where a device is set up, so only the way there limits the reach.
+    """
+    rig = drive.rig
+    farthest = max(abs(a - b) for a, b in zip(rig.start, middle, strict=True))
+    rig.limits = replace(rig.limits, reach=rig.limits.reach + farthest)
+    for axis in range(rig.axes):
         drive.go(axis, middle[axis], speeds[axis])
+    rig.start = middle
 
 
 def pushes(drive: Drive, forces: Vector, count: int) -> list[Push]:
@@ -192,22 +216,23 @@ def pushes(drive: Drive, forces: Vector, count: int) -> list[Push]:
         _shift(drive, number)
         rest(rig, SETTLED)
 
-        def ramp(elapsed: float, reading: Vector, side: float = side) -> Vector:
-            return tuple([-side * f * min(1.0, elapsed / PUSH_RAMP) for f in forces])
-
-        def fall(elapsed: float, reading: Vector, side: float = side) -> Vector:
-            return tuple([-side * f * max(0.0, 1.0 - elapsed / PUSH_RAMP) for f in forces])
-
-        def held(elapsed: float, reading: Vector, side: float = side) -> Vector:
-            return tuple([-side * f for f in forces])
-
-        rig.run(PUSH_RAMP, ramp)
-        pushed = rig.run(PUSH_LOOK, held).readings.mean(axis=0)
-        rig.run(PUSH_RAMP, fall)
+        rig.run(PUSH_RAMP, _pushing(forces, side, lambda elapsed: _smooth(elapsed / PUSH_RAMP)))
+        held = rig.run(PUSH_LOOK, _pushing(forces, side, lambda elapsed: 1.0))
+        rig.run(PUSH_RAMP, _pushing(forces, side, lambda elapsed: _smooth(1 - elapsed / PUSH_RAMP)))
         released = rest(rig, PUSH_LOOK).readings.mean(axis=0)
         drive.take_over(rest(rig, rig.period).readings[-1])
-        found.append(Push(forces, tuple((side * (pushed - released)).tolist())))
+        found.append(Push(forces, tuple((side * (held.readings.mean(axis=0) - released)).tolist())))
     return found
+
+
+def _pushing(forces: Vector, side: float, share: Callable[[float], float]) -> Controller:
+    """Forces of which a share acts, which changes with the time."""
+    return lambda elapsed, reading: tuple([-side * share(elapsed) * force for force in forces])
+
+
+def _smooth(share: float) -> float:
+    """From 0 to 1 without a corner, which would make an axis ring."""
+    return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
 
 
 def _shift(drive: Drive, number: int) -> None:

@@ -78,7 +78,7 @@ class Rig:
         self._begun_ns = self._next_ns = clock.now()
         device.engage(self._next_ns)
         self.start: Vector = device.read(self._next_ns)
-        self._past: list[Vector] = [self.start] * SPEED_TICKS
+        self._past = [(self._next_ns, self.start)]
         self.intervals: list[float] = []
         self.delays: list[float] = []
 
@@ -105,10 +105,11 @@ class Rig:
         """
         rows: list[tuple[int, int, Vector, Vector]] = []
         start_ns = self._next_ns
+        end_ns = start_ns + round(1e9 * seconds) - self._period_ns // 2
         try:
-            for _ in range(max(1, round(seconds / self.period))):
+            while True:
                 rows.append(self._tick(start_ns, controller))
-                if until(rows[-1][2]):
+                if until(rows[-1][2]) or self._next_ns >= end_ns:
                     break
         except BaseException:
             self.release()
@@ -124,7 +125,7 @@ class Rig:
         clock.wait_until(self._next_ns)
         read_ns = clock.now()
         reading = device.read(read_ns)
-        self._check(reading)
+        self._check(read_ns, reading)
         wanted, largest = controller((read_ns - start_ns) * 1e-9, reading), self.limits.force
         force = tuple([min(max(one, -largest), largest) for one in wanted])
         held = device.write(clock.now(), force)
@@ -135,12 +136,13 @@ class Rig:
         self._next_ns = max(self._next_ns + self._period_ns, clock.now())
         return read_ns, effect_ns, reading, held
 
-    def _check(self, reading: Vector) -> None:
+    def _check(self, time_ns: int, reading: Vector) -> None:
         limits = self.limits
-        before = self._past[0]
-        self._past = [*self._past[1:], reading]
+        before_ns, before = self._past[0]
+        self._past = [*self._past[1 - SPEED_TICKS :], (time_ns, reading)]
+        seconds = max((time_ns - before_ns) * 1e-9, self.period)
         for axis, (now, then, start) in enumerate(zip(reading, before, self.start, strict=True)):
-            speed = abs(now - then) / (SPEED_TICKS * self.period)
+            speed = abs(now - then) / seconds
             if not speed <= limits.speed:
                 raise DeviceError(
                     f"axis {axis + 1} moves at {speed:.3g} per second, more than the limit of"
@@ -168,7 +170,9 @@ class Rig:
         )
 
 
-def rest(rig: Rig, seconds: float = 0.3) -> Trace:
+def rest(
+    rig: Rig, seconds: float = 0.3, until: Callable[[Vector], bool] = lambda reading: False
+) -> Trace:
     """Return the readings of the device that is left alone."""
     zero = (0.0,) * rig.axes
-    return rig.run(seconds, lambda elapsed, reading: zero)
+    return rig.run(seconds, lambda elapsed, reading: zero, until)

@@ -1,0 +1,289 @@
+"""The work of ``forcebound identify``: a device is named, measured, written down and judged."""
+
+import datetime
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forcebound import realtime
+from forcebound.analysis.plots import check_picture
+from forcebound.config.document import find
+from forcebound.config.loader import load_tried, member_of
+from forcebound.config.resolved import kind_of
+from forcebound.devices import DEVICES, DeviceModel
+from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import ConfigError
+from forcebound.files import check_writable
+from forcebound.identification import document as device_file
+from forcebound.identification.clock import Clock, RealClock, VirtualClock
+from forcebound.identification.picture import draw
+from forcebound.identification.procedure import Found, Plan, identify
+from forcebound.identification.verdict import MORE_IS_BETTER, verdict
+from forcebound.messages.packets import Vector
+
+_logger = logging.getLogger(__name__)
+
+REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
+FORCE_SHARE = 0.5  # of the saturation
+HOLD = 1.25  # periods
+CHANGED = 0.2  # a number that differs by a larger share has changed
+WARNING = (
+    "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
+    " either side of the middle, with at most {force:.3g} {unit}. Put it in the middle, take"
+    " everything out of its way, let go of it, and keep the emergency stop at hand."
+)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A device to be identified.
+
+    Attributes:
+        model: What it states.
+        rate: Of its servo, in Hz.
+        launch_file: That it is of; None: a kind was named.
+    """
+
+    model: Any
+    rate: float
+    launch_file: str | None
+
+
+@dataclass(frozen=True)
+class Session:
+    """What came of an identification: what was found, and what is needed to judge it."""
+
+    found: Found
+    start: Vector
+    kinematics: Any
+    serial: str
+    is_virtual: bool
+
+
+def target_of(name: str, arguments: Sequence[str]) -> Target:
+    """Return the device that a kind, or a launch file, names; a launch file goes first.
+
+    Raises:
+        ConfigError: If there is none, or anything is wrong with it.
+    """
+    if find(Path(name)) is not None or (name.endswith((".yaml", ".yml")) and name not in DEVICES):
+        config = load_tried(name, arguments)
+        return Target(config.device.model, config.device.servo.rate, name)
+    return Target(member_of("device", name, arguments), 1000.0, None)
+
+
+def plan_of(target: Target, is_joint: bool, reach: float | None, force: float | None) -> Plan:
+    """Return how a device is identified; None: as far and hard as its kind usually may."""
+    usual = REACHES["rad" if is_joint else "m"]
+    return Plan(
+        reach=usual if reach is None else reach,
+        force=FORCE_SHARE * target.model.saturation if force is None else force,
+        rate=target.rate,
+    )
+
+
+def measure(
+    target: Target,
+    plan: Callable[[bool], Plan],
+    say: Callable[[str], None],
+    ready: Callable[[str], None],
+) -> Session:
+    """Open a device, identify it, and close it.
+
+    Args:
+        target: The device.
+        plan: Returns how, for a device with joints or without.
+        say: Is told what comes next.
+        ready: Is told what the user has to do, and returns when it is done.
+
+    Raises:
+        DeviceError: As :func:`forcebound.identification.procedure.identify`.
+    """
+    model: DeviceModel = target.model
+    device = model.open(None, HOLD / target.rate)
+    try:
+        kinematics = getattr(device, "kinematics", None)
+        chosen = plan(kinematics is not None)
+        is_virtual = isinstance(device, SimulatedDevice)
+        clock: Clock = VirtualClock() if is_virtual else RealClock()
+        if not is_virtual:
+            place, unit = units(kinematics)
+            ready(WARNING.format(reach=chosen.reach, place=place, force=chosen.force, unit=unit))
+        with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
+            found = identify(device, model, clock, chosen, say, _middle_of(model))
+        serial = str(getattr(device, "serial_number", "") or "")
+    finally:
+        device.close()
+    start = tuple(0.5 * (low + high) for low, high in found.measured_range)
+    return Session(found, start, kinematics, serial, is_virtual)
+
+
+@contextmanager
+def _punctual() -> Iterator[None]:
+    """Be as punctual within as this process may be."""
+    cores = os.sched_getaffinity(0)
+    for fact in realtime.enter(realtime.Settings(core=realtime.choose_core("auto")), "device"):
+        _logger.info("%s", fact.sentence)
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, cores)
+
+
+def _middle_of(model: Any) -> Vector | None:
+    """Return the readings for which the tip is at 0 m; None if the model cannot say."""
+    angles: Callable[[Vector], Vector | None] | None = getattr(model, "angles", None)
+    return None if angles is None else angles((0.0,) * model.axes)
+
+
+def units(kinematics: Any) -> tuple[str, str]:
+    """Return the units of readings and of forces."""
+    return ("m", "N") if kinematics is None else ("rad", "N m")
+
+
+def run(
+    name: str,
+    arguments: Sequence[str],
+    out: Path,
+    limits: tuple[float | None, float | None],
+    say: Callable[[str], None],
+    ready: Callable[[str], None],
+) -> dict[str, Any]:
+    """Identify a device; write ``out`` and a picture beside it; return what was found.
+
+    Args:
+        name: Kind of device, or launch file.
+        arguments: Of either, each ``name:=value``.
+        out: File to write.
+        limits: Reach and force, in SI; None: what is usual.
+        say: Is told what comes next.
+        ready: Is told what the user has to do, and returns when it is done.
+
+    Raises:
+        ConfigError: If there is no such device, or a file cannot be written.
+        DeviceError: If the device fails.
+    """
+    target = target_of(name, arguments)
+    picture = out.with_suffix(".png")
+    check_picture(picture)
+    for path, what in ((out, "the file of the device"), (picture, "the picture")):
+        check_writable(path, what)
+    session = measure(target, lambda is_joint: plan_of(target, is_joint, *limits), say, ready)
+    found = session.found
+    plan = plan_of(target, session.kinematics is not None, *limits)
+    identified = device_file.identified_model(target.model, found)
+    estimates = device_file.estimates_of(target.model, found)
+    judged = verdict(identified, estimates, target.rate, session.start, session.kinematics)
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    told = {"reach": plan.reach, "force": plan.force, "rate": plan.rate}
+    content = device_file.document_of(
+        target.model, found, date, session.serial, told, target.launch_file
+    )
+    device_file.write(out, content, " ".join(("forcebound identify", name, *arguments)))
+    kind = kind_of("device", target.model)
+    draw(found, units(session.kinematics), f"{kind}, identified on {date}", picture)
+    return {**content, "verdict": asdict(judged), "file": str(out), "picture": str(picture)}
+
+
+def check(path: Path, say: Callable[[str], None], ready: Callable[[str], None]) -> dict[str, Any]:
+    """Repeat a short identification of the device of a file; say whether it has changed.
+
+    Raises:
+        ConfigError: If it is no such file, or of another device.
+        DeviceError: If the device fails.
+    """
+    content = device_file.read(path)
+    words, identified = content["device"], content["identified"]
+    given = [f"{key}:={value}" for key, value in words.items() if _is_argument(key, value)]
+    plan = identified["plan"]
+    target = Target(member_of("device", words["kind"], given), plan["rate"], None)
+    short = Plan(plan["reach"], plan["force"], plan["rate"], poses=(0.0,), pushes=8)
+    session = measure(target, lambda is_joint: short, say, ready)
+    if identified["serial_number"] != session.serial:
+        raise ConfigError(
+            f"{path} is of the device with the serial number {identified['serial_number'] or '-'},"
+            f" this one has {session.serial or '-'}: identify this one"
+        )
+    rows = [
+        _compared(name, numbers, getattr(axis, name), number)
+        for name, numbers in identified["numbers"].items()
+        if name in ("damping", "friction", "presliding", "resolution")
+        for number, axis in enumerate(session.found.axes)
+    ]
+    return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
+
+
+def _is_argument(key: str, value: Any) -> bool:
+    """Whether a key of the file describes the device, not what was measured of it."""
+    return key not in (*device_file.METHODS, "kind", "sources") and not isinstance(
+        value, list | Mapping
+    )
+
+
+def _compared(name: str, numbers: Mapping[str, Any], now: Any, axis: int) -> dict[str, Any]:
+    was, stated = np.atleast_1d(numbers["found"])[axis], np.atleast_1d(numbers["stated"])[axis]
+    is_lower = name in ("damping", "friction")
+    # Broken only if even the other end of what is seen now lies beyond what is stated.
+    holds = now.upper >= stated if is_lower else now.lower <= stated
+    return {
+        "number": name,
+        "axis": axis + 1,
+        "stated": float(stated),
+        "then": float(was),
+        "now": now.estimate,
+        "holds": bool(holds),
+        "changed": bool(was > 0.0 and abs(now.estimate / was - 1.0) > CHANGED),
+    }
+
+
+def lines(content: Mapping[str, Any]) -> list[str]:
+    """Return the result of :func:`run` as lines of text."""
+    text = []
+    for name, one in content["identified"]["numbers"].items():
+        text.append(f"{name:<13} stated {_shown(one['stated'])}, found {_shown(one['found'])}")
+        text.append(f"{'':<13} {one['method']}")
+    judged = content["verdict"]
+    shown = judged["stiffness"] / 1e3
+    text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
+    for name, gain in judged["gains"].items():
+        better = "a fifth more of it" if name in MORE_IS_BETTER else "without it"
+        measured = gain.get("measured")
+        known = "" if measured is None else f"; measured exactly: {_percent(measured)}"
+        text.append(f"  {name:<13} {better}: {_percent(gain['built'])}{known}")
+    text.append(f"what limits it most: {judged['limit']}")
+    text.append(f"written: {content['file']}, {content['picture']}")
+    return text
+
+
+def check_lines(content: Mapping[str, Any]) -> list[str]:
+    """Return the result of :func:`check` as lines of text."""
+    text = []
+    for row in content["numbers"]:
+        word = "holds" if row["holds"] else "BROKEN"
+        changed = ", but has changed" if row["holds"] and row["changed"] else ""
+        text.append(
+            f"{word:<7} {row['number']} of axis {row['axis']}: stated {row['stated']:.4g}, then"
+            f" {row['then']:.4g}, now {row['now']:.4g}{changed}"
+        )
+    return text
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(f"{one:.4g}" for one in np.atleast_1d(value))
+
+
+def _percent(ratio: float) -> str:
+    return f"{100.0 * (ratio - 1.0):+.1f} %"
+
+
+def is_terminal() -> bool:
+    """Return whether somebody can answer."""
+    return sys.stdin.isatty()

@@ -1,0 +1,181 @@
+"""The file of an identified device: ``device.yaml``.
+
+It is a launch file with the section ``device:``, which others include, and the section
+``identified:``, which says where its numbers come from and which no run reads.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from forcebound.config.device_file import WHAT
+from forcebound.config.document import MAX_BYTES
+from forcebound.config.fields import fields_of
+from forcebound.config.problems import Problems
+from forcebound.config.resolved import member_document
+from forcebound.config.tree import parse
+from forcebound.errors import ConfigError
+from forcebound.files import read_text
+from forcebound.identification.estimators import Bounded
+from forcebound.identification.procedure import Found
+from forcebound.messages.packets import Vector
+
+DIGITS = 4  # of a bound
+
+#: How each number of an axis was measured.
+METHODS = {
+    "damping": "growth of the loss with the speed, passes there and back; lower bound",
+    "friction": "loss of slow passes in the weakest part of the range; lower bound",
+    "presliding": "way that comes back after pushes below the friction; upper bound",
+    "resolution": "smallest change of a reading in motion, and noise at rest; upper bound",
+    "weight_error": "force that depends on the place, largest of all parts; upper bound",
+    "write_delay": "from reading to the effect of the write, 999 of 1000; upper bound",
+}
+
+
+def bounds_of(model: Any, found: Found) -> dict[str, float | Vector]:
+    """Return the numbers that a device may state after an identification."""
+    bounds: dict[str, float | Vector] = {}
+    for name, values in _axis_numbers(model, found).items():
+        is_lower = name in ("damping", "friction")
+        each = [down(v.lower) if is_lower else up(v.upper) for v in values]
+        bounds[name] = each[0] if len(each) == 1 else tuple(each)
+    bounds["write_delay"] = up(found.write_delay.upper)
+    return bounds
+
+
+def estimates_of(model: Any, found: Found) -> dict[str, float | Vector]:
+    """Return the same numbers as they were found, without their uncertainty."""
+    estimates: dict[str, float | Vector] = {}
+    for name, values in _axis_numbers(model, found).items():
+        each = [abs(one.estimate) for one in values]
+        estimates[name] = each[0] if len(each) == 1 else tuple(each)
+    estimates["write_delay"] = found.write_delay.estimate
+    return estimates
+
+
+def identified_model(model: Any, found: Found) -> Any:
+    """Return the model with the numbers that were found."""
+    bounds = bounds_of(model, found)
+    sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
+    return dataclasses.replace(model, **bounds, sources=sources)
+
+
+def _axis_numbers(model: Any, found: Found) -> dict[str, list[Bounded]]:
+    names = {"damping", "friction", "presliding", "resolution"}
+    numbers = {name: [getattr(axis, name) for axis in found.axes] for name in sorted(names)}
+    if hasattr(model, "weight_error"):
+        numbers["weight_error"] = [axis.load for axis in found.axes]
+    return numbers
+
+
+def down(value: float) -> float:
+    """Return a value rounded down to so many digits as are written."""
+    if value == 0.0:
+        return 0.0
+    scale = 10.0 ** (DIGITS - 1 - math.floor(math.log10(abs(value))))
+    return math.floor(value * scale * (1.0 + math.copysign(1e-6, value))) / scale
+
+
+def up(value: float) -> float:
+    """Return a value rounded up alike."""
+    return -down(-value) if value else 0.0
+
+
+def document_of(
+    model: Any, found: Found, date: str, serial: str, plan: Mapping[str, Any], included: str | None
+) -> dict[str, Any]:
+    """Return the content of the file.
+
+    Args:
+        model: As it was given, without the numbers that were found.
+        found: In the identification.
+        date: Of today.
+        serial: Serial number of the device; empty if it has none.
+        plan: How it was identified.
+        included: Launch file that it is for; None: none.
+    """
+    identified = identified_model(model, found)
+    told = member_document("device", identified)
+    kind: type = type(model)
+    usual = {name: field.default for name, field in fields_of(kind).items()}
+    given = {name for name in usual if getattr(model, name) != usual[name]}
+    device = {name: value for name, value in told.items() if name == "kind" or name in given}
+    bounds, estimates = bounds_of(model, found), estimates_of(model, found)
+    for name in (*bounds, "sources"):
+        device[name] = told[name]
+    numbers = {
+        name: {"found": _plain(estimates[name]), "stated": told[name], "method": METHODS[name]}
+        for name in bounds
+    }
+    load = [{"mean": _short(a.load.estimate), "largest": _short(a.load.upper)} for a in found.axes]
+    return {
+        "forcebound": 1,
+        **({"include": included} if included else {}),
+        "device": device,
+        "identified": {
+            "date": date,
+            "serial_number": serial,
+            "plan": dict(plan),
+            "range": [[_short(a), _short(b)] for a, b in found.measured_range],
+            "numbers": numbers,
+            "load": load,
+            "inertia": [_short(axis.inertia) for axis in found.axes],
+            "interval": {
+                "median": _short(found.interval.estimate),
+                "longest": _short(found.interval.upper),
+            },
+        },
+    }
+
+
+def _plain(value: float | Vector) -> Any:
+    return [_short(one) for one in value] if isinstance(value, tuple) else _short(value)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def write(path: Path, document: Mapping[str, Any], command: str) -> None:
+    """Write the file.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.width = 110
+    text = StringIO()
+    yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
+    use = f"`device: {{include: {path.name}}}` in a launch file"
+    head = f"# Written by `{command}`. Use: {use}.\n"
+    try:
+        path.write_text(head + text.getvalue(), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write {WHAT} {path}: {error.strerror}") from error
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the content of such a file.
+
+    Raises:
+        ConfigError: If it cannot be read, or is none.
+    """
+    problems = Problems()
+    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
+    problems.raise_if_any()
+    document: dict[str, Any] = {} if root is None else root.plain
+    identified = document.get("identified")
+    if not isinstance(identified, dict) or not isinstance(identified.get("numbers"), dict):
+        raise ConfigError(
+            f"{path} has no section identified: write it with `forcebound identify DEVICE -o FILE`"
+        )
+    return document
