@@ -239,7 +239,8 @@ def test_true_damping_friction_and_presliding_may_differ_from_what_is_stated() -
 
 
 def test_a_weight_is_compensated_until_the_watchdog_drops_the_force() -> None:
-    device = SimulatedDevice(replace(PUSHED, weight=0.981), None, hold_limit=5e-3)
+    model = replace(PUSHED, weight=0.981, watchdog="silent")
+    device = SimulatedDevice(model, None, hold_limit=5e-3)
     device.read(0)
     device.read(1_000_000_000)  # no write yet
     device.write(1_000_000_000, (0.0,))

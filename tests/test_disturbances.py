@@ -43,9 +43,11 @@ def test_a_device_that_stands_still_for_50_ms_gives_no_energy() -> None:
     assert ended.summary["deadline_misses"] >= 3 * 45
 
 
-def test_a_device_that_stands_still_is_without_force_by_its_watchdog() -> None:
+def test_a_device_that_stands_still_is_without_force_by_its_watchdog(tmp_path: Path) -> None:
+    file = tmp_path / "reporting.yaml"
+    file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {watchdog: reporting}\n")
     # A wall so soft that it needs no law: after whatever a busy machine did, its force is back.
-    with live_graph("stiff_wall.yaml", "stiffness:=400 N/m", "law:=none") as graph:
+    with live_graph(str(file), "stiffness:=400 N/m", "law:=none") as graph:
         graph.wait(0.5)
         for _ in range(3):
             stop_the_device_for_50_ms(graph)

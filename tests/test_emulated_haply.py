@@ -28,6 +28,7 @@ class EmulatedLine:
     """A :class:`forcebound.hardware.line.Line` to an emulation; also its own port and clock."""
 
     silence = 0.01  # s
+    is_at_rest = False
 
     def __init__(self, model: Haply2DIY, truth: TruthFile, *faults: str) -> None:
         self.port = self

@@ -187,7 +187,7 @@ def run(
     content = device_file.document_of(
         target.model, found, date, session.serial, told, target.launch_file
     )
-    device_file.write(out, content, " ".join(("forcebound identify", name, *arguments)))
+    device_file.write(out, content, " ".join(("forcebound", "identify", name, *arguments)))
     kind = kind_of("device", target.model)
     draw(found, units(session.kinematics), f"{kind}, identified on {date}", picture)
     return {**content, "verdict": asdict(judged), "file": str(out), "picture": str(picture)}
