@@ -87,7 +87,7 @@ def found_of(model: DeviceModel, plan: Plan, altered: type[Altered] | None = Non
 
 
 def test_bounds_hold_and_are_narrow() -> None:
-    document = evaluate([judge(seed) for seed in (2, 4, 6)])
+    document = evaluate([judge(seed) for seed in (2, 4)])
     assert not document["failed"]
     assert is_reached(document), document["numbers"]
 

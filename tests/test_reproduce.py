@@ -24,12 +24,12 @@ pytestmark = pytest.mark.xdist_group("reproduction")  # made once, for all of th
 SHOWN = ("table1", "fig7", "fig18")  # drawn in the tests; drawing all takes a minute
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def runs() -> Runs:
     return Runs()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
     return reproduce(SHOWN, tmp_path_factory.mktemp("reproduction"))
 
