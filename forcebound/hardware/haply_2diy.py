@@ -207,7 +207,6 @@ class OpenHaply:
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal
         self.kinematics: ArmKinematics = five_bar.kinematics()
-        line.port.drain()  # what a former user has left
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
         self._angles = self._exchange(FIRST)[2]

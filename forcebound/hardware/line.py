@@ -22,6 +22,7 @@ EMULATED = "emulated"  # a port's name
 # Shares of the watchdog limit: after the first a silent board is lost, after the other the guardian
 # ends the force; the rest is for waking.
 SILENCE, TIMEOUT = 0.5, 0.75
+QUIET = 0.05  # s; the reply to a former user's last zero may still be on its way
 
 
 class Line:
@@ -68,6 +69,7 @@ class Line:
             path = find(name, kind)
             self.port = Port(path, baud)
             opened.callback(self.port.close)
+            self.port.drain(QUIET)  # what a former user has left
             self.truth: TruthFile | None = truth_beside(path)
             if self.truth is not None:
                 opened.callback(self.truth.close)

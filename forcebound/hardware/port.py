@@ -106,14 +106,17 @@ class Port:
             data += self._take(CHUNK)
         return data
 
-    def drain(self) -> bytes:
+    def drain(self, quiet: float = 0.0) -> bytes:
         """Return what has come and nobody has read.
+
+        Args:
+            quiet: Wait until nothing has come for so long, in s.
 
         Raises:
             DeviceError: If the device is unplugged.
         """
         data = b""
-        while select.select((self.descriptor,), (), (), 0.0)[0]:
+        while select.select((self.descriptor,), (), (), quiet)[0]:
             data += self._take(CHUNK)
         return data
 
