@@ -6,6 +6,7 @@ from typing import Annotated
 
 from forcebound.messages.packets import Vector
 from forcebound.operators.places import Place, check_places, coordinates, shifted, straight
+from forcebound.operators.pressing import pressing_target
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -17,6 +18,14 @@ from forcebound.quantities import (
     Stiffness,
     check_ranges,
 )
+
+
+def trembling_target(
+    elapsed: float, start: float, end: float, speed: float, amplitude: float, frequency: float
+) -> float:
+    """Return the target on one axis, with a sine of ``amplitude``, in m, on it; for kernels."""
+    tremor = amplitude * math.sin(2.0 * math.pi * frequency * elapsed)
+    return pressing_target(elapsed, start, end, speed) + tremor
 
 
 @dataclass(frozen=True)
