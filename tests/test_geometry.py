@@ -31,12 +31,20 @@ def test_a_vector_of_any_number_of_axes_goes_to_space_and_back(axes: int) -> Non
     assert vectors.cut(there, axes) == (*vector[:3], 0.0, 0.0, 0.0)[:axes]
 
 
-def test_the_corner_of_three_walls_holds_a_goal_behind_all_of_them() -> None:
+@pytest.mark.parametrize(
+    ("goal", "corner"),
+    [
+        ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
+        ((0.0, 0.5, 0.0), (0.1, 0.5, 0.3)),
+        ((0.0, 0.5, 0.7), (0.1, 0.5, 0.7)),
+        ((0.2, 0.5, 0.7), (0.2, 0.5, 0.7)),
+    ],
+)
+def test_all_walls_that_a_goal_is_behind_hold_it_back(goal: Vector3, corner: Vector3) -> None:
     walls = np.array([[1, 0, 0, 0.1], [0, 1, 0, 0.2], [0, 0, 1, 0.3]], float)
-    assert closest_legal((0.0, 0.0, 0.0), walls, 3) == (True, pytest.approx((0.1, 0.2, 0.3)))
-    assert closest_legal((0.0, 0.5, 0.0), walls, 3) == (True, pytest.approx((0.1, 0.5, 0.3)))
-    assert closest_legal((0.0, 0.5, 0.7), walls, 3) == (True, pytest.approx((0.1, 0.5, 0.7)))
-    assert closest_legal((0.2, 0.5, 0.7), walls, 3) == (True, (0.2, 0.5, 0.7))
+    found, point = closest_legal(goal, walls, 3)
+    assert found
+    assert point == pytest.approx(corner)
 
 
 def test_planes_that_contradict_each_other_are_told() -> None:

@@ -10,8 +10,9 @@ from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators.chirp import ChirpHand
 from forcebound.operators.palpating import PalpatingHand
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.pressing import PressingHand, pressing_target
 from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.stroking import StrokingHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.operators.trembling import TremblingHand
 
@@ -63,6 +64,43 @@ def test_a_hand_that_does_not_approach_is_refused() -> None:
         PressingHand(approach_speed=0)
 
 
+def test_the_pressing_hand_reaches_straight_along_any_direction() -> None:
+    hand = PressingHand(start=(0.01, 0.0, 0.0), end=(0.01, 0.03, -0.04), approach_speed=0.1)
+    assert hand.target(0.0) == (0.01, 0.0, 0.0)
+    assert hand.target(0.25) == pytest.approx((0.01, 0.015, -0.02))
+    assert hand.target(9.0) == (0.01, 0.03, -0.04)
+
+
+def test_a_place_with_fewer_axes_than_the_other_is_at_0_on_the_rest() -> None:
+    hand = PressingHand(start=-0.03, end=(0.0, 0.04), approach_speed=0.1)
+    assert hand.target(0.0) == (-0.03, 0.0)
+    assert hand.target(0.25) == pytest.approx((-0.015, 0.02))
+
+
+def test_on_one_axis_a_place_may_be_a_number_or_a_list_of_one() -> None:
+    number, one = PressingHand(start=0.01, end=-0.012), PressingHand(start=(0.01,), end=(-0.012,))
+    times = [0.01 * k for k in range(20)]
+    assert [number.target(time) for time in times] == [one.target(time) for time in times]
+    kernel = [pressing_target(time, 0.01, -0.012, number.approach_speed) for time in times]
+    assert [number.target(time)[0] for time in times] == kernel
+
+
+@pytest.mark.parametrize("place", [(), (0.0,) * 7])
+def test_a_place_has_as_many_numbers_as_a_device_can_have_axes(place: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match=r"end must be one number, or 1 to 6 .*, got [07]"):
+        PressingHand(end=place)
+
+
+def test_the_stroking_hand_moves_in_and_then_to_and_fro_about_the_end() -> None:
+    hand = StrokingHand(
+        start=(0.0, 0.0, 0.03), end=(0.0, 0.0, 0.0), approach_speed=0.1, stroke=(0.01, -0.02)
+    )
+    assert hand.target(0.15) == pytest.approx((0.0, 0.0, 0.015))
+    for cycles, share in ((0.0, 0.0), (0.25, 1.0), (0.75, -1.0), (3.25, 1.0)):
+        place = hand.target(0.3 + cycles / hand.frequency)
+        assert place == pytest.approx((0.01 * share, -0.02 * share, 0.0), abs=1e-12)
+
+
 def test_the_sinusoidal_hand_swings_about_its_centre() -> None:
     hand = SinusoidalHand(centre=0.01, amplitude=0.004, frequency=2.0)
     assert hand.target(0.0)[0] == pytest.approx(0.006)
@@ -97,6 +135,14 @@ def test_the_tremor_is_a_force_of_the_spring_about_the_path() -> None:
     for time, share in ((0.05, 1.0), (0.1, 0.0), (0.15, -1.0), (2.05, 1.0)):
         force = hand.stiffness * (hand.target(time)[0] - calm.target(time)[0])
         assert force == pytest.approx(0.5 * share, abs=1e-9)
+
+
+def test_a_tremor_of_two_axes_circles() -> None:
+    hand = TremblingHand(stiffness=50.0, start=0.0, end=0.0, tremor=(0.5, 0.5, 0.0))
+    for time in (0.0, 0.01, 0.05, 1.23):
+        x, y, z = hand.target(time)
+        assert math.hypot(x, y) == pytest.approx(0.01)
+        assert z == 0.0
 
 
 @pytest.mark.parametrize(("time", "frequency"), [(0.0, 1.0), (5.0, 10.0), (9.9, 95.5), (12.0, 100)])

@@ -48,6 +48,7 @@ OPERATORS: Table[type[Operator]] = Table(
         "palpating": "forcebound.operators.palpating:PalpatingHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
+        "stroking": "forcebound.operators.stroking:StrokingHand",
         "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
         "trembling": "forcebound.operators.trembling:TremblingHand",
     },
