@@ -136,6 +136,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
         "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
         "damper": "forcebound.environments.damper:Damper",
+        "solid": "forcebound.environments.solid:Solid",
         "active_wall": "forcebound.environments.adversary:ActiveWall",
         "negative_damper": "forcebound.environments.adversary:NegativeDamper",
         "random_force": "forcebound.environments.adversary:RandomForce",
