@@ -99,6 +99,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
+        or config.environment.fixtures is not None
         or type(config.controller) is not DirectController
         or servo.late_ticks is not None
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
