@@ -4,13 +4,16 @@ Kernels are plain functions of numbers; :func:`jit` compiles them with numba whe
 needed. Two things are handled here and nowhere else:
 
 * numba costs most of a second to import, so it is imported when something is compiled;
-* numba's cache looks only at the file of the compiled function. A changed callee in another file
-  would leave stale machine code behind. The cache folder is therefore named after a digest of
-  every source file of the package, and where no such folder can be written nothing is cached.
+* numba's cache looks only at the file of the compiled function. A changed callee, or constant, in
+  another file would leave stale machine code behind. The cache folder of a kernel is therefore
+  named after a digest of its file and all files of the package that this one imports, and where no
+  such folder can be written nothing is cached.
 """
 
 import hashlib
 import os
+import re
+import sys
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -23,17 +26,44 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+_IMPORT = re.compile(r"^\s*from (forcebound[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
+
+
 @cache
-def _cache_folder() -> str | None:
-    """Return a writable folder for compiled code of exactly these sources; None without one."""
+def _imports(source: Path) -> tuple[bytes, frozenset[Path]]:
+    """Return what a file says, and the files of this package that it imports from."""
+    content = source.read_bytes()
+    found: set[Path] = set()
+    root = Path(__file__).parent.parent
+    for module, names in _IMPORT.findall(content.decode()):
+        folder = root.joinpath(*module.split("."))
+        found.update(folder / f"{name}.py" for name in re.findall(r"\w+", names))
+        found.update((folder.with_suffix(".py"), folder / "__init__.py"))
+    return content, frozenset(filter(Path.exists, found))
+
+
+@cache
+def _digest(modules: frozenset[str]) -> str:
+    """Return a digest of the sources of these modules and of all that they import."""
+    waiting = {Path(str(sys.modules[module].__file__)) for module in modules}
+    known: dict[Path, bytes] = {}
+    while waiting:
+        source = waiting.pop()
+        known[source], imported = _imports(source)
+        waiting |= imported - known.keys()
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(source.read_bytes())
+    for source in sorted(known):
+        digest.update(known[source])
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder(modules: frozenset[str]) -> str | None:
+    """Return a writable folder for the compiled code of exactly these sources; None without one."""
     home = os.path.expanduser("~")
     bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
     private = runtime_folder()  # others may not put compiled code there
     for base in [*bases, *([private] if private else [])]:
-        folder = base / "forcebound" / digest.hexdigest()[:16]
+        folder = base / "forcebound" / _digest(modules)
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError:
@@ -63,7 +93,7 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
 def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
     import numba
 
-    folder = _cache_folder() if _is_known_by_name(function) else None
+    folder = _cache_folder(_modules(function)) if _is_known_by_name(function) else None
     if folder is not None:
         config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
         config.CACHE_DIR = folder
@@ -78,6 +108,21 @@ def _is_known_by_name(function: Callable[..., Any]) -> bool:
     enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
     modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
     return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)
+
+
+def _modules(function: Callable[..., Any]) -> frozenset[str]:
+    """Return the modules of a function and of all that it calls and encloses."""
+    waiting, reached = [function], {function}
+    enclosed: set[str] = set()
+    while waiting:
+        one = waiting.pop()
+        cells = [cell.cell_contents for cell in one.__closure__ or ()]
+        enclosed |= {cell.__module__ for cell in cells if isinstance(cell, type)}
+        new = set(_called_by(one)) - reached
+        reached |= new
+        waiting += new
+    modules = enclosed | {one.__module__ for one in reached}
+    return frozenset(m for m in modules if getattr(sys.modules.get(m), "__file__", None))
 
 
 _allowed: set[Callable[..., object]] = set()

@@ -26,6 +26,8 @@ NAMES = ("environment", "node", "event")  # keys whose text is a name: printable
 MAX_TEXT = 500  # characters of a text for people
 
 Vector: TypeAlias = tuple[float, ...]
+Point: TypeAlias = tuple[float, float, float]  # m, in space, whatever number of axes a device has
+Quaternion: TypeAlias = tuple[float, float, float, float]  # w x y z; of length 1: an orientation
 
 # The same types with the limits that the decoder checks.
 _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
@@ -34,6 +36,37 @@ _Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
 _Text: TypeAlias = Annotated[str, Meta(max_length=MAX_TEXT)]
 _Texts: TypeAlias = Annotated[Mapping[str, _Text], Meta(max_length=MAX_LENGTH)]
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
+
+
+class Contact(NamedTuple):
+    """Where a virtual tip touches what it cannot enter."""
+
+    proxy: Vector  # m, where the tip would be if it could enter nothing; one entry per axis
+    normal: Vector  # outward unit normal there, same shape
+
+
+Shape: TypeAlias = Literal["plane", "sphere", "box", "cylinder", "mesh", "points", "path"]
+
+
+class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+    """One thing that a display may draw.
+
+    ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its own
+    x, y and z; of a cylinder its radius, and its length along its own z; of the others nothing. A
+    plane passes through ``position``, its own z is its outward normal. The points of a path are
+    joined in their order.
+    """
+
+    name: _Name  # no other object of the scene has it
+    shape: Shape
+    position: Point = (0.0, 0.0, 0.0)  # m, of the object's centre or origin
+    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)  # of the object's own axes
+    size: Annotated[Vector, Meta(max_length=3)] = ()
+    is_removed: bool = False  # whether it is cut out of the others: a hole, a cavity
+    is_fixed: bool = True  # whether it stays where it is
+    file: _Text | None = None  # of a mesh or points; a path on the environment's machine
+    digest: Annotated[str, Meta(max_length=MAX_LENGTH)] | None = None  # sha256 of the file, hex
+    points: Annotated[tuple[Point, ...], Meta(max_length=MAX_LENGTH)] = ()  # m, of a path
 
 
 class _Wire(

@@ -10,21 +10,17 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
-from launch_texts import problems_of, written
+from launch_texts import written
 
-from forcebound.analysis.tables import phase_rows
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.parameters import differences, holders, parameters
-from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import Tuner
 from forcebound.launch.live import RunDocument, updating
-from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery
 from forcebound.monitor import control, tuning
 from forcebound.monitor.findings import Fact
@@ -45,19 +41,6 @@ from forcebound.nodes.environment import EnvironmentNode
 @pytest.fixture(scope="module")
 def config() -> GraphConfig:
     return replace(load("stiff_wall"), duration=0.5)
-
-
-PHASES = """
-forcebound: 1
-include: stiff_wall.yaml
-phases:
-  - { name: quiet, duration: 300 ms }
-  - name: late
-    duration: 200 ms
-    set: { links.environment_reply.delay: 5 ms, environment.stiffness: 2 N/mm }
-  - { name: gone, duration: 0.3 s, set: { links.environment_reply.loss: 100 % } }
-  - { name: quiet again, duration: 0.2 s }
-"""
 
 
 # --- Names and values ----------------------------------------------------------------------------
@@ -421,93 +404,3 @@ def test_a_damaged_request_changes_nothing(config: GraphConfig, damaged: dict[st
     whole = {"time_ns": 5, "parameters": {}} if damaged else {}
     with pytest.raises(ConfigError, match=r"expected parameters|no parameters of this graph"):
         Tuner(config)(process, {**whole, **damaged})
-
-
-# --- Phases --------------------------------------------------------------------------------------
-
-
-def test_a_run_is_as_long_as_its_phases_and_each_begins_with_the_file(tmp_path: Path) -> None:
-    config = load(written(tmp_path, PHASES))
-    assert config.duration == pytest.approx(1.0)
-    parts = timetable(config)
-    assert not any(part.config.phases for part in parts)  # each would be checked in each again
-    assert [part.name for part in parts] == ["quiet", "late", "gone", "quiet again"]
-    assert [part.start_ns for part in parts] == [0, 300_000_000, 500_000_000, 800_000_000]
-    late, gone = parts[1].config, parts[2].config
-    assert late.links["environment_reply"].delay == 0.005
-    assert gone.links["environment_reply"] == Impairment(loss=1.0)
-    assert differences(config, parts[3].config) == {}
-
-
-def test_phases_survive_the_way_to_the_processes(tmp_path: Path) -> None:
-    config = load(written(tmp_path, PHASES))
-    assert from_document(json.loads(json.dumps(to_document(config)))) == config
-
-
-def test_each_phase_is_reported_with_what_happened_in_it(tmp_path: Path) -> None:
-    result = run_virtual(load(written(tmp_path, PHASES)))
-    quiet, late, gone, again = result.summary["phases"]
-    assert quiet["loop_delay_ms"]["p50"] == pytest.approx(0.4)
-    assert late["loop_delay_ms"]["p50"] == pytest.approx(5.4)
-    assert late["start_s"] == pytest.approx(0.3, abs=2e-3)
-    assert gone["answered_share"] < 0.1
-    assert gone["force_share"] == pytest.approx(0.1 / 0.3, abs=0.03)  # the age limit: 100 ms
-    assert again["force_share"] > 0.95
-    assert result.summary["faults"]["force_released"] == 1
-    lost = result.summary["links"]["environment_reply"]
-    assert lost["lost"] == pytest.approx(300, abs=3)
-    assert sum(count for fate, count in lost.items() if fate not in ("sent", "duplicated")) == (
-        lost["sent"] + lost["duplicated"]
-    )
-    assert len({len(row) for row in phase_rows(result.summary["phases"])}) == 1
-
-
-def test_phases_are_the_same_run_every_time_and_in_a_recording(tmp_path: Path) -> None:
-    config = load(written(tmp_path, PHASES))
-    run_virtual(config, record=tmp_path / "one.mcap")
-    run_virtual(config, record=tmp_path / "two.mcap")
-    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
-
-
-def test_phases_that_set_nothing_are_the_plain_run(config: GraphConfig, tmp_path: Path) -> None:
-    names = "[{name: one, duration: 0.2 s}, {name: two, duration: 0.3 s}]"
-    file = written(tmp_path, f"forcebound: 1\ninclude: stiff_wall.yaml\nphases: {names}\n")
-    in_phases, plain = run_virtual(load(file)).columns, run_virtual(config).columns
-    assert np.array_equal(plain.applied_force, in_phases.applied_force)
-
-
-@pytest.mark.parametrize(
-    ("phases", "message"),
-    [
-        ("phases: 3", "phases must be a list"),
-        ("phases: []", "phases must be a list"),
-        ("phases: [{name: a, duration: 0 s}]", "duration"),
-        ("phases: [{name: a}]", "needs 'duration'"),
-        ("phases: [{name: a, duration: 1 s, sett: {}}]", "did you mean 'set'"),
-        ("phases: [{name: a, duration: 1 s, set: {environment.stifness: 1}}]", "did you mean"),
-        ("phases: [{name: a, duration: 1 s, set: {environment.stiffness: 5 s}}]", "is a time"),
-        ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "must be 0 to 1"),
-    ],
-)
-def test_a_wrong_phase_is_a_problem_of_the_launch_file_at_its_place(
-    tmp_path: Path, phases: str, message: str
-) -> None:
-    text = f"forcebound: 1\ninclude: stiff_wall.yaml\n{phases}\n"
-    problems = problems_of(written(tmp_path, text))
-    assert message in problems
-    assert ":3:" in problems
-
-
-def test_the_shipped_stress_test_keeps_the_hand_safe() -> None:
-    result = run_virtual(load("stress"))
-    summary = result.summary
-    assert summary["true_energy_min_j"] >= -1e-9
-    assert summary["faults"]["force_released"] >= 2
-    by_name = {phase["name"]: phase for phase in summary["phases"]}
-    assert by_name["far away"]["loop_delay_ms"]["p50"] == pytest.approx(200.4, abs=1.0)
-    assert by_name["a third is lost"]["answered_share"] == pytest.approx(0.67, abs=0.03)
-    assert by_name["slow computation"]["answered_share"] == pytest.approx(1 / 15, abs=0.01)
-    assert by_name["nothing comes through"]["answered_share"] < 0.01
-    assert by_name["quiet again"]["answered_share"] > 0.99
-    silent = by_name.pop("nothing comes through")
-    assert silent["peak_force_n"] < min(phase["peak_force_n"] for phase in by_name.values())

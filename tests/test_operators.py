@@ -9,11 +9,15 @@ import pytest
 from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators.chirp import ChirpHand
+from forcebound.operators.following import FollowingHand
 from forcebound.operators.palpating import PalpatingHand
-from forcebound.operators.pressing import PressingHand
+from forcebound.operators.pressing import PressingHand, pressing_target
 from forcebound.operators.sinusoidal import SinusoidalHand
+from forcebound.operators.stroking import StrokingHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.operators.trembling import TremblingHand
+
+CORNER = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.04))
 
 
 @pytest.fixture
@@ -25,8 +29,11 @@ def path_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(params=sorted(OPERATORS))
 def operator(request: pytest.FixtureRequest, path_file: Path) -> Operator:
-    name = request.param
-    return TrajectoryHand(file=path_file) if name == "trajectory" else OPERATORS[name]()
+    if request.param == "trajectory":
+        return TrajectoryHand(file=path_file)
+    if request.param == "following":
+        return FollowingHand(points=CORNER, repeat=True)
+    return OPERATORS[request.param]()
 
 
 def test_every_hand_is_passive_around_its_target(operator: Operator) -> None:
@@ -61,6 +68,43 @@ def test_the_pressing_hand_may_press_in_the_negative_direction() -> None:
 def test_a_hand_that_does_not_approach_is_refused() -> None:
     with pytest.raises(ValueError, match=r"approach_speed must be > 0 m/s, got 0 m/s"):
         PressingHand(approach_speed=0)
+
+
+def test_the_pressing_hand_reaches_straight_along_any_direction() -> None:
+    hand = PressingHand(start=(0.01, 0.0, 0.0), end=(0.01, 0.03, -0.04), approach_speed=0.1)
+    assert hand.target(0.0) == (0.01, 0.0, 0.0)
+    assert hand.target(0.25) == pytest.approx((0.01, 0.015, -0.02))
+    assert hand.target(9.0) == (0.01, 0.03, -0.04)
+
+
+def test_a_place_with_fewer_axes_than_the_other_is_at_0_on_the_rest() -> None:
+    hand = PressingHand(start=-0.03, end=(0.0, 0.04), approach_speed=0.1)
+    assert hand.target(0.0) == (-0.03, 0.0)
+    assert hand.target(0.25) == pytest.approx((-0.015, 0.02))
+
+
+def test_on_one_axis_a_place_may_be_a_number_or_a_list_of_one() -> None:
+    number, one = PressingHand(start=0.01, end=-0.012), PressingHand(start=(0.01,), end=(-0.012,))
+    times = [0.01 * k for k in range(20)]
+    assert [number.target(time) for time in times] == [one.target(time) for time in times]
+    kernel = [pressing_target(time, 0.01, -0.012, number.approach_speed) for time in times]
+    assert [number.target(time)[0] for time in times] == kernel
+
+
+@pytest.mark.parametrize("place", [(), (0.0,) * 7])
+def test_a_place_has_as_many_numbers_as_a_device_can_have_axes(place: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match=r"end must be one number, or 1 to 6 .*, got [07]"):
+        PressingHand(end=place)
+
+
+def test_the_stroking_hand_moves_in_and_then_to_and_fro_about_the_end() -> None:
+    hand = StrokingHand(
+        start=(0.0, 0.0, 0.03), end=(0.0, 0.0, 0.0), approach_speed=0.1, stroke=(0.01, -0.02)
+    )
+    assert hand.target(0.15) == pytest.approx((0.0, 0.0, 0.015))
+    for cycles, share in ((0.0, 0.0), (0.25, 1.0), (0.75, -1.0), (3.25, 1.0)):
+        place = hand.target(0.3 + cycles / hand.frequency)
+        assert place == pytest.approx((0.01 * share, -0.02 * share, 0.0), abs=1e-12)
 
 
 def test_the_sinusoidal_hand_swings_about_its_centre() -> None:
@@ -99,6 +143,14 @@ def test_the_tremor_is_a_force_of_the_spring_about_the_path() -> None:
         assert force == pytest.approx(0.5 * share, abs=1e-9)
 
 
+def test_a_tremor_of_two_axes_circles() -> None:
+    hand = TremblingHand(stiffness=50.0, start=0.0, end=0.0, tremor=(0.5, 0.5, 0.0))
+    for time in (0.0, 0.01, 0.05, 1.23):
+        x, y, z = hand.target(time)
+        assert math.hypot(x, y) == pytest.approx(0.01)
+        assert z == 0.0
+
+
 @pytest.mark.parametrize(("time", "frequency"), [(0.0, 1.0), (5.0, 10.0), (9.9, 95.5), (12.0, 100)])
 def test_the_frequency_of_the_chirp_rises_by_the_same_factor_and_stays(
     time: float, frequency: float
@@ -120,6 +172,49 @@ def test_the_trajectory_is_followed_in_straight_lines(path_file: Path) -> None:
     assert hand.target(0.5) == pytest.approx((0.005, 0.0))
     assert hand.target(2.0) == pytest.approx((0.01, 0.01))
     assert hand.target(9.0) == (0.01, 0.02)
+
+
+def test_the_following_hand_goes_from_point_to_point_at_its_speed_and_stays() -> None:
+    hand = FollowingHand(points=CORNER, speed=0.1)
+    assert hand.target(0.0) == (0.0, 0.0)
+    assert hand.target(0.15) == pytest.approx((0.015, 0.0))
+    assert hand.target(0.5) == pytest.approx((0.03, 0.02))
+    assert hand.target(9.0) == (0.03, 0.04)
+
+
+def test_a_path_that_repeats_returns_straight_to_its_first_point() -> None:
+    hand = FollowingHand(points=CORNER, speed=0.1, repeat=True)
+    assert hand.target(0.7 + 0.25) == pytest.approx((0.015, 0.02))
+    assert hand.target(1.2 * 5 + 0.15) == pytest.approx((0.015, 0.0))
+
+
+def test_a_path_may_stay_at_one_point_and_visit_a_point_twice() -> None:
+    assert FollowingHand(points=((0.01,),), repeat=True).target(3.0) == (0.01,)
+    hand = FollowingHand(points=((0.0,), (0.0,), (0.01,)), speed=0.1)
+    assert hand.target(0.0) == (0.0,)
+    assert hand.target(0.05) == pytest.approx((0.005,))
+
+
+def test_points_may_stand_in_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x,y\n0,0\n0.03,0\n0.03,0.04\n")
+    hand = FollowingHand(file=file)
+    times = [0.1 * k for k in range(20)]
+    expected = FollowingHand(points=CORNER)
+    assert [hand.target(time) for time in times] == [expected.target(time) for time in times]
+
+
+def test_a_path_without_points_or_with_an_odd_one_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x,y\n0,zero\n")
+    with pytest.raises(ConfigError, match="needs points or a file, got neither"):
+        FollowingHand()
+    with pytest.raises(ConfigError, match="needs points or a file, got both"):
+        FollowingHand(points=CORNER, file=file)
+    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 6 numbers .*, got 0"):
+        FollowingHand(points=((0.0,), ()))
+    with pytest.raises(ConfigError, match=r"points.csv:2: expected 1 to 6 positions in m"):
+        FollowingHand(file=file)
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ class _Group(click.Group):
             where = "cannot write" if is_full else printable(str(error.filename), LONGEST_CELL)
             show(f"forcebound: {where}: {error.strerror}", err=True)
             if is_full:  # or what is still to be written would be tried again at the end
-                sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1 if is_full else 2)
 
     def invoke(self, ctx: click.Context) -> Any:

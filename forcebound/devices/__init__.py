@@ -166,6 +166,7 @@ class DeviceModel(Protocol):
 DEVICES: Table[type[DeviceModel]] = Table(
     "devices",
     {
+        "desktop_arm": "forcebound.devices.desktop_arm:DesktopArm",
         "five_bar": "forcebound.devices.five_bar:FiveBar",
         "haply_2diy": "forcebound.hardware.haply_2diy:Haply2DIY",
         "knob": "forcebound.devices.knob:Knob",

@@ -16,7 +16,7 @@ pushes into answers a positive force.
 from typing import Protocol, TypeAlias, runtime_checkable
 
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.parts import Form, Table
 from forcebound.parts.user_module import describe_user_error
 
@@ -49,6 +49,21 @@ class Environment(StatelessEnvironment, Protocol):
 
     def close(self) -> None:
         """Release what ``open`` took; called once."""
+        ...
+
+
+class EnvironmentExtras(Protocol):
+    """Optional methods of an open :class:`Environment`; one that is absent is not asked.
+
+    Both are asked between two calls of ``force`` and change none of its answers.
+    """
+
+    def contact(self) -> Contact | None:
+        """Return what the last question touched; None: free motion."""
+        ...
+
+    def scene(self) -> tuple[SceneObject, ...]:
+        """Return what there is to draw now; asked at most 30 times a second."""
         ...
 
 

@@ -45,9 +45,11 @@ OPERATORS: Table[type[Operator]] = Table(
     "operators",
     {
         "chirp": "forcebound.operators.chirp:ChirpHand",
+        "following": "forcebound.operators.following:FollowingHand",
         "palpating": "forcebound.operators.palpating:PalpatingHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
+        "stroking": "forcebound.operators.stroking:StrokingHand",
         "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
         "trembling": "forcebound.operators.trembling:TremblingHand",
     },

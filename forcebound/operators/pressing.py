@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.places import Place, check_places, coordinates, straight
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
     Damping,
-    Length,
     Mass,
     Speed,
     Stiffness,
@@ -17,7 +17,10 @@ from forcebound.quantities import (
 
 
 def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
-    """Return the position, in m, of a point that moves at ``speed`` from ``start`` to ``end``."""
+    """Return the position, in m, of a point that moves at ``speed`` from ``start`` to ``end``.
+
+    On one axis; the same numbers as :func:`forcebound.operators.places.straight`, for kernels.
+    """
     travel = speed * elapsed
     if travel >= abs(end - start):
         return end
@@ -26,22 +29,29 @@ def pressing_target(elapsed: float, start: float, end: float, speed: float) -> f
 
 @dataclass(frozen=True)
 class PressingHand:
-    """Mass, spring and damper whose target moves from ``start`` to ``end`` along the first axis.
+    """Mass, spring and damper whose target moves straight from ``start`` to ``end``.
 
     The defaults are close to the soft grip of the paper's experiments (section 4.1).
+
+    Attributes:
+        start: Where the target begins: on the first axis, or a list of one for each axis.
+        end: Where it stays, such as behind a surface; likewise.
+        approach_speed: Along the way from the one to the other.
     """
 
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
-    start: Length = -0.010
-    end: Length = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
+    start: Place = -0.010
+    end: Place = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
     # Paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s.
     approach_speed: Annotated[Speed, POSITIVE] = 0.2
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        check_places(self, "start", "end")
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        return (pressing_target(elapsed, self.start, self.end, self.approach_speed),)
+        start, end = coordinates(self.start), coordinates(self.end)
+        return straight(elapsed, start, end, self.approach_speed)

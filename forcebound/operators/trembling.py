@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.places import Place, check_places, coordinates, shifted, straight
 from forcebound.operators.pressing import pressing_target
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -12,7 +13,6 @@ from forcebound.quantities import (
     Damping,
     Force,
     Frequency,
-    Length,
     Mass,
     Speed,
     Stiffness,
@@ -23,7 +23,7 @@ from forcebound.quantities import (
 def trembling_target(
     elapsed: float, start: float, end: float, speed: float, amplitude: float, frequency: float
 ) -> float:
-    """Return the target of a pressing hand with a sine of ``amplitude``, in m, on it."""
+    """Return the target on one axis, with a sine of ``amplitude``, in m, on it; for kernels."""
     tremor = amplitude * math.sin(2.0 * math.pi * frequency * elapsed)
     return pressing_target(elapsed, start, end, speed) + tremor
 
@@ -36,22 +36,35 @@ class TremblingHand:
     depends on where the handle is, as an arm does whose grip is soft. ``tremor`` is the amplitude
     of a sinusoidal force of the muscles; it moves the target by ``tremor / stiffness``. A hand's
     physiological tremor has 8 to 12 Hz.
+
+    Attributes:
+        start: Where the target begins: on the first axis, or a list of one for each axis.
+        end: Where it stays, apart from the tremor; likewise.
+        approach_speed: Along the way from the one to the other.
+        tremor: On the first axis, or a list of one for each axis. Each axis trembles a quarter of
+            a cycle after the one before, so that the tip circles.
+        tremor_frequency: Of every axis.
     """
 
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.6
     stiffness: Annotated[Stiffness, POSITIVE] = 28.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.1
-    start: Length = -0.010
-    end: Length = 0.13  # 120 mm behind the surface of the paper's wall at 10 mm
+    start: Place = -0.010
+    end: Place = 0.13  # 120 mm behind the surface of the paper's wall at 10 mm
     approach_speed: Annotated[Speed, POSITIVE] = 0.1
-    tremor: Annotated[Force, NOT_NEGATIVE] = 0.4
+    tremor: Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...] = 0.4
     tremor_frequency: Annotated[Frequency, NOT_NEGATIVE] = 8.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        check_places(self, "start", "end", "tremor")
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        amplitude = self.tremor / self.stiffness
-        path = (self.start, self.end, self.approach_speed)
-        return (trembling_target(elapsed, *path, amplitude, self.tremor_frequency),)
+        start, end = coordinates(self.start), coordinates(self.end)
+        phase = 2.0 * math.pi * self.tremor_frequency * elapsed
+        tremor = [
+            force / self.stiffness * math.sin(phase - 0.5 * math.pi * axis)
+            for axis, force in enumerate(coordinates(self.tremor))
+        ]
+        return shifted(straight(elapsed, start, end, self.approach_speed), tuple(tremor))

@@ -16,6 +16,7 @@ from forcebound.errors import RunError
 from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.servo import dissipation_of
+from forcebound.operators import Operator
 from forcebound.operators.pressing import PressingHand
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.sweep import kernel as lanes
@@ -103,9 +104,6 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
     ):
         return None
-    path: object = operator
-    if type(operator) in (PressingHand, SinusoidalHand):
-        path = type(operator)
     return (
         ticks_of(config),
         servo.law,
@@ -114,8 +112,19 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         servo.reply_wait,
         servo.velocity_cutoff,
         model.substep,
-        path,
+        type(operator) if _path_numbers(operator) else operator,
     )
+
+
+def _path_numbers(hand: Operator) -> list[float]:
+    """What the kernel computes the path of a hand from; empty: it gets a table of the path."""
+    if isinstance(hand, PressingHand):
+        start, end = hand.start, hand.end
+        if not isinstance(start, tuple) and not isinstance(end, tuple):
+            return [start, end, hand.approach_speed]
+    elif isinstance(hand, SinusoidalHand):
+        return [hand.centre, hand.amplitude, hand.frequency]
+    return []
 
 
 def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> list[Ran]:
@@ -178,11 +187,6 @@ def _constants(config: GraphConfig, environment: str) -> list[float]:
     law = LAWS[servo.law].device(dissipation_of(model, servo))
     place = config.environment.model
     answer = [getattr(place, name) for name in lanes.ENVIRONMENTS[environment][1]]
-    path: list[float] = []
-    if isinstance(hand, PressingHand):
-        path = [hand.start, hand.end, hand.approach_speed]
-    elif isinstance(hand, SinusoidalHand):
-        path = [hand.centre, hand.amplitude, hand.frequency]
     return [
         model.mass + hand.mass,
         hand.mass,
@@ -194,17 +198,16 @@ def _constants(config: GraphConfig, environment: str) -> list[float]:
         hand.damping,
         *law,
         *(answer + [0.0] * 4)[:4],
-        *(path + [0.0] * 3)[:3],
+        *(_path_numbers(hand) + [0.0] * 3)[:3],
     ]
 
 
 def _path(config: GraphConfig, ticks: int) -> tuple[int, NDArray[np.float64]]:
     operator = config.operator
     assert operator is not None
-    if isinstance(operator, PressingHand):
-        return lanes.PRESSING, np.zeros(1)
-    if isinstance(operator, SinusoidalHand):
-        return lanes.SINUSOIDAL, np.zeros(1)
+    if _path_numbers(operator):
+        kind = lanes.PRESSING if isinstance(operator, PressingHand) else lanes.SINUSOIDAL
+        return kind, np.zeros(1)
     servo = config.device.servo
     wait_ns = round(servo.reply_wait * servo.period_ns)
     times = [k * servo.period_ns + wait for k in range(ticks) for wait in (0, wait_ns)]

@@ -1,0 +1,61 @@
+"""The cache of compiled kernels: a changed callee counts, an unrelated file does not."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import forcebound
+
+KERNEL = """
+from forcebound.compiled import jit
+from forcebound.sample_constants import (
+    FACTOR,
+)
+
+def scale(x):
+    return FACTOR * x
+
+print(jit(scale)(2.0))
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A folder in which a few files of the package stand, with a kernel beside them."""
+    source, copy = Path(forcebound.__file__).parent, tmp_path / "forcebound"
+    copy.mkdir()
+    for name in ("compiled.py", "errors.py", "folders.py"):
+        shutil.copy(source / name, copy)
+    (copy / "__init__.py").touch()
+    (copy / "unrelated.py").touch()
+    (copy / "sample_constants.py").write_text("FACTOR = 3.0\n")
+    (copy / "kernel.py").write_text(KERNEL)
+    return copy
+
+
+def run(package: Path) -> tuple[str, set[Path]]:
+    """What the kernel prints, and the folders of compiled code."""
+    home = package.parent / "home"
+    environment = os.environ | {"HOME": str(home), "PYTHONPATH": str(package.parent)}
+    command = [sys.executable, "-m", "forcebound.kernel"]
+    done = subprocess.run(
+        command, env=environment, cwd=package.parent, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip(), set((home / ".cache" / "forcebound").iterdir())
+
+
+def test_kernel_follows_a_constant_of_another_file(package: Path) -> None:
+    before = run(package)
+    (package / "sample_constants.py").write_text("FACTOR = 5.0\n")
+    after = run(package)
+    assert (before[0], after[0]) == ("6.0", "10.0")
+
+
+def test_unrelated_file_leaves_compiled_code_valid(package: Path) -> None:
+    before = run(package)
+    (package / "unrelated.py").write_text("NEW = 1\n")
+    assert run(package) == before

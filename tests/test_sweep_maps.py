@@ -1,0 +1,144 @@
+"""Maps of sweeps, and what a damaged result may not do to them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from matplotlib.figure import Figure
+from sweep_files import SMALL, AtOnce, written
+
+from forcebound.analysis.colours import LAW_COLOURS
+from forcebound.bounding import LAWS
+from forcebound.errors import ConfigError
+from forcebound.sweep.maps import draw
+from forcebound.sweep.plan import load_sweep
+from forcebound.sweep.runner import run_sweep
+from forcebound.sweep.surfaces import draw_surfaces
+from forcebound.sweep.table import read_table
+
+
+@pytest.mark.parametrize("y", ["", "y: stiffness, "])
+def test_a_map_is_drawn(tmp_path: Path, y: str) -> None:
+    limits = "limits: [diolaiti, abbott_okamura, colgate_schenkel]"
+    x = "x: delay, " if y else "x: stiffness, "
+    text = SMALL.replace("x: stiffness, value: peak_force_n", f"{x}{y}value: true_energy_min_j")
+    text = text.replace("per: law }", f"per: law, {limits} }}")
+    text = text.replace("map:", "  delay: { from: 0 ms, to: 1 ms, count: 2 }\nmap:")
+    result, picture = tmp_path / "small.parquet", tmp_path / "small.png"
+    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    draw(result, picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_law_has_the_same_colour_as_in_any_other_figure(tmp_path: Path) -> None:
+    result, picture = tmp_path / "small.parquet", tmp_path / "small.svg"
+    run_sweep(load_sweep(written(tmp_path, SMALL)), result, AtOnce())
+    draw(result, picture)
+    text = picture.read_text().upper()
+    assert all(LAW_COLOURS[law] in text for law in ("certified", "none"))
+    assert set(LAW_COLOURS) == set(LAWS)
+    assert len(set(LAW_COLOURS.values())) == len(LAWS)
+
+
+GRID = """
+forcebound: 1
+description: a map
+launch: released_hand
+duration: 500 ms
+over:
+  law: [none, certified]
+  delay: { from: 0 ms, to: 4 ms, count: 3 }
+  stiffness: { from: 0.02 N/mm, to: 5 N/mm, count: 4, scale: log }
+map: { x: delay, y: stiffness, value: displayed_stiffness_n_per_m, scale: log, per: law }
+"""
+
+
+def texts(figure: Figure) -> set[str]:
+    return {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+
+
+def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_path: Path) -> None:
+    shown = "leaks: true_energy_min_j, limits: [colgate_schenkel, encoder], per: law }"
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, GRID.replace("per: law }", shown))), result, AtOnce())
+    table = read_table(result)
+    figure = draw_surfaces(table, table.about["map"])
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    assert [axes.get_title() for axes in panels] == ["none", "certified"]
+    red = [np.ma.count(np.ma.asarray(axes.collections[1].get_array())) for axes in panels]
+    assert red[0] > 0  # without a law the stiff and late walls leak
+    assert red[1] == 0
+    assert {"no rest", "encoder: 2 f_c / resolution"} <= texts(figure)
+    assert any("softer" in text for text in texts(figure))
+    (line,) = (line for legend in figure.legends for line in legend.get_lines()[-1:])
+    assert line.get_color() == "white"
+    assert line.get_path_effects(), "a white line on a white page needs an edge"
+    figure.draw_without_rendering()
+    numbers = [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
+    assert any(numbers)
+    assert not any("$" in number for number in numbers), "plain numbers, no powers of ten"
+    bars = {axes.get_ylabel() for axes in figure.axes}
+    assert {"displayed stiffness (N/mm)", "energy given to the hand (mJ)"} <= bars
+
+
+def test_a_map_for_one_law_has_one_panel(tmp_path: Path) -> None:
+    result, picture = tmp_path / "map.parquet", tmp_path / "map.svg"
+    run_sweep(load_sweep(written(tmp_path, GRID), ["law:=certified"]), result, AtOnce())
+    draw(result, picture)
+    assert picture.read_text().startswith("<?xml")
+
+
+def test_a_map_of_energy_has_one_scale(tmp_path: Path) -> None:
+    text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, text)), result, AtOnce())
+    table = read_table(result)
+    figure = draw_surfaces(table, table.about["map"])
+    assert "no energy given" in texts(figure)
+    assert sum(bool(axes.get_title()) for axes in figure.axes) == len(figure.axes) - 1
+
+
+def hostile(path: Path, columns: dict[str, Any], about: object) -> Path:
+    content = {b"forcebound": json.dumps(about).encode()}
+    pq.write_table(pa.table(columns).replace_schema_metadata(content), path, compression="zstd")
+    return path
+
+
+@pytest.mark.parametrize("drawing", [{}, {"y": "delay"}])
+def test_names_in_a_result_are_drawn_as_they_are(tmp_path: Path, drawing: dict[str, str]) -> None:
+    name = r"$\frac{$ [/bold]"
+    columns = {
+        "over.stiffness": [1.0, 2.0],
+        "over.delay": [0.0, 0.0],
+        "over.law": [name, name],
+        "at_rest": [True, True],
+        "peak_force_n": [1.0, 2.0],
+    }
+    shown = {"x": "stiffness", "value": "peak_force_n", "per": "law", "title": name, **drawing}
+    draw(hostile(tmp_path / "a.parquet", columns, {"map": shown}), tmp_path / "x.png")
+
+
+@pytest.mark.parametrize(
+    "about", [[], {"map": [1]}, {"map": {"x": 1, "value": "stiffness"}}, {"map": {"x": "nothing"}}]
+)
+def test_a_description_of_no_sweep_is_told(tmp_path: Path, about: object) -> None:
+    result = hostile(tmp_path / "a.parquet", {"over.stiffness": [1.0]}, about)
+    with pytest.raises(ConfigError):
+        draw(result, tmp_path / "x.png")
+
+
+def test_a_long_text_is_read_once_for_all_rows_that_have_it(tmp_path: Path) -> None:
+    result = hostile(tmp_path / "a.parquet", {"error": ["x" * 20_000] * 1000}, {})
+    assert result.stat().st_size < 10_000
+    texts = read_table(result).columns["error"]
+    assert len(texts) == 1000
+    assert len({id(text) for text in texts}) == 1
+
+
+def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not a result of a sweep"):
+        draw(written(tmp_path, SMALL), tmp_path / "x.png")
