@@ -99,6 +99,15 @@ class DeviceExtras(Protocol):
         """
         ...
 
+    def fresh_reading(self) -> Vector | None:
+        """Return the reading that came with the last write; None: ask for a new one.
+
+        Give it only while one that is asked for now would hardly be younger when it comes. It
+        serves the state of the next tick, and saves an exchange with the device. The ledger takes a
+        reading of its own.
+        """
+        ...
+
     def latch_jitter(self) -> int:
         """Return by how much the last reading may be later than its stamp, in ns.
 

@@ -134,6 +134,9 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             jitter_ns = device.latch_jitter()
             if not (isinstance(jitter_ns, int) and jitter_ns >= 0):
                 found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
+        fresh = getattr(device, "fresh_reading", None)
+        if fresh is not None and (reading := fresh()) is not None:
+            found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
 
 
 def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:

@@ -18,11 +18,12 @@ class GuardedDevice:
         device: Open.
 
     Attributes:
-        set_hold_limit: Guarded, as are the next four; None if the device does not have it; see
+        set_hold_limit: Guarded, as are the next five; None if the device does not have it; see
             :class:`forcebound.devices.DeviceExtras`.
         cut: When and where the watchdog has dropped a force.
         stamps: When the last reading was latched, and when the last write acts.
         latch_jitter: By how much the last reading may be later than its stamp.
+        fresh_reading: What came with the last write.
         kinematics: Geometry of an arm.
 
     Raises:
@@ -38,6 +39,8 @@ class GuardedDevice:
         self.stamps: Callable[[], tuple[int, int]] | None
         self.stamps = _guard(device, "stamps", _checked_stamps)
         self.latch_jitter: Callable[[], int] | None = _guard(device, "latch_jitter", int)
+        self.fresh_reading: Callable[[], Vector | None] | None
+        self.fresh_reading = _guard(device, "fresh_reading", self._checked_fresh)
         geometry: Any = getattr(device, "kinematics", None)
         self._place, self._effort = ("m", "N") if geometry is None else ("rad", "N m")
         self.kinematics: Kinematics | None
@@ -89,6 +92,9 @@ class GuardedDevice:
         if len(vector) != self._axes or not all(map(math.isfinite, vector)):
             raise DeviceError(f"expected {self._axes} finite numbers in {unit}, got {answer!r}")
         return vector
+
+    def _checked_fresh(self, answer: Any) -> Vector | None:
+        return None if answer is None else self._checked(answer, self._place)
 
     def _checked_cut(self, answer: Any) -> tuple[int, Vector] | None:
         if answer is None:
