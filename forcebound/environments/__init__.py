@@ -136,6 +136,8 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
         "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
         "damper": "forcebound.environments.damper:Damper",
+        "mass_spring": "forcebound.environments.mass_spring:MassSpring",
+        "bodies": "forcebound.environments.bodies:Bodies",
         "active_wall": "forcebound.environments.adversary:ActiveWall",
         "negative_damper": "forcebound.environments.adversary:NegativeDamper",
         "random_force": "forcebound.environments.adversary:RandomForce",
