@@ -43,19 +43,6 @@ def config() -> GraphConfig:
     return replace(load("stiff_wall"), duration=0.5)
 
 
-PHASES = """
-forcebound: 1
-include: stiff_wall.yaml
-phases:
-  - { name: quiet, duration: 300 ms }
-  - name: late
-    duration: 200 ms
-    set: { links.environment_reply.delay: 5 ms, environment.stiffness: 2 N/mm }
-  - { name: gone, duration: 0.3 s, set: { links.environment_reply.loss: 100 % } }
-  - { name: quiet again, duration: 0.2 s }
-"""
-
-
 # --- Names and values ----------------------------------------------------------------------------
 
 

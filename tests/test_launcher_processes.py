@@ -13,7 +13,6 @@ import pytest
 from live_graph import children_of, is_alive
 from waiting import PATIENCE, until
 
-from forcebound.launch.lifecycle import Limits
 from forcebound.messages.packets import Telemetry
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
@@ -21,36 +20,6 @@ from forcebound.process import control_endpoint
 from forcebound.recording import read
 
 NODES = ("environment", "controller", "device", "recorder")
-
-FAKE_NODE = """
-import os, signal, sys
-from forcebound.network import sockets
-from forcebound.network.sockets import Network
-name, run_dir, mode = sys.argv[1:]
-with Network() as network:
-    server = network.control_server(f"ipc://{run_dir}/control-{name}")
-    if mode == "stubborn":
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    else:
-        signal.signal(signal.SIGTERM, lambda number, frame: os._exit(0))
-    print(name, "is there", flush=True)
-    def answer(request):
-        if request["request"] == "engage":
-            open(f"{run_dir}/engaged", "w").close()
-            return {"engaged": True}
-        return {"waiting_for": ["device_state"] if mode == "deaf" else []}
-    while True:
-        sockets.wait([server.descriptor], 20_000_000)
-        server.serve(answer)
-        is_engaged = os.path.exists(f"{run_dir}/engaged")
-        if mode == "dies" or (mode == "dies later" and is_engaged):
-            sys.stderr.write("out of order\\n")
-            sys.exit(3)
-"""
-
-QUICK = Limits(
-    start_ns=round(PATIENCE * 1e9), engage_ns=10 * 10**9, stop_ns=10**9, recorder_stop_ns=10**9
-)
 
 
 class Launched:

@@ -9,12 +9,15 @@ import pytest
 from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators.chirp import ChirpHand
+from forcebound.operators.following import FollowingHand
 from forcebound.operators.palpating import PalpatingHand
 from forcebound.operators.pressing import PressingHand, pressing_target
 from forcebound.operators.sinusoidal import SinusoidalHand
 from forcebound.operators.stroking import StrokingHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.operators.trembling import TremblingHand
+
+CORNER = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.04))
 
 
 @pytest.fixture
@@ -26,8 +29,11 @@ def path_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(params=sorted(OPERATORS))
 def operator(request: pytest.FixtureRequest, path_file: Path) -> Operator:
-    name = request.param
-    return TrajectoryHand(file=path_file) if name == "trajectory" else OPERATORS[name]()
+    if request.param == "trajectory":
+        return TrajectoryHand(file=path_file)
+    if request.param == "following":
+        return FollowingHand(points=CORNER, repeat=True)
+    return OPERATORS[request.param]()
 
 
 def test_every_hand_is_passive_around_its_target(operator: Operator) -> None:
@@ -166,6 +172,49 @@ def test_the_trajectory_is_followed_in_straight_lines(path_file: Path) -> None:
     assert hand.target(0.5) == pytest.approx((0.005, 0.0))
     assert hand.target(2.0) == pytest.approx((0.01, 0.01))
     assert hand.target(9.0) == (0.01, 0.02)
+
+
+def test_the_following_hand_goes_from_point_to_point_at_its_speed_and_stays() -> None:
+    hand = FollowingHand(points=CORNER, speed=0.1)
+    assert hand.target(0.0) == (0.0, 0.0)
+    assert hand.target(0.15) == pytest.approx((0.015, 0.0))
+    assert hand.target(0.5) == pytest.approx((0.03, 0.02))
+    assert hand.target(9.0) == (0.03, 0.04)
+
+
+def test_a_path_that_repeats_returns_straight_to_its_first_point() -> None:
+    hand = FollowingHand(points=CORNER, speed=0.1, repeat=True)
+    assert hand.target(0.7 + 0.25) == pytest.approx((0.015, 0.02))
+    assert hand.target(1.2 * 5 + 0.15) == pytest.approx((0.015, 0.0))
+
+
+def test_a_path_may_stay_at_one_point_and_visit_a_point_twice() -> None:
+    assert FollowingHand(points=((0.01,),), repeat=True).target(3.0) == (0.01,)
+    hand = FollowingHand(points=((0.0,), (0.0,), (0.01,)), speed=0.1)
+    assert hand.target(0.0) == (0.0,)
+    assert hand.target(0.05) == pytest.approx((0.005,))
+
+
+def test_points_may_stand_in_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x,y\n0,0\n0.03,0\n0.03,0.04\n")
+    hand = FollowingHand(file=file)
+    times = [0.1 * k for k in range(20)]
+    expected = FollowingHand(points=CORNER)
+    assert [hand.target(time) for time in times] == [expected.target(time) for time in times]
+
+
+def test_a_path_without_points_or_with_an_odd_one_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x,y\n0,zero\n")
+    with pytest.raises(ConfigError, match="needs points or a file, got neither"):
+        FollowingHand()
+    with pytest.raises(ConfigError, match="needs points or a file, got both"):
+        FollowingHand(points=CORNER, file=file)
+    with pytest.raises(ConfigError, match=r"point 2 must have 1 to 6 numbers .*, got 0"):
+        FollowingHand(points=((0.0,), ()))
+    with pytest.raises(ConfigError, match=r"points.csv:2: expected 1 to 6 positions in m"):
+        FollowingHand(file=file)
 
 
 @pytest.mark.parametrize(

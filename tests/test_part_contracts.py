@@ -24,6 +24,7 @@ from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import DeviceError
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
+from forcebound.operators.following import FollowingHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.parts.contract import Report
 
@@ -58,7 +59,8 @@ def test_every_driver_keeps_its_promises_on_its_emulator(kind: str) -> None:
 def test_every_operator_keeps_its_promises(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "path.csv"
     path.write_text("time,x\n0,0\n1,0.01\n")
-    made: Operator = TrajectoryHand(file=path) if kind == "trajectory" else OPERATORS[kind]()
+    with_file = {"trajectory": TrajectoryHand, "following": FollowingHand}
+    made: Operator = with_file[kind](file=path) if kind in with_file else OPERATORS[kind]()
     assert operators.check(made).violations == ()
 
 

@@ -9,19 +9,12 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.analysis.tables import phase_rows
-from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.parameters import differences
 from forcebound.config.phases import timetable
 from forcebound.config.resolved import to_document
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
-
-
-@pytest.fixture(scope="module")
-def config() -> GraphConfig:
-    return replace(load("stiff_wall"), duration=0.5)
-
 
 PHASES = """
 forcebound: 1
@@ -34,8 +27,6 @@ phases:
   - { name: gone, duration: 0.3 s, set: { links.environment_reply.loss: 100 % } }
   - { name: quiet again, duration: 0.2 s }
 """
-
-# --- Phases --------------------------------------------------------------------------------------
 
 
 def test_a_run_is_as_long_as_its_phases_and_each_begins_with_the_file(tmp_path: Path) -> None:
@@ -81,7 +72,8 @@ def test_phases_are_the_same_run_every_time_and_in_a_recording(tmp_path: Path) -
     assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
 
 
-def test_phases_that_set_nothing_are_the_plain_run(config: GraphConfig, tmp_path: Path) -> None:
+def test_phases_that_set_nothing_are_the_plain_run(tmp_path: Path) -> None:
+    config = replace(load("stiff_wall"), duration=0.5)
     names = "[{name: one, duration: 0.2 s}, {name: two, duration: 0.3 s}]"
     file = written(tmp_path, f"forcebound: 1\ninclude: stiff_wall.yaml\nphases: {names}\n")
     in_phases, plain = run_virtual(load(file)).columns, run_virtual(config).columns

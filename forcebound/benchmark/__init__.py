@@ -73,6 +73,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.delay",
         36.0,
     ),
+    "bodies": Benchmark(
+        "an answer of a scene with twenty boxes against a bare step of MuJoCo",
+        "forcebound.benchmark.bodies",
+        10.0,
+    ),
     "sweep": Benchmark(
         "the compiled kernel of sweeps against the same algorithm in C",
         "forcebound.benchmark.sweep",

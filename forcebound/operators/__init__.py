@@ -45,6 +45,7 @@ OPERATORS: Table[type[Operator]] = Table(
     "operators",
     {
         "chirp": "forcebound.operators.chirp:ChirpHand",
+        "following": "forcebound.operators.following:FollowingHand",
         "palpating": "forcebound.operators.palpating:PalpatingHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",

@@ -1,17 +1,14 @@
 """A hand that follows a recorded path."""
 
-import reprlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from forcebound.errors import ConfigError
-from forcebound.files import read_rows
 from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.operators.path_file import read_numbers
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
-
-LARGEST = 1e10  # s or m; far beyond any path, and its square is still a number
 
 
 @dataclass(frozen=True)
@@ -58,24 +55,11 @@ class TrajectoryHand:
 
 def _read_path(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     expected = "time in s, then 1 to 6 positions in m, after one header line"
-    rows = read_rows(file, "the trajectory")
-    _, head = next(rows, ("", []))
     times: list[float] = []
     positions: list[Vector] = []
-    for place, row in rows:
-        got = reprlib.repr(",".join(row))
-        try:
-            values = [float(cell) for cell in row]
-        except ValueError:
-            raise ConfigError(f"{place}: expected {expected}, got {got}") from None
-        if not 2 <= len(values) <= 1 + MAX_AXES or len(values) != len(head):
-            raise ConfigError(f"{place}: expected {expected}, got {len(values)} columns")
-        if not all(abs(value) <= LARGEST for value in values):
-            raise ConfigError(f"{place}: expected numbers within {LARGEST:g}, got {got}")
+    for place, values in read_numbers(file, "the trajectory", expected, 2, 1 + MAX_AXES):
         if times and values[0] <= times[-1]:
             raise ConfigError(f"{place}: time must increase: {values[0]} after {times[-1]}")
         times.append(values[0])
         positions.append(tuple(values[1:]))
-    if not times:
-        raise ConfigError(f"{file}: expected {expected}, got no line of numbers")
     return tuple(times), tuple(positions)

@@ -1,0 +1,98 @@
+"""Vectors of three numbers, as tuples: in plain Python and in compiled kernels alike."""
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+Vector3: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]  # w, x, y, z; of unit length
+
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+NO_ROTATION: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+def add(a: Vector3, b: Vector3) -> Vector3:
+    """Return ``a + b``."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub(a: Vector3, b: Vector3) -> Vector3:
+    """Return ``a - b``."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(a: Vector3, factor: float) -> Vector3:
+    """Return ``factor a``."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def along(a: Vector3, direction: Vector3, distance: float) -> Vector3:
+    """Return ``a + distance direction``."""
+    return (
+        a[0] + distance * direction[0],
+        a[1] + distance * direction[1],
+        a[2] + distance * direction[2],
+    )
+
+
+def dot(a: Vector3, b: Vector3) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Return the vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def norm(a: Vector3) -> float:
+    """Return the length."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+def unit(a: Vector3) -> Vector3:
+    """Return the vector of length 1 along ``a``; the zero vector if ``a`` has no length."""
+    length = norm(a)
+    return scale(a, 1.0 / length) if length > 0.0 else (0.0, 0.0, 0.0)
+
+
+def tangential(a: Vector3, normal: Vector3) -> Vector3:
+    """Return the part of ``a`` across a unit normal."""
+    return along(a, normal, -dot(a, normal))
+
+
+def rotate(rotation: Quaternion, a: Vector3) -> Vector3:
+    """Return ``a`` turned by a unit quaternion: a body's coordinates in the world."""
+    axis = (rotation[1], rotation[2], rotation[3])
+    twice = scale(cross(axis, a), 2.0)
+    return add(along(a, twice, rotation[0]), cross(axis, twice))
+
+
+def rotate_back(rotation: Quaternion, a: Vector3) -> Vector3:
+    """Return ``a`` turned back by a unit quaternion: the world's coordinates in a body's."""
+    return rotate((rotation[0], -rotation[1], -rotation[2], -rotation[3]), a)
+
+
+def unit_quaternion(rotation: Sequence[float]) -> Quaternion:
+    """Return a quaternion (w, x, y, z) of length 1; no rotation if it has no length."""
+    w, x, y, z = map(float, rotation)
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return (w / length, x / length, y / length, z / length) if length > 0.0 else NO_ROTATION
+
+
+def z_onto(normal: Vector3) -> Quaternion:
+    """Return a rotation that turns the z axis onto a unit normal."""
+    return unit_quaternion(
+        (1.0 + normal[2], -normal[1], normal[0], 0.0 if normal[2] > -1.0 else 1.0)
+    )
+
+
+def pad3(vector: Sequence[float]) -> Vector3:
+    """Return a vector of a device of 1 to 6 axes in space: zeros where it has no axis."""
+    count = len(vector)
+    return (vector[0], vector[1] if count > 1 else 0.0, vector[2] if count > 2 else 0.0)
+
+
+def cut(vector: Vector3, axes: int) -> tuple[float, ...]:
+    """Return a vector in space for a device of ``axes`` axes: zeros beyond the third."""
+    return vector[:axes] if axes <= 3 else vector + (0.0,) * (axes - 3)

@@ -1,0 +1,94 @@
+"""A hand that follows a path of points at an even speed."""
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Annotated
+
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.operators.path_file import read_numbers
+from forcebound.operators.places import both, distance
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Length,
+    Mass,
+    Speed,
+    Stiffness,
+    check_ranges,
+)
+
+
+@dataclass(frozen=True)
+class FollowingHand:
+    """Mass, spring and damper whose target goes from point to point in straight lines.
+
+    The points stand in the launch file or in a CSV file: one header line, then a point a line, its
+    positions in m, a column for each axis (1 to 6). For a path with times, see ``trajectory``.
+
+    Attributes:
+        points: Of the path, in order: a list of one number for each axis.
+        file: Of the points, in place of ``points``.
+        speed: Along the path.
+        repeat: Whether it goes from the last point straight to the first, and on; else it stays.
+
+    Raises:
+        ConfigError: If there are points and a file, or neither; if a point has no or too many
+            numbers; if the file cannot be read or is not such a table (names the line).
+    """
+
+    points: tuple[tuple[Length, ...], ...] = ()
+    file: Path | None = None
+    speed: Annotated[Speed, POSITIVE] = 0.05
+    repeat: bool = False
+    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
+    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
+    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
+    _places: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
+    _ways: tuple[float, ...] = field(init=False, repr=False, compare=False)  # from the start, in m
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        places = self._read()
+        if self.repeat:
+            places = (*places, places[0])
+        steps = [distance(one, other) for one, other in pairwise(places)]
+        object.__setattr__(self, "_places", places)
+        object.__setattr__(self, "_ways", tuple(accumulate(steps, initial=0.0)))
+
+    def target(self, elapsed: float) -> Vector:
+        """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
+        way, length = self.speed * max(elapsed, 0.0), self._ways[-1]
+        if self.repeat and length > 0.0:
+            way %= length
+        after = bisect_right(self._ways, way)
+        if after == len(self._ways):
+            return self._places[-1]
+        before = after - 1
+        share = (way - self._ways[before]) / (self._ways[after] - self._ways[before])
+        one, other = self._places[before], self._places[after]
+        return tuple([a + share * (b - a) for a, b in both(one, other)])
+
+    def _read(self) -> tuple[Vector, ...]:
+        """Points of equal length."""
+        if bool(self.points) == (self.file is not None):
+            given = "both" if self.points else "neither"
+            message = f"a hand that follows a path needs points or a file, got {given}"
+            raise ConfigError(message, field="points")
+        points = self.points
+        if self.file is not None:
+            expected = "1 to 6 positions in m, after one header line"
+            try:
+                rows = read_numbers(Path(self.file), "the path", expected, 1, MAX_AXES)
+                points = tuple([tuple(row) for _, row in rows])
+            except ConfigError as error:
+                raise ConfigError(str(error), field="file") from None
+        for number, point in enumerate(points, start=1):
+            if not 1 <= len(point) <= MAX_AXES:
+                wanted = f"points: point {number} must have 1 to {MAX_AXES} numbers (one per axis)"
+                raise ConfigError(f"{wanted}, got {len(point)}", field="points")
+        axes = max(map(len, points))
+        return tuple([point + (0.0,) * (axes - len(point)) for point in points])
