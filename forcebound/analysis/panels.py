@@ -70,7 +70,7 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     _, columns, config = run
-    wall, touch = (of(columns, events, config) for of in (surface_of_run, touch_of_run))
+    wall, touch = surface_of_run(columns, events, config), touch_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
     return View(columns.time[shown], columns, shown, wall, touch)
@@ -191,8 +191,8 @@ def _draw_path(axes: Axes, view: View, up: int) -> None:
         return
     columns, shown = view.columns, view.shown
     tip, proxy = (one[shown][:, (0, up)] * 1e3 for one in (columns.position, columns.proxy))
-    _line(axes, *proxy.T, "proxy", color=COMMANDED, linewidth=2.2, alpha=0.6)
-    _line(axes, *tip.T, "tip", color=PHYSICAL, linewidth=0.8)
+    _line(axes, proxy[:, 0], proxy[:, 1], "proxy", color=COMMANDED, linewidth=2.2, alpha=0.6)
+    _line(axes, tip[:, 0], tip[:, 1], "tip", color=PHYSICAL, linewidth=0.8)
     if (np.abs(tip[:1]) <= LARGEST).all():
         axes.plot(*tip[:1].T, "o", label="start", color=NEUTRAL, markersize=4.0)
     axes.set_aspect("equal", adjustable="datalim")

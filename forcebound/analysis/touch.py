@@ -88,7 +88,7 @@ def _touch_of_contacts(
     that leaves it has a negative depth there, so that a bounce can be seen.
     """
     proxy = columns.proxy[_last(columns.is_told, 0)]
-    touching = np.isfinite(proxy).all(axis=1)
+    touching: Mask = np.asarray(np.isfinite(proxy).all(axis=1))
     plane = _last(touching, int(np.argmax(touching)))
     normal = columns.normal[_last(columns.is_told, 0)][plane]
     deepest = np.where(touching, np.inf, 0.0)  # who touches nothing is not behind a surface
