@@ -1,5 +1,6 @@
 """Arms: their kinematics, and the simulated ones against mechanics."""
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from forcebound.devices.desktop_arm import DesktopArm
 from forcebound.devices.five_bar import FiveBar
 from forcebound.devices.knob import Knob
 from forcebound.devices.serial_arm import SerialArm
@@ -20,9 +22,10 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators.pressing import PressingHand
 
-Arm: TypeAlias = FiveBar | SerialArm | Knob
+Arm: TypeAlias = DesktopArm | FiveBar | SerialArm | Knob
 
 ARMS: dict[str, Arm] = {
+    "desktop": DesktopArm(),
     "five_bar": FiveBar(),
     "five_bar with one axis for both motors": FiveBar(base=0.0),
     "planar": SerialArm(),
@@ -99,6 +102,32 @@ def test_known_poses_of_the_serial_arm() -> None:
     spatial = SerialArm(joints=3, upper=0.2, lower=0.1, origin=(0.2, 0.1)).kinematics()
     turned = spatial.position((math.pi / 2, math.pi / 2, -math.pi / 2))
     assert turned == pytest.approx((-0.2, 0.1, 0.1))
+
+
+def test_known_poses_of_the_desktop_arm() -> None:
+    """The upper link level and the lower one down; then turned by a right angle and stretched."""
+    arm = DesktopArm(upper=0.2, lower=0.1, origin=(-0.1, 0.2), workspace=(0.01, 0.01, 0.01))
+    kinematics = arm.kinematics()
+    assert kinematics.position((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0))
+    stretched = kinematics.position((math.pi / 2, 0.0, math.pi / 2))
+    assert stretched == pytest.approx((0.3, 0.1, -0.2))
+    # The motor of the lower link alone carries it, whatever the upper link does: a parallelogram.
+    assert kinematics.torque((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)) == pytest.approx((0.0, 0.0, 0.1))
+    assert kinematics.torque((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)) == pytest.approx((0.0, 0.2, 0.0))
+
+
+def test_a_desktop_arm_reaches_its_workspace_without_a_singular_pose() -> None:
+    arm = DesktopArm()
+    kinematics = arm.kinematics()
+    for corner in itertools.product(*[(-0.5 * e, 0.0, 0.5 * e) for e in arm.workspace]):
+        angles = arm.angles(corner)
+        assert angles is not None
+        assert not kinematics.is_singular(angles)
+
+
+def test_a_workspace_beyond_the_reach_of_the_arm_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"workspace: the arm does not reach its corner"):
+        DesktopArm(workspace=(0.4, 0.12, 0.07))
 
 
 WIDE = FiveBar(base=0.06)  # its elbows can come farther apart than the distal links reach

@@ -153,7 +153,7 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(network: Network, run_
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x02", b"\xa7version\x63")
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x03", b"\xa7version\x63")
     for junk, reason in ((b"junk", "malformed"), (old, "version"), (encode(query(1)), "keys")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:

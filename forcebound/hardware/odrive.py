@@ -1,8 +1,10 @@
 r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
 
-**A tick** has three exchanges. Both reads ask for the positions. The write sets the torques and
-asks for the error of one axis, each in its turn: lines are processed in their order, so the reply
-says that the torques were taken, and that the axis is well.
+**A tick** has two exchanges, or three if its ``reply_wait`` is early in the period. A read asks for
+the positions. The write sets the torques and asks for the positions and for the error of one axis,
+each in its turn: lines are processed in their order, so the replies say that the torques were
+taken, and that the axis is well. These positions serve the state of the next tick, unless their age
+is that of the quickest read: then there is time to ask for others.
 
 **Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
 takes longer may have passed before the board or after it. The board estimates positions and sets
@@ -38,7 +40,7 @@ had to step in.
 import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
@@ -195,6 +197,8 @@ class OpenODrive:
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
+        self._fresh: Vector = self._zero  # angles of the last write, rad
+        self._came_ns = self._quickest_ns = 0  # of the last write, and of all reads
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
@@ -210,7 +214,7 @@ class OpenODrive:
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
-            tick_ns = 2 * self._ask().quickest_ns + self._tell(self._zero).quickest_ns
+            tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
         self._requests.patience, self._requests.late_replies = line.silence, 0
 
@@ -227,9 +231,10 @@ class OpenODrive:
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
+        self._quickest_ns = exchange.quickest_ns
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
-        return tuple([math.tau * turns for turns in exchange.said])
+        return _angles(exchange.said)
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
@@ -247,7 +252,9 @@ class OpenODrive:
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        error = int(exchange.said[0])
+        *turns, said = exchange.said
+        self._came_ns, self._fresh = time.monotonic_ns(), _angles(turns)
+        error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
@@ -264,6 +271,11 @@ class OpenODrive:
     def stamps(self) -> tuple[int, int]:
         """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
         return self._read_ns, max(self._effect_ns, self._read_ns)
+
+    def fresh_reading(self) -> Vector | None:
+        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
+        is_fresh = time.monotonic_ns() - self._came_ns <= self._quickest_ns
+        return self._fresh if is_fresh else None
 
     def latch_jitter(self) -> int:
         """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
@@ -289,11 +301,11 @@ class OpenODrive:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
 
     def _tell(self, force: Vector) -> Exchange[float]:
-        """Set torques, which resist where positive, and ask an axis for its error."""
-        axis = self._next
-        self._next = (axis + 1) % self._model.joints
-        message = _torque_lines(force) + self._ask_error[axis]
-        return self._requests.exchange("write", message, 1, _error, has_force=any(force))
+        """Set torques, which resist where positive; ask for the positions and an axis's error."""
+        axis, joints = self._next, self._model.joints
+        self._next = (axis + 1) % joints
+        message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
+        return self._requests.exchange("write", message, joints + 1, _said, has_force=any(force))
 
     def _seconds_on_wire(self) -> float:
         """Return what the bytes of a tick take on a UART, in s; 0 on USB."""
@@ -320,5 +332,10 @@ def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _error(text: str) -> float:
-    return number(text, "of an axis's error")
+def _said(text: str) -> float:
+    """Return what a reply to a write says: a position, in turns, or the error of an axis."""
+    return position(text) if " " in text else number(text, "of an axis's error")
+
+
+def _angles(turns: Sequence[float]) -> Vector:
+    return tuple([math.tau * turn for turn in turns])

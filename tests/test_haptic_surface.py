@@ -1,0 +1,235 @@
+"""How a surface feels, on a half-space whose answers are known by heart."""
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forcebound.errors import ConfigError
+from forcebound.geometry.proxy import HapticSurface, Surface
+from forcebound.geometry.vectors import Vector3
+
+STIFFNESS = 1000.0  # N/m
+STILL = (0.0, 0.0, 0.0)
+
+
+class Ground:
+    """Everything behind x = 0 is solid."""
+
+    def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
+        return (goal, None) if goal[0] <= 0.0 else ((0.0, goal[1], goal[2]), (-1.0, 0.0, 0.0))
+
+    def distance(self, point: Vector3) -> float:
+        return -point[0]
+
+    def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
+        return (0.0, point[1], point[2]), (-1.0, 0.0, 0.0)
+
+    def shade(self, point: Vector3, normal: Vector3) -> Vector3:
+        return (-math.cos(0.1), math.sin(0.1), 0.0)
+
+
+def _ground(damping: float = 0.0, **how: Any) -> HapticSurface:
+    surface = HapticSurface(Ground(), replace(Surface(), **how), STIFFNESS, damping, 3)
+    surface.touch((-0.01, 0.0, 0.0), STILL, 0.0)
+    return surface
+
+
+def _stroke(surface: HapticSurface, depth: float, way: list[float]) -> list[tuple[float, ...]]:
+    return [surface.touch((depth, y, 0.0), STILL, 1.0) for y in way]
+
+
+def test_the_force_is_stiffness_times_depth_along_the_normal() -> None:
+    assert _ground().touch((0.002, 0.3, -0.1), STILL, 1.0) == pytest.approx((2.0, 0.0, 0.0))
+
+
+def test_a_device_with_one_axis_and_one_with_six_feel_their_own_entries() -> None:
+    for axes in (1, 2, 6):
+        surface = HapticSurface(Ground(), Surface(), STIFFNESS, 0.0, axes)
+        still = (0.0,) * axes
+        surface.touch(still, still, 0.0)
+        surface.touch((-0.01, *still[1:]), still, 0.0)
+        assert surface.touch((0.002, *still[1:]), still, 1.0) == (2.0, *still[1:])
+
+
+def test_a_device_that_begins_inside_feels_nothing_until_it_has_left() -> None:
+    surface = HapticSurface(Ground(), Surface(), STIFFNESS, 0.0, 3)
+    assert surface.touch((0.002, 0.0, 0.0), STILL, 1.0) == STILL
+    assert surface.touched is None
+    surface.touch((-0.002, 0.0, 0.0), STILL, 1.0)
+    assert surface.touch((0.002, 0.0, 0.0), STILL, 1.0)[0] == pytest.approx(2.0)
+
+
+def test_damping_pushes_out_and_never_pulls_in() -> None:
+    surface = _ground(damping=10.0)
+    assert surface.touch((0.002, 0.0, 0.0), (0.1, 0.0, 0.0), 1.0)[0] == pytest.approx(3.0)
+    assert surface.touch((0.002, 0.0, 0.0), (-0.1, 0.0, 0.0), 1.0)[0] == pytest.approx(1.0)
+    assert surface.touch((0.002, 0.0, 0.0), (-1.0, 0.0, 0.0), 1.0)[0] == 0.0
+
+
+def test_a_tip_sticks_within_the_static_cone_and_slides_on_the_dynamic_one() -> None:
+    surface = _ground(friction=0.3, static_friction=0.5)
+    (force,) = _stroke(surface, 0.002, [0.0])
+    assert force == (2.0, 0.0, 0.0)
+    stuck, still_stuck, slipped, sliding = _stroke(surface, 0.002, [0.0005, 0.00099, 0.00101, 0.1])
+    assert stuck[1] == pytest.approx(0.5)
+    assert still_stuck[1] == pytest.approx(0.99)
+    assert slipped[1] == pytest.approx(0.3 * slipped[0])
+    assert sliding[1] == pytest.approx(0.3 * sliding[0])
+    # Turning round: it sticks at once, and holds up to the static cone on the other side.
+    *_, held, gone = _stroke(surface, 0.002, [0.099, 0.1 - 0.0006 - 0.00099, 0.09])
+    assert held[1] == pytest.approx(-0.99)
+    assert gone[1] == pytest.approx(-0.6)
+
+
+def test_a_slow_stroke_judders_and_a_fast_one_does_not() -> None:
+    way = [0.00005 * step for step in range(200)]
+    slow = _ground(friction=0.3, static_friction=0.6, stick_slip=0.02)
+    forces = [slow.touch((0.001, y, 0.0), (0.0, 0.01, 0.0), 1.0)[1] for y in way][20:]
+    slips = sum(after < before for before, after in itertools.pairwise(forces))
+    assert 25 <= slips <= 31  # once every 0.3 mm of 9 mm
+    assert max(forces) == pytest.approx(0.6, abs=0.05)
+    assert min(forces) == pytest.approx(0.3, abs=0.05)
+    fast = _ground(friction=0.3, static_friction=0.6, stick_slip=0.02)
+    smooth = [fast.touch((0.001, y, 0.0), (0.0, 0.05, 0.0), 1.0)[1] for y in way][20:]
+    assert smooth == pytest.approx([0.3] * len(smooth))
+
+
+def test_viscosity_resists_motion_along_the_surface_only() -> None:
+    force = _ground(viscosity=3.0).touch((0.001, 0.0, 0.0), (0.5, 0.1, -0.2), 1.0)
+    assert force == pytest.approx((1.0, 0.3, -0.6))
+
+
+def test_a_magnet_holds_what_has_touched_until_its_reach() -> None:
+    surface = _ground(magnet=0.003)
+    assert surface.touch((-0.002, 0.0, 0.0), STILL, 1.0) == STILL  # not touched yet
+    surface.touch((0.001, 0.0, 0.0), STILL, 1.0)
+    assert surface.touch((-0.002, 0.1, 0.0), STILL, 1.0) == pytest.approx((-2.0, 0.0, 0.0))
+    assert surface.touched is not None
+    assert surface.touch((-0.004, 0.1, 0.0), STILL, 1.0) == STILL
+    assert surface.touch((-0.002, 0.1, 0.0), STILL, 1.0) == STILL
+
+
+def test_force_shading_turns_the_normal_force() -> None:
+    force = _ground(force_shading=True).touch((0.002, 0.0, 0.0), STILL, 1.0)
+    assert force == pytest.approx((2.0 * math.cos(0.1), -2.0 * math.sin(0.1), 0.0))
+
+
+def _ramp(folder: Path) -> Path:
+    np.save(folder / "ramp.npy", np.abs(np.linspace(-1, 1, 100, endpoint=False)).repeat(100))
+    table = np.load(folder / "ramp.npy").reshape(100, 100)
+    np.save(folder / "ramp.npy", table)
+    return folder / "ramp.npy"
+
+
+def test_a_texture_lies_below_the_surface_and_pushes_downhill(tmp_path: Path) -> None:
+    # Rows are along z on a face across x: from 1 at z = 0 down to 0 at half a tile, and up again.
+    how: dict[str, Any] = {
+        "texture": _ramp(tmp_path),
+        "texture_height": 0.001,
+        "texture_size": 0.01,
+    }
+    surface = _ground(**how)
+    on_top = surface.touch((0.002, 0.0033, 0.0), STILL, 1.0)
+    assert on_top[0] == pytest.approx(2.0)
+    half_down = surface.touch((0.002, 0.0033, 0.0025), STILL, 1.0)
+    assert half_down == pytest.approx((1.5, 0.0, -1.5 * 0.2))  # downhill: along z, not resisted
+
+
+def test_a_round_trip_over_a_texture_costs_nothing_and_gains_nothing(tmp_path: Path) -> None:
+    how: dict[str, Any] = {
+        "texture": _ramp(tmp_path),
+        "texture_height": 0.001,
+        "texture_size": 0.01,
+    }
+    angles = np.linspace(0, 2 * math.pi, 20_001)
+    path = np.stack(
+        [0.003 + 0.001 * np.sin(3 * angles), 0.01 * np.sin(angles), 0.01 * np.cos(angles)], 1
+    )
+    assert abs(_work(_ground(**how), path)) < 1e-5  # J; a millimetre of spring and relief hold 3e-3
+
+
+def _work(surface: HapticSurface, path: object) -> float:
+    """Energy that the hand puts in, by the trapezoidal rule, in J."""
+    places = np.asarray(path)
+    forces = np.array([surface.touch(tuple(place), STILL, 1.0) for place in places.tolist()])
+    return float(np.sum((forces[1:] + forces[:-1]) / 2 * np.diff(places, axis=0)))
+
+
+def test_a_closed_stroke_with_friction_costs_the_friction() -> None:
+    depth, radius, friction = 0.002, 0.05, 0.4
+    angles = np.linspace(0, 4 * math.pi, 20_001)
+    circles = np.stack(
+        [np.full_like(angles, depth), radius * np.cos(angles), radius * np.sin(angles)], 1
+    )
+    surface = _ground(friction=friction)
+    _work(surface, circles)  # until it slides
+    lost = _work(surface, circles)
+    # The proxy is behind by mu d and runs on a circle that is smaller by 1e-4.
+    wanted = friction * STIFFNESS * depth * 4 * math.pi * radius
+    assert lost == pytest.approx(wanted, rel=0.01)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-0.01, 0.01), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))),
+    st.floats(0, 2),
+    st.floats(1, 2),
+)
+def test_the_proxy_only_ever_moves_towards_the_device(
+    way: list[Vector3], friction: float, more: float
+) -> None:
+    surface = _ground(friction=friction, static_friction=friction * more)
+    before = None
+    for place in way:
+        surface.touch(place, STILL, 1.0)
+        if surface.touched is not None:
+            proxy = surface.touched.proxy
+            assert before is None or math.dist(place, proxy) <= math.dist(place, before) + 1e-12
+        before = proxy if surface.touched is not None else place
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"friction": 0.5, "static_friction": 0.4}, "static_friction must be at least friction"),
+        ({"friction": -0.5}, "friction must be >= 0"),
+        ({"texture_size": 0.0}, "texture_size must be > 0 m"),
+    ],
+)
+def test_a_wrong_surface_is_told(how: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        _ground(**how)
+
+
+def test_what_is_no_height_map_is_told(tmp_path: Path) -> None:
+    text = tmp_path / "words.png"
+    text.write_text("these are words")
+    with pytest.raises(ConfigError, match=r"words\.png is no picture.*save it as \.png"):
+        _ground(texture=text)
+    with pytest.raises(ConfigError, match=r"cannot read the height map .*there\.png: No such file"):
+        _ground(texture=tmp_path / "there.png")
+    np.save(tmp_path / "nan.npy", np.full((3, 3), math.nan))
+    with pytest.raises(ConfigError, match=r"nan\.npy has .*entries that are no finite numbers"):
+        _ground(texture=tmp_path / "nan.npy")
+
+
+def test_a_picture_is_a_height_map_with_white_on_top(tmp_path: Path) -> None:
+    from matplotlib import image
+
+    picture = np.zeros((2, 2))
+    picture[0, 0] = 1.0  # top left: the highest row of the picture is the last of the map
+    image.imsave(tmp_path / "dots.png", picture, cmap="gray")
+    how: dict[str, Any] = {
+        "texture": tmp_path / "dots.png",
+        "texture_height": 0.001,
+        "texture_size": 0.02,
+    }
+    surface = _ground(**how)
+    assert surface.touch((0.002, 0.0, 0.01), STILL, 1.0)[0] == pytest.approx(2.0)
+    assert surface.touch((0.002, 0.01, 0.0), STILL, 1.0)[0] == pytest.approx(1.0)
