@@ -156,7 +156,7 @@ def test_a_device_with_a_lag_states_no_guarding_watchdog() -> None:
 
 def test_a_study_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     file = tmp_path / "runs.jsonl"
-    done = [{"seed": seed, "error": None, "ratios": {}} for seed in (1, 2)]
+    done: list[dict[str, Any]] = [{"seed": seed, "error": None, "ratios": {}} for seed in (1, 2)]
     file.write_text("".join(json.dumps(one) + "\n" for one in done) + '{"seed": 3, "err')
     assert outcomes_of([1, 2], 1, file) == done
     assert len(file.read_text().splitlines()) == 2
