@@ -16,7 +16,7 @@ from typing import Protocol
 
 from forcebound.bounding.dissipation import PerAxis
 from forcebound.devices.truth import Truth
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import Quaternion, Vector
 from forcebound.operators import Operator
 from forcebound.parts import Form, Table
 
@@ -114,6 +114,14 @@ class DeviceExtras(Protocol):
         Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
         since the reading before, in which the same way dissipates least.
         """
+        ...
+
+    def orientation(self) -> Quaternion:
+        """Return the orientation of the tip at the last reading, a unit quaternion w x y z."""
+        ...
+
+    def buttons(self) -> int:
+        """Return which buttons were down at the last reading: bit i of button i."""
         ...
 
 
