@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.hardware.line import EMULATED
 from forcebound.identification import document as device_file
 from forcebound.identification.clock import Clock, RealClock, VirtualClock
 from forcebound.identification.picture import draw
@@ -35,6 +36,7 @@ REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
 FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
+PATIENCE = 2.0  # s, watchdog limit: some minutes on a busy machine have longer stalls than a run
 CHANGED = 0.2  # a number that differs by a larger share has changed
 #: What is found beside the numbers of a device, in the same section of the file.
 FURTHER = {
@@ -156,7 +158,7 @@ def measure(
         DeviceError: As :func:`forcebound.identification.procedure.identify`.
     """
     model: DeviceModel = target.model
-    device = model.open(None, HOLD / target.rate)
+    device = _patient(model).open(None, HOLD / target.rate)
     try:
         kinematics = getattr(device, "kinematics", None)
         chosen = plan(kinematics is not None)
@@ -172,6 +174,16 @@ def measure(
         device.close()
     start = tuple(0.5 * (low + high) for low, high in found.measured_range)
     return Session(found, start, kinematics, serial, is_virtual)
+
+
+def _patient(model: Any) -> Any:
+    """Return the model, patient with an emulator, whose stalls are those of a busy machine.
+
+    No law runs, so no force is planned for that time, and nobody holds the device.
+    """
+    if getattr(model, "port", None) != EMULATED or model.watchdog_limit != "auto":
+        return model
+    return replace(model, watchdog_limit=PATIENCE)
 
 
 @contextmanager
