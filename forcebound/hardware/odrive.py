@@ -43,7 +43,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
@@ -51,12 +51,11 @@ from forcebound.devices.stated import Source, per_axis
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     DECIMALS,
     WATCHDOG_EXPIRED,
@@ -75,13 +74,13 @@ from forcebound.hardware.odrive_start import (
     switched_off,
     zero_torque,
 )
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
 from forcebound.quantities import (
     POSITIVE,
     AngularSpeed,
-    Inertia,
     Length,
     Range,
     Time,
@@ -98,7 +97,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ODrive(StatedJoints):
+class ODrive(SerialJoints):
     """Parameters of motors on an ODrive, each a knob.
 
     Motor and encoder must be calibrated before, with the maker's tool. Damping and friction are
@@ -108,28 +107,20 @@ class ODrive(StatedJoints):
         resolution: Of the positions that the board reports: two counts of the encoder, or more.
         joints: Number of motors, from axis 0 up.
         lever: From the axle of a motor to the hand.
-        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
         baud: Bits a second, for a UART; null: USB, which has no such limit.
-        watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
-        reply_within: A reply later than this is counted as late.
     """
 
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     damping: DampingOfJoints = 1e-3  # assumed
     friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
     saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] = 0.02
     joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
     lever: Annotated[Length, POSITIVE] = 0.04
-    port: str = EMULATED
     baud: Annotated[int, Range(at_least=9600)] | None = None
-    reply_within: Annotated[Time, POSITIVE] = 3e-4
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
             ("damping", "friction", "inertia", "resolution", "saturation", "largest_speed"),
@@ -168,7 +159,7 @@ class ODrive(StatedJoints):
         """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator, baud)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:
@@ -205,7 +196,7 @@ class OpenODrive:
         self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
-        self._switch = Switch(self._requests, model.joints, model.watchdog_limit)
+        self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.knob().kinematics()
         self._requests.tell(b"\n" + zero_torque(model.joints))
         time.sleep(SETTLING)
@@ -216,7 +207,8 @@ class OpenODrive:
         for _ in range(FIRST_EXCHANGES):
             tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
-        self._requests.patience, self._requests.late_replies = line.silence, 0
+        self._requests.patience = line.silence
+        self._requests.replies.restart()
 
     @property
     def axes(self) -> int:
@@ -287,15 +279,11 @@ class OpenODrive:
 
     def close(self) -> None:
         """Write zero torque, switch off, release the port; see ``Device``."""
-        joints, requests = self._model.joints, self._requests
+        joints = self._model.joints
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        if requests.replies:
-            share = 100.0 * requests.late_replies / requests.replies
-            limit = 1e3 * self._model.reply_within
-            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
-            _logger.info(message, requests.replies, share, limit)
+        self._requests.replies.log(_logger)
 
     def _ask(self) -> Exchange[float]:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
