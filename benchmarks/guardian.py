@@ -1,8 +1,11 @@
-"""Benchmark of the guardian: ``python benchmarks/guardian.py [--rounds 20] [--json]``.
+"""Benchmark of the guardian: ``python benchmarks/guardian.py [--rounds 20] [--graph] [--json]``.
 
 A process writes a force to a pseudo-terminal each millisecond, as a driver does. Then it is killed
 (-9), stopped, or hangs, and the other side of the terminal notes when zero force comes. The target
 is 20 ms from the signal, or from the last force of a process that hangs.
+
+With ``--graph`` it is the device process of ``forcebound launch haply_2diy``, in contact, and the
+time is that of zero torque in the record of the emulated board.
 """
 
 import json
@@ -12,17 +15,23 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
+
+from forcebound.devices.truth_file import TruthFile
+from forcebound.monitor.control import ask_launcher
 
 ROOT = Path(__file__).parent.parent
 TARGET = 0.020  # s
 FORCE, ZERO = b"force...", b"no force"
 FORCES = 50  # before its fate
 PATIENCE = 10.0  # s
+LOOK = 1e-3  # s, between two looks at the emulator's record
 ATTEMPTS = 20
 AFTERWARDS = 0.1  # s without any further message
 
@@ -63,6 +72,7 @@ class Fate(NamedTuple):
 
 
 FATES = {"killed": signal.SIGKILL, "stopped": signal.SIGSTOP, "hangs": None}
+SIGNALS = {fate: number for fate, number in FATES.items() if number is not None}
 
 
 def watch(fate: str) -> Fate:
@@ -108,12 +118,75 @@ def _message(board: int, patience: float) -> bytes:
     return data
 
 
+def watch_graph(number: int) -> float:
+    """Send the device process of a graph a signal; return when the torque was zero, in s.
+
+    A graph that a busy machine ends before is replaced by another one.
+    """
+    command = [sys.executable, "-m", "forcebound", "launch", "haply_2diy", "--json"]
+    for _ in range(ATTEMPTS):
+        with tempfile.TemporaryDirectory(prefix="fb-") as folder:
+            launch = subprocess.Popen(
+                command,
+                env={**os.environ, "XDG_RUNTIME_DIR": folder},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            try:
+                return _seconds_to_zero(Path(folder), number, launch)
+            except ChildProcessError:
+                pass
+            finally:
+                launch.send_signal(signal.SIGINT)
+                launch.wait()
+    raise TimeoutError("no graph came into contact: this machine is too busy")
+
+
+def _seconds_to_zero(folder: Path, number: int, launch: "subprocess.Popen[bytes]") -> float:
+    (path,) = _awaited(lambda: list(folder.glob("*.truth")), launch)
+    truth = TruthFile(path)
+
+    def has_torque() -> bool:
+        found = truth.look()
+        return found is not None and any(found.torque)
+
+    _awaited(has_torque, launch)
+    (run_dir,) = (each.parent for each in folder.glob("*/control-launcher"))
+    device = ask_launcher(run_dir, {"request": "status"})["nodes"]["device"]["pid"]
+    _awaited(has_torque, launch)
+    start_ns = time.monotonic_ns()
+    os.kill(device, number)
+    end = time.monotonic() + PATIENCE
+    while has_torque() and time.monotonic() < end:
+        select.select((), (), (), LOOK)
+    found = truth.look()
+    truth.close()
+    assert found is not None
+    return float("inf") if any(found.torque) else (found.torque_ns - start_ns) * 1e-9
+
+
+def _awaited(look: Callable[[], Any], launch: "subprocess.Popen[bytes]") -> Any:
+    """Return what is found as soon as it is; ChildProcessError if the graph ends before."""
+    while not (found := look()):
+        if launch.poll() is not None:
+            raise ChildProcessError("the graph has ended")
+        select.select((), (), (), LOOK)
+    return found
+
+
 @click.command()
 @click.option("--rounds", default=20, show_default=True, help="Of each fate.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-def main(rounds: int, as_json: bool) -> None:
+@click.option("--graph", "is_graph", is_flag=True, help="Of the device process of a whole graph.")
+def main(rounds: int, as_json: bool, is_graph: bool) -> None:
     """Measure how soon the guardian writes zero force."""
-    times = {fate: sorted(watch(fate).seconds for _ in range(rounds)) for fate in FATES}
+    if is_graph:
+        times = {
+            fate: sorted(watch_graph(number) for _ in range(rounds))
+            for fate, number in SIGNALS.items()
+        }
+    else:
+        times = {fate: sorted(watch(fate).seconds for _ in range(rounds)) for fate in FATES}
     if as_json:
         click.echo(json.dumps(times))
         return

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Self
 
-from forcebound.messages.packets import Telemetry, Vector
+from forcebound.messages.packets import Contact, EnvironmentReply, Telemetry, Vector
 
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
@@ -18,7 +18,8 @@ if TYPE_CHECKING:  # a launcher starts without numpy
 class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
-    ``None`` in a packet is NaN here (-1 in ``device_seq``).
+    ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
+    same tick, whenever the environment answered it.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -37,11 +38,20 @@ class TelemetryColumns:
     device_seq: NDArray[np.int64]  # (n,), tick that the force answers; -1: none
     loop_delay: NDArray[np.float64]  # (n,), s
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
+    is_told: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
+    proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
+    normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
 
     @classmethod
-    def from_packets(cls, packets: Sequence[Telemetry]) -> Self:
+    def from_packets(
+        cls, packets: Sequence[Telemetry], replies: Sequence[EnvironmentReply] = ()
+    ) -> Self:
         """Return the columns of ``packets``; without packets, empty columns of one axis.
+
+        Args:
+            packets: Of the run, oldest first.
+            replies: Of the run's environment, for the contacts.
 
         Raises:
             ValueError: If the packets differ in their number of axes.
@@ -63,6 +73,8 @@ class TelemetryColumns:
         time_ns = integers([p.time_ns for p in packets])
         engagement = floats([p.engagement for p in packets])
         start = int(np.argmax(engagement > 0.0)) if packets else 0
+        told = {reply.device_seq: reply.contact for reply in replies if len(reply.force) == axes}
+        contacts = [told.get(p.seq) or Contact(nothing, nothing) for p in packets]
         return cls(
             time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
             time_ns=time_ns,
@@ -80,6 +92,9 @@ class TelemetryColumns:
             device_seq=integers([-1 if p.device_seq is None else p.device_seq for p in packets]),
             loop_delay=floats([p.loop_delay for p in packets]),
             deadline_misses=integers([p.deadline_misses for p in packets]),
+            is_told=np.array([p.seq in told for p in packets], dtype=np.bool_),
+            proxy=vectors([contact.proxy for contact in contacts]),
+            normal=vectors([contact.normal for contact in contacts]),
             rejected=dict(packets[-1].rejected) if packets else {},
         )
 

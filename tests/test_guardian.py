@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 
@@ -33,6 +34,24 @@ def test_a_force_ends_once_whatever_becomes_of_its_process(fate: str) -> None:
     assert messages[-1] == ZERO
     assert set(messages) <= {FORCE, ZERO}
     assert seconds < GENEROUS
+
+
+def test_it_waits_neither_for_a_time_out_nor_for_the_memory_of_what_ends(
+    board: tuple[int, int],
+) -> None:
+    reader, port = board
+    made: list[Guardian] = []
+
+    def give_force() -> None:
+        made.append(Guardian(port, ZERO, timeout=3600.0))
+        made[0].beat(time.monotonic_ns())
+
+    holder = threading.Thread(target=give_force)
+    holder.start()
+    os.set_blocking(reader, True)
+    assert os.read(reader, 100) == ZERO  # this process goes on, and so does its memory
+    holder.join()
+    made[0].close()
 
 
 def test_a_process_that_was_too_late_is_told(board: tuple[int, int]) -> None:

@@ -138,7 +138,23 @@ def test_a_reply_that_takes_its_time_makes_the_reading_that_uncertain(board: Scr
     board.round_trip_ns = 3_000_000
     device.read(0)
     assert device.latch_jitter() == 2_920_000
-    assert device.late_replies == 1
+    assert device.replies.late == 1
+    assert device.replies.longest_ns == 3_000_000
+
+
+def test_the_angles_of_a_write_are_fresh_for_as_long_as_an_exchange_takes(
+    board: ScriptedBoard,
+) -> None:
+    device = opened(board)  # whose quickest exchange takes 80 us
+    held = len(board.torques)
+    board.counts = (500, 1500)
+    device.write(0, (0.0, 0.0))
+    board.time_ns += 80_000
+    angles_of_write = device.fresh_reading()
+    board.time_ns += 1
+    assert device.fresh_reading() is None
+    assert len(board.torques) == held + 1
+    assert angles_of_write == device.read(0)
 
 
 FAULTS: dict[str, tuple[Callable[[ScriptedBoard], bytes], str]] = {

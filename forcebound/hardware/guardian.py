@@ -3,7 +3,8 @@
 Many boards hold their last force for ever. The guardian holds a second descriptor of the port and
 one message, that of zero force. It writes it
 
-* at once when the process of the device has ended, however it did (``kill -9`` included);
+* at once when the process of the device ends, however it does (``kill -9`` included): the kernel
+  then gives a lock free that the thread holds which made the :class:`Guardian`;
 * when a force is on and that process has not written for a time-out: it hangs, is stopped, or gets
   no processor. It says so in shared memory, and the driver, if it runs on, raises DeviceError.
 
@@ -12,20 +13,32 @@ A process that is stopped between its look at the shared memory and its write ma
 force when it runs on: it looks again after the write and takes that force back.
 """
 
+import ctypes
 import mmap
 import os
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 from forcebound.errors import DeviceError
-from forcebound.hardware.guardian_process import BEAT, FIRED, ORDERLY, SIZE
+from forcebound.hardware.guardian_process import (
+    BEAT,
+    FIRED,
+    NUMBERS_SIZE,
+    ORDERLY,
+    SIZE,
+    libc,
+    lock_address,
+)
 
 TIMEOUT = 0.015  # s; with what waking takes, zero force is written within 20 ms
+ATTRIBUTES_SIZE = 64  # bytes, more than any C library needs for those of a lock
+SHARED = ROBUST = 1  # PTHREAD_PROCESS_SHARED, PTHREAD_MUTEX_ROBUST
 
 
 class Guardian:
-    """The guardian of an open port.
+    """The guardian of an open port. The thread that makes it has to live as long.
 
     Args:
         descriptor: Of the port.
@@ -46,13 +59,17 @@ class Guardian:
         try:
             os.ftruncate(memory, SIZE)
             self._memory = mmap.mmap(memory, SIZE)
-            self._process = _start(descriptor, memory, own, zero, timeout)
+            with ExitStack() as undone:
+                _take_lock(lock_address(self._memory))
+                undone.callback(libc.pthread_mutex_unlock, lock_address(self._memory))
+                self._process = _start(descriptor, memory, own, zero, timeout)
+                undone.pop_all()
         except OSError as error:
             raise DeviceError(f"the guardian of the port cannot be started: {error}") from error
         finally:
             os.close(memory)
             os.close(own)
-        self._view = memoryview(self._memory).cast("q")
+        self._view = memoryview(self._memory)[:NUMBERS_SIZE].cast("q")
         self.process_id = self._process.pid
         assert self._process.stdout is not None
         if not self._process.stdout.read(1):
@@ -85,8 +102,19 @@ class Guardian:
     def close(self) -> None:
         """End the guardian; it writes nothing more."""
         self._process.communicate(ORDERLY)
+        libc.pthread_mutex_unlock(lock_address(self._memory))
         self._view.release()
         self._memory.close()
+
+
+def _take_lock(lock: ctypes.c_void_p) -> None:
+    """Make a lock that processes share and that outlives its holder, and take it."""
+    attributes = ctypes.create_string_buffer(ATTRIBUTES_SIZE)
+    libc.pthread_mutexattr_init(attributes)
+    libc.pthread_mutexattr_setpshared(attributes, SHARED)
+    libc.pthread_mutexattr_setrobust(attributes, ROBUST)
+    libc.pthread_mutex_init(lock, attributes)
+    libc.pthread_mutex_lock(lock)
 
 
 def _start(
@@ -94,7 +122,7 @@ def _start(
 ) -> "subprocess.Popen[bytes]":
     program = str(Path(__file__).with_name("guardian_process.py"))
     numbers = (descriptor, memory, own, round(timeout * 1e9))
-    # Isolated and without site packages: it starts within some 10 ms and imports four modules.
+    # Isolated and without site packages: it starts within some 10 ms.
     command = [sys.executable, "-I", "-S", program, *map(str, numbers), zero.hex()]
     return subprocess.Popen(
         command,

@@ -1,8 +1,10 @@
 r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
 
-**A tick** has three exchanges. Both reads ask for the positions. The write sets the torques and
-asks for the error of one axis, each in its turn: lines are processed in their order, so the reply
-says that the torques were taken, and that the axis is well.
+**A tick** has two exchanges, or three if its ``reply_wait`` is early in the period. A read asks for
+the positions. The write sets the torques and asks for the positions and for the error of one axis,
+each in its turn: lines are processed in their order, so the replies say that the torques were
+taken, and that the axis is well. These positions serve the state of the next tick, unless their age
+is that of the quickest read: then there is time to ask for others.
 
 **Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
 takes longer may have passed before the board or after it. The board estimates positions and sets
@@ -38,10 +40,10 @@ had to step in.
 import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
@@ -49,12 +51,11 @@ from forcebound.devices.stated import Source, per_axis
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     DECIMALS,
     WATCHDOG_EXPIRED,
@@ -73,13 +74,13 @@ from forcebound.hardware.odrive_start import (
     switched_off,
     zero_torque,
 )
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
 from forcebound.quantities import (
     POSITIVE,
     AngularSpeed,
-    Inertia,
     Length,
     Range,
     Time,
@@ -96,7 +97,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ODrive(StatedJoints):
+class ODrive(SerialJoints):
     """Parameters of motors on an ODrive, each a knob.
 
     Motor and encoder must be calibrated before, with the maker's tool. Damping and friction are
@@ -106,28 +107,20 @@ class ODrive(StatedJoints):
         resolution: Of the positions that the board reports: two counts of the encoder, or more.
         joints: Number of motors, from axis 0 up.
         lever: From the axle of a motor to the hand.
-        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
         baud: Bits a second, for a UART; null: USB, which has no such limit.
-        watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
-        reply_within: A reply later than this is counted as late.
     """
 
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     damping: DampingOfJoints = 1e-3  # assumed
     friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
     saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] = 0.02
     joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
     lever: Annotated[Length, POSITIVE] = 0.04
-    port: str = EMULATED
     baud: Annotated[int, Range(at_least=9600)] | None = None
-    reply_within: Annotated[Time, POSITIVE] = 3e-4
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
             ("damping", "friction", "inertia", "resolution", "saturation", "largest_speed"),
@@ -166,7 +159,7 @@ class ODrive(StatedJoints):
         """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator, baud)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:
@@ -195,13 +188,15 @@ class OpenODrive:
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
+        self._fresh: Vector = self._zero  # angles of the last write, rad
+        self._came_ns = self._quickest_ns = 0  # of the last write, and of all reads
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
         self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
-        self._switch = Switch(self._requests, model.joints, model.watchdog_limit)
+        self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.knob().kinematics()
         self._requests.tell(b"\n" + zero_torque(model.joints))
         time.sleep(SETTLING)
@@ -210,9 +205,10 @@ class OpenODrive:
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
-            tick_ns = 2 * self._ask().quickest_ns + self._tell(self._zero).quickest_ns
+            tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
-        self._requests.patience, self._requests.late_replies = line.silence, 0
+        self._requests.patience = line.silence
+        self._requests.replies.restart()
 
     @property
     def axes(self) -> int:
@@ -227,9 +223,10 @@ class OpenODrive:
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
+        self._quickest_ns = exchange.quickest_ns
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
-        return tuple([math.tau * turns for turns in exchange.said])
+        return _angles(exchange.said)
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
@@ -247,7 +244,9 @@ class OpenODrive:
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        error = int(exchange.said[0])
+        *turns, said = exchange.said
+        self._came_ns, self._fresh = time.monotonic_ns(), _angles(turns)
+        error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
@@ -265,6 +264,11 @@ class OpenODrive:
         """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
         return self._read_ns, max(self._effect_ns, self._read_ns)
 
+    def fresh_reading(self) -> Vector | None:
+        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
+        is_fresh = time.monotonic_ns() - self._came_ns <= self._quickest_ns
+        return self._fresh if is_fresh else None
+
     def latch_jitter(self) -> int:
         """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
         return self._jitter_ns
@@ -275,25 +279,21 @@ class OpenODrive:
 
     def close(self) -> None:
         """Write zero torque, switch off, release the port; see ``Device``."""
-        joints, requests = self._model.joints, self._requests
+        joints = self._model.joints
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        if requests.replies:
-            share = 100.0 * requests.late_replies / requests.replies
-            limit = 1e3 * self._model.reply_within
-            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
-            _logger.info(message, requests.replies, share, limit)
+        self._requests.replies.log(_logger)
 
     def _ask(self) -> Exchange[float]:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
 
     def _tell(self, force: Vector) -> Exchange[float]:
-        """Set torques, which resist where positive, and ask an axis for its error."""
-        axis = self._next
-        self._next = (axis + 1) % self._model.joints
-        message = _torque_lines(force) + self._ask_error[axis]
-        return self._requests.exchange("write", message, 1, _error, has_force=any(force))
+        """Set torques, which resist where positive; ask for the positions and an axis's error."""
+        axis, joints = self._next, self._model.joints
+        self._next = (axis + 1) % joints
+        message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
+        return self._requests.exchange("write", message, joints + 1, _said, has_force=any(force))
 
     def _seconds_on_wire(self) -> float:
         """Return what the bytes of a tick take on a UART, in s; 0 on USB."""
@@ -320,5 +320,10 @@ def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _error(text: str) -> float:
-    return number(text, "of an axis's error")
+def _said(text: str) -> float:
+    """Return what a reply to a write says: a position, in turns, or the error of an axis."""
+    return position(text) if " " in text else number(text, "of an axis's error")
+
+
+def _angles(turns: Sequence[float]) -> Vector:
+    return tuple([math.tau * turn for turn in turns])
