@@ -40,7 +40,7 @@ class FakePort:
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
         return self.drain()
 
-    def drain(self) -> bytes:
+    def drain(self, quiet: float = 0.0) -> bytes:
         data, self.unread = self.unread, b""
         return data
 
