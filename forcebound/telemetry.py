@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Self
@@ -18,7 +19,8 @@ if TYPE_CHECKING:  # a launcher starts without numpy
 class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
-    ``None`` in a packet is NaN here (-1 in ``device_seq``).
+    ``None`` in a packet is NaN here (-1 in ``device_seq``). A device that was lost and returned
+    begins its counts anew; here they go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -63,11 +65,23 @@ class TelemetryColumns:
         time_ns = integers([p.time_ns for p in packets])
         engagement = floats([p.engagement for p in packets])
         start = int(np.argmax(engagement > 0.0)) if packets else 0
+        time = (time_ns - time_ns[start]) * 1e-9 if packets else floats([])
+        seq = integers([p.seq for p in packets])
+        answered = integers([-1 if p.device_seq is None else p.device_seq for p in packets])
+        elapsed = floats([p.elapsed for p in packets])
+        misses = integers([p.deadline_misses for p in packets])
+        returns = np.flatnonzero(np.diff(seq) < 0) + 1
+        ends = [packets[end - 1].rejected for end in (*returns.tolist(), len(packets)) if end]
+        if returns.size:
+            before = _before(seq + 1, returns)
+            seq, answered = seq + before, np.where(answered < 0, answered, answered + before)
+            elapsed[returns[0] :] = elapsed[start] + time[returns[0] :]
+            misses = misses + _before(misses, returns)
         return cls(
-            time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
+            time=time,
             time_ns=time_ns,
-            seq=integers([p.seq for p in packets]),
-            elapsed=floats([p.elapsed for p in packets]),
+            seq=seq,
+            elapsed=elapsed,
             position=vectors([p.position for p in packets]),
             commanded_force=vectors([p.commanded_force for p in packets]),
             applied_force=vectors([p.applied_force for p in packets]),
@@ -77,10 +91,10 @@ class TelemetryColumns:
             true_position=vectors([p.true_position or nothing for p in packets]),
             hand_force=vectors([p.hand_force or nothing for p in packets]),
             engagement=engagement,
-            device_seq=integers([-1 if p.device_seq is None else p.device_seq for p in packets]),
+            device_seq=answered,
             loop_delay=floats([p.loop_delay for p in packets]),
-            deadline_misses=integers([p.deadline_misses for p in packets]),
-            rejected=dict(packets[-1].rejected) if packets else {},
+            deadline_misses=misses,
+            rejected=dict(sum(map(Counter, ends), Counter())),
         )
 
     def slice(self, chosen: NDArray[np.bool_]) -> Self:
@@ -91,3 +105,12 @@ class TelemetryColumns:
             if field.name != "rejected"
         }
         return replace(self, **columns)
+
+
+def _before(counts: NDArray[np.int64], returns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return, for each sample, what was counted before counts last began anew, at ``returns``."""
+    import numpy as np
+
+    before = np.zeros_like(counts)
+    before[returns] = counts[returns - 1]
+    return before.cumsum()
