@@ -126,13 +126,21 @@ def _modules(function: Callable[..., Any]) -> frozenset[str]:
 
 
 _allowed: set[Callable[..., object]] = set()
+_outlined: set[Callable[..., object]] = set()
+
+
+def outlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Mark a large function, which kernels shall call and not inline: they compile much faster."""
+    _outlined.add(function)
+    return function
 
 
 def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     """Let compiled kernels call these plain functions; they stay plain for everyone else.
 
     With them go the functions that they call, of this package and of their own module. All are
-    inlined, since only then a loop over simulations side by side is one over vector registers.
+    inlined, since only then a loop over simulations side by side is one over vector registers; but
+    for those that are :func:`outlined`.
     """
     from numba.extending import register_jitable
 
@@ -140,7 +148,7 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
         if function not in _allowed:
             _allowed.add(function)
             allow_in_kernels(_called_by(function))
-            register_jitable(forceinline=True)(function)
+            register_jitable(forceinline=function not in _outlined)(function)
 
 
 def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:

@@ -173,6 +173,7 @@ Inertia: TypeAlias = Annotated[float, Unit("kg m^2")]
 JointDamping: TypeAlias = Annotated[float, Unit("N m s")]
 Length: TypeAlias = Annotated[float, Unit("m")]
 Mass: TypeAlias = Annotated[float, Unit("kg")]
+Power: TypeAlias = Annotated[float, Unit("W")]
 Ratio: TypeAlias = Annotated[float, Unit("")]
 Speed: TypeAlias = Annotated[float, Unit("m/s")]
 Stiffness: TypeAlias = Annotated[float, Unit("N/m")]
@@ -257,6 +258,7 @@ _NAMES = {
     "Hz": ("frequency", "1 kHz"),
     "J": ("energy", "2 mJ"),
     "N": ("force", "8.5 N"),
+    "W": ("power", "50 mW"),
     "N m": ("torque", "0.1 N m"),
     "N m s": ("damping of a joint", "1e-3 N m s"),
     "N s/m": ("damping", "0.27 N s/m"),
@@ -291,6 +293,7 @@ byte = [data] = B
 bit = 0.125 * byte
 newton = kilogram * meter / second ** 2 = N = Newton
 joule = newton * meter = J
+watt = joule / second = W
 hertz = 1 / second = Hz = Hertz
 minute = 60 * second = min
 inch = 0.0254 * meter = in

@@ -10,7 +10,7 @@ holds the resolved launch file, the versions and the seed as text.
   :attr:`Recording.complete` false.
 * **The same calls give the same bytes**: no date, path or host is written. A flush ends a chunk, so
   it counts as one of the calls.
-* **The schemas use one type per field**, since Foxglove rejects a list of types. So a field without
+* **The schemas use one type per field** (:mod:`forcebound.recording_schema`). So a field without
   a value (``None``) is left out of its message; a number that is not finite, which JSON cannot
   express, becomes ``null`` and is read back as NaN.
 """
@@ -23,7 +23,7 @@ from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, Literal, Self, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Self, cast, get_origin, get_type_hints
 
 import msgspec
 from mcap.writer import Writer
@@ -35,91 +35,21 @@ from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
 from forcebound.messages.codec import plain
 from forcebound.messages.packets import (
-    MAX_AXES,
     TOPIC_OF,
     TOPICS,
+    EnvironmentReply,
     Packet,
+    Quaternion,
     Telemetry,
     Vector,
     field_types,
 )
+from forcebound.recording_schema import is_optional, plain_type, schema
 from forcebound.telemetry import TelemetryColumns
 
 METADATA_NAME = "forcebound"  # of the metadata record
 
-DESCRIPTIONS: dict[str, str] = {
-    "seq": "count of this packet at its sender, from 0",
-    "time_ns": "sender's monotonic clock, ns",
-    "elapsed": "time since the force engaged for the first time, s; 0 before",
-    "position": "position read, m; grows into the environment",
-    "velocity": "velocity, m/s; filtered backward difference of the readings",
-    "force": "force, N; positive resists motion in the positive direction",
-    "device_seq": "seq of the device state that is answered",
-    "device_time_ns": "time_ns of the device state that is answered, device's clock, ns",
-    "query_seq": "seq of the query that is answered",
-    "query_time_ns": "time_ns of the query that is answered, controller's clock, ns",
-    "commanded_force": "commanded force, N; after age limit, saturation and engage ramp",
-    "applied_force": "applied force, N; written to the motor",
-    "force_limit": "limit force, N; largest magnitude that law and saturation allow",
-    "estimated_energy": "energy in the ledger of the law, J",
-    "true_energy": "energy that the hand has put into a simulated device, J; ground truth",
-    "true_position": "unquantised position of a simulated device, m",
-    "hand_force": "force of the simulated hand on the device, N",
-    "engagement": "factor of the engage ramp, 0 to 1",
-    "loop_delay": "time from the answered device state to this write, s",
-    "deadline_misses": "ticks skipped so far",
-    "rejected": "packets rejected so far, by reason",
-    "environment": "name of an environment; in a query, of the serving one",
-    "node": "process that sent the event",
-    "event": "kind of event, one word",
-    "is_fault": "whether the event is a fault",
-    "message": "description for people",
-    "data": "details for programs",
-}  # meaning and unit of the packets' fields, for the schemas
-
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
-
-
-def schema(packet: type[Packet]) -> dict[str, Any]:
-    """Return the jsonschema of a packet: types, units and meaning of its fields."""
-    types = field_types(packet)
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"forcebound.{packet.__name__}",
-        "description": (packet.__doc__ or "").strip().splitlines()[0],
-        "type": "object",
-        "properties": {
-            name: _field_schema(hint) | {"description": DESCRIPTIONS[name]}
-            for name, hint in types.items()
-        },
-        "required": [name for name, hint in types.items() if not _is_optional(hint)],
-    }
-
-
-def _is_optional(hint: Any) -> bool:
-    return type(None) in get_args(hint)
-
-
-def _plain_type(hint: Any) -> Any:
-    return get_args(hint)[0] if _is_optional(hint) else hint
-
-
-def _field_schema(hint: Any) -> dict[str, Any]:
-    plain = _plain_type(hint)
-    if plain is int:
-        return {"type": "integer"}
-    if plain is float:
-        return {"type": "number"}
-    if plain is bool:
-        return {"type": "boolean"}
-    if plain is str:
-        return {"type": "string"}
-    if plain == Vector:
-        numbers = {"type": "number"}
-        return {"type": "array", "items": numbers, "minItems": 1, "maxItems": MAX_AXES}
-    # Foxglove reads ``properties`` of every object, also of an empty one.
-    _, entry = get_args(plain)
-    return {"type": "object", "properties": {}, "additionalProperties": _field_schema(entry)}
 
 
 class Recorder:
@@ -249,7 +179,7 @@ class Recording:
 
     @cached_property
     def telemetry(self) -> TelemetryColumns:
-        """The telemetry as columns.
+        """The telemetry as columns, with the contacts if the environment's replies were read.
 
         Raises:
             ConfigError: If the recording holds none, or the number of axes changes in it.
@@ -263,7 +193,8 @@ class Recording:
         if len(axes) > 1:
             counts = " and ".join(map(str, sorted(axes)))
             raise ConfigError(f"{self.path}: its telemetry has {counts} axes; a run has one number")
-        return TelemetryColumns.from_packets(packets)
+        replies = cast("list[EnvironmentReply]", self.packets(TOPIC_OF[EnvironmentReply]))
+        return TelemetryColumns.from_packets(packets, replies)
 
     @cached_property
     def launch(self) -> dict[str, Any]:
@@ -362,19 +293,25 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
 
 def _recorded_field(name: str, hint: Any) -> Any:
     """A field as it is recorded: null stands for no number, and without a value it is left out."""
-    plain = _plain_type(hint)
+    plain = plain_type(hint)
     if plain is float:
         plain = float | None
     elif get_origin(plain) is Annotated and plain.__origin__ == Vector:
         plain = Annotated[(tuple[float | None, ...], *plain.__metadata__)]
-    return (name, plain | UnsetType, UNSET) if _is_optional(hint) else (name, plain)
+    elif plain == Quaternion:
+        plain = tuple[float | None, float | None, float | None, float | None]
+    return (name, plain | UnsetType, UNSET) if is_optional(hint) else (name, plain)
 
 
 def _reader(hint: Any) -> Callable[[Any], Any] | None:
     """A function from a recorded value to that of the packet; None: it is the same."""
-    readers: dict[Any, Callable[[Any], Any]] = {float: _number, Vector: _vector}
-    present = readers.get(_plain_type(hint))
-    if not _is_optional(hint):
+    readers: dict[Any, Callable[[Any], Any]] = {
+        float: _number,
+        Vector: _vector,
+        Quaternion: _vector,
+    }
+    present = readers.get(plain_type(hint))
+    if not is_optional(hint):
         return present
     return lambda value: None if value is UNSET else present(value) if present else value
 

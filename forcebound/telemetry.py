@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Self
 
-from forcebound.messages.packets import Telemetry, Vector
+from forcebound.messages.packets import Contact, EnvironmentReply, Telemetry, Vector
 
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
@@ -19,8 +19,9 @@ if TYPE_CHECKING:  # a launcher starts without numpy
 class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
-    ``None`` in a packet is NaN here (-1 in ``device_seq``). A device that was lost and returned
-    begins its counts anew; here they go on.
+    ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
+    same tick, whenever the environment answered it. A device that was lost and returned begins its
+    counts anew; here they go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -39,11 +40,20 @@ class TelemetryColumns:
     device_seq: NDArray[np.int64]  # (n,), tick that the force answers; -1: none
     loop_delay: NDArray[np.float64]  # (n,), s
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
+    is_told: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
+    proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact
+    normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
 
     @classmethod
-    def from_packets(cls, packets: Sequence[Telemetry]) -> Self:
+    def from_packets(
+        cls, packets: Sequence[Telemetry], replies: Sequence[EnvironmentReply] = ()
+    ) -> Self:
         """Return the columns of ``packets``; without packets, empty columns of one axis.
+
+        Args:
+            packets: Of the run, oldest first.
+            replies: Of the run's environment, for the contacts.
 
         Raises:
             ValueError: If the packets differ in their number of axes.
@@ -67,21 +77,26 @@ class TelemetryColumns:
         start = int(np.argmax(engagement > 0.0)) if packets else 0
         time = (time_ns - time_ns[start]) * 1e-9 if packets else floats([])
         seq = integers([p.seq for p in packets])
+        returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
+        life = np.searchsorted(returns, np.arange(len(packets)), "right")
+        ticks = _before(seq + 1, returns)
+        seq = seq + ticks[life]
         answered = integers([-1 if p.device_seq is None else p.device_seq for p in packets])
         elapsed = floats([p.elapsed for p in packets])
         misses = integers([p.deadline_misses for p in packets])
-        returns = np.flatnonzero(np.diff(seq) < 0) + 1
         ends = [packets[end - 1].rejected for end in (*returns.tolist(), len(packets)) if end]
-        if returns.size:
-            before = _before(seq + 1, returns)
-            seq, answered = seq + before, np.where(answered < 0, answered, answered + before)
-            elapsed[returns[0] :] = elapsed[start] + time[returns[0] :]
-            misses = misses + _before(misses, returns)
+        lives = np.searchsorted(time_ns[returns - 1], integers([r.device_time_ns for r in replies]))
+        told = {
+            reply.device_seq + before: reply.contact
+            for reply, before in zip(replies, ticks[lives].tolist(), strict=True)
+            if len(reply.force) == axes
+        }
+        contacts = [told.get(tick) or Contact(nothing, nothing) for tick in seq.tolist()]
         return cls(
             time=time,
             time_ns=time_ns,
             seq=seq,
-            elapsed=elapsed,
+            elapsed=np.where(life > 0, elapsed[start : start + 1] + time, elapsed),
             position=vectors([p.position for p in packets]),
             commanded_force=vectors([p.commanded_force for p in packets]),
             applied_force=vectors([p.applied_force for p in packets]),
@@ -91,9 +106,12 @@ class TelemetryColumns:
             true_position=vectors([p.true_position or nothing for p in packets]),
             hand_force=vectors([p.hand_force or nothing for p in packets]),
             engagement=engagement,
-            device_seq=answered,
+            device_seq=np.where(answered < 0, answered, answered + ticks[life]),
             loop_delay=floats([p.loop_delay for p in packets]),
-            deadline_misses=misses,
+            deadline_misses=misses + _before(misses, returns)[life],
+            is_told=np.array([tick in told for tick in seq.tolist()], dtype=np.bool_),
+            proxy=vectors([contact.proxy for contact in contacts]),
+            normal=vectors([contact.normal for contact in contacts]),
             rejected=dict(sum(map(Counter, ends), Counter())),
         )
 
@@ -108,9 +126,7 @@ class TelemetryColumns:
 
 
 def _before(counts: NDArray[np.int64], returns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return, for each sample, what was counted before counts last began anew, at ``returns``."""
+    """Return what was counted before each life of a device; one begins at each of ``returns``."""
     import numpy as np
 
-    before = np.zeros_like(counts)
-    before[returns] = counts[returns - 1]
-    return before.cumsum()
+    return np.concatenate(([0], np.cumsum(counts[returns - 1], dtype=np.int64)))

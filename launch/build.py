@@ -42,7 +42,7 @@ def build_node(
     if kind == "controller":
         return build_controller(config)
     if kind == "environment":
-        model, axes = config.environment.model, config.device.model.axes
+        model, axes = config.environment.served, config.device.model.axes
         return EnvironmentNode(model, _computation(config), environment_name, axes)
     raise ValueError(f"expected a kind of node ({', '.join(NODES)}), got {kind!r}")
 
@@ -100,7 +100,7 @@ def change_link(link: Link[Packet], impairment: Impairment) -> None:
 def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
     """Answer from the next query on with ``environment`` and its computation time."""
     computation = environment.computation
-    node.change(environment.model, computation, trace_of(computation))
+    node.change(environment.served, computation, trace_of(computation))
 
 
 def _computation(config: GraphConfig) -> ComputationTime:

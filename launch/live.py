@@ -25,6 +25,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
+from forcebound.environments import may_tell_contacts
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
@@ -59,7 +60,7 @@ MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
-TELEMETRY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[Event]
+TELEMETRY, REPLY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[EnvironmentReply], TOPIC_OF[Event]
 
 LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
 
@@ -133,7 +134,10 @@ def run_live(
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
-        topics = [TELEMETRY, EVENT] if record is None else list(TOPICS)  # a summary needs no more
+        topics = list(TOPICS)
+        if record is None:  # a summary needs no more
+            told = [REPLY] if may_tell_contacts(config.environment.model) else []
+            topics = [TELEMETRY, *told, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         run = RunDocument(
@@ -264,9 +268,8 @@ def read_launch_document(run_dir: Path) -> dict[str, Any]:
 def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
     """Return topic and endpoint of each stream for a recorder of these topics."""
     streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
-    reply = TOPIC_OF[EnvironmentReply]
-    if reply in topics:
-        streams.append([reply, remote_endpoint(run_dir, reply)])
+    if REPLY in topics:
+        streams.append([REPLY, remote_endpoint(run_dir, REPLY)])
     return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
 
 

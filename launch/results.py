@@ -14,7 +14,7 @@ from typing import Any, cast
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.files import content_of
-from forcebound.messages.packets import TOPIC_OF, Event, Telemetry
+from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
 from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
 
@@ -61,7 +61,7 @@ class RunResult:
         """
         from forcebound.recording import read  # slow to import; no node process needs it
 
-        recording = read(path, (TOPIC_OF[Telemetry], TOPIC_OF[Event]))
+        recording = read(path, [TOPIC_OF[kind] for kind in (Telemetry, EnvironmentReply, Event)])
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
         with content_of(path):

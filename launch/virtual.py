@@ -9,12 +9,13 @@ from pathlib import Path
 from forcebound.config.graph import GraphConfig
 from forcebound.config.phases import timetable
 from forcebound.config.resolved import kind_of, to_document
+from forcebound.environments import may_tell_contacts
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_node
 from forcebound.launch.links import build_links
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.messages.packets import TOPIC_OF, Event, Packet, Telemetry
+from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
@@ -47,7 +48,8 @@ def run_virtual(
     check_has_virtual_time(config)
     end_ns = round((duration or config.duration) * 1e9)
     with ExitStack() as stack:
-        observer = _Observer(None if record is None else Recorder(record, run_metadata(config)))
+        recorder = None if record is None else Recorder(record, run_metadata(config))
+        observer = _Observer(recorder, may_tell_contacts(config.environment.model))
         stack.callback(observer.close)
         simulation = _open(config, observer)
         for node in simulation.nodes:
@@ -64,7 +66,7 @@ def run_virtual(
     if not observer.samples:
         raise RunError("the run ended before its first sample; use a longer --duration")
     return RunResult(
-        TelemetryColumns.from_packets(observer.samples),
+        TelemetryColumns.from_packets(observer.samples, observer.replies),
         to_document(config),
         observer.events,
         interrupted=interrupted,
@@ -94,16 +96,20 @@ class _Observer:
         is_interrupted: Whether the run is to end after the next packet.
     """
 
-    def __init__(self, recorder: Recorder | None) -> None:
+    def __init__(self, recorder: Recorder | None, wants_replies: bool) -> None:
         self._recorder = recorder
         self.samples: list[Telemetry] = []
+        self.replies: list[EnvironmentReply] = []
         self.events: list[Event] = []
-        self.packets = (Telemetry, Event) if recorder is None else tuple(TOPIC_OF)
+        needed = (Telemetry, Event, *((EnvironmentReply,) if wants_replies else ()))
+        self.packets = needed if recorder is None else tuple(TOPIC_OF)
         self.is_interrupted = False
 
     def take(self, packet: Packet) -> None:
         if type(packet) is Telemetry:
             self.samples.append(packet)
+        elif type(packet) is EnvironmentReply:
+            self.replies.append(packet)
         elif type(packet) is Event:
             self.events.append(packet)
         if self._recorder is not None:

@@ -7,8 +7,9 @@ Every packet carries ``seq`` (counts from 0 at its sender) and ``time_ns`` (the 
 monotonic clock). An answer echoes ``device_seq`` and ``device_time_ns`` of the device state that it
 answers, so a loop delay is measured on the device's clock alone.
 
-Vectors are tuples of 1 to 6 floats, one per axis. Positions grow *into* the environment; a force
-is positive when it *resists* motion in the positive direction (``docs/theory.md``, section 1).
+Vectors are tuples of 1 to 6 floats, one per axis; the objects of a scene are in space, whatever the
+axes. Positions grow *into* the environment; a force is positive when it *resists* motion in the
+positive direction (``docs/theory.md``, section 1).
 """
 
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, get_ty
 
 from msgspec import Meta, Struct
 
-VERSION: Final = 2  # of the wire format; every packet carries it
+VERSION: Final = 3  # of the wire format; every packet carries it
 
 MAX_AXES = 6
 MAX_COUNT = 2**63 - 1  # the largest 64-bit integer that every language has
@@ -34,6 +35,7 @@ _Count: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 _Vector: TypeAlias = Annotated[Vector, Meta(min_length=1, max_length=MAX_AXES)]
 _Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_NAME)]
 _Text: TypeAlias = Annotated[str, Meta(max_length=MAX_TEXT)]
+_Digest: TypeAlias = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 _Texts: TypeAlias = Annotated[Mapping[str, _Text], Meta(max_length=MAX_LENGTH)]
 _Counts: TypeAlias = Annotated[Mapping[str, _Count], Meta(max_length=MAX_LENGTH)]
 
@@ -65,7 +67,7 @@ class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     is_removed: bool = False  # whether it is cut out of the others: a hole, a cavity
     is_fixed: bool = True  # whether it stays where it is
     file: _Text | None = None  # of a mesh or points; a path on the environment's machine
-    digest: Annotated[str, Meta(max_length=MAX_LENGTH)] | None = None  # sha256 of the file, hex
+    digest: _Digest | None = None  # sha256 of the file
     points: Annotated[tuple[Point, ...], Meta(max_length=MAX_LENGTH)] = ()  # m, of a path
 
 
@@ -74,7 +76,7 @@ class _Wire(
 ):
     """Common keys of all packets on the wire: ``packet``, and the version as the last key."""
 
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
 
 
 class DeviceState(_Wire, frozen=True, tag="device_state"):
@@ -86,6 +88,8 @@ class DeviceState(_Wire, frozen=True, tag="device_state"):
     position: _Vector  # m
     velocity: _Vector  # m/s, filtered backward difference
     force: _Vector  # N, held by the motor at time_ns
+    orientation: Quaternion | None = None  # of the tip, of a device that senses it
+    buttons: _Count | None = None  # bit i: button i is down; of a device that has any
 
 
 class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
@@ -99,6 +103,8 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     position: _Vector  # m
     velocity: _Vector  # m/s
     environment: _Name | None  # the serving one; None: none, the first that replies will serve
+    orientation: Quaternion | None = None  # as in the device state
+    buttons: _Count | None = None
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
@@ -112,6 +118,15 @@ class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):
     query_time_ns: _Count
     force: _Vector  # N
     environment: _Name  # name of the sender; no other process has it
+    proxy: _Vector | None = None  # m, of an environment that tells contacts; None: free motion
+    normal: _Vector | None = None  # outward unit normal at the proxy; None if the proxy is
+
+    @property
+    def contact(self) -> Contact | None:
+        """The contact that the environment tells; None: free motion, or it tells none."""
+        if self.proxy is None or self.normal is None:
+            return None
+        return Contact(self.proxy, self.normal)
 
 
 class ForceCommand(_Wire, frozen=True, tag="force_command"):
@@ -145,6 +160,15 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     rejected: _Counts  # packets rejected so far, by reason
 
 
+class Scene(_Wire, frozen=True, tag="scene"):
+    """What there is to draw, and where the virtual tip is."""
+
+    seq: _Count
+    time_ns: _Count
+    objects: Annotated[tuple[SceneObject, ...], Meta(max_length=MAX_LENGTH)]
+    proxy: _Vector | None  # m; None: free motion
+
+
 class Event(_Wire, frozen=True, tag="event"):
     """Event of a graph: a fault, a change, the beginning of a phase."""
 
@@ -158,7 +182,7 @@ class Event(_Wire, frozen=True, tag="event"):
 
 
 Packet: TypeAlias = (
-    DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry | Event
+    DeviceState | EnvironmentQuery | EnvironmentReply | ForceCommand | Telemetry | Scene | Event
 )
 
 
@@ -176,6 +200,7 @@ TOPICS: dict[str, Topic] = {
     "environment_reply": Topic(EnvironmentReply, "environment", "controller"),
     "force_command": Topic(ForceCommand, "controller", "device"),
     "telemetry": Topic(Telemetry, "device", None),
+    "scene": Topic(Scene, "environment", None),
     "event": Topic(Event, None, None),
 }
 

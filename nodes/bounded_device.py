@@ -63,6 +63,7 @@ class BoundedDevice:
         self._kinematics: Any = getattr(device, "kinematics", None)
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
         self._jitter: Callable[[], int] | None = getattr(device, "latch_jitter", None)
+        self._fresh: Callable[[], Vector | None] | None = getattr(device, "fresh_reading", None)
         self._ahead_ns = 0  # of the bounder's clock
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
         self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
@@ -93,8 +94,10 @@ class BoundedDevice:
         self._longest = 0.0
 
     def read(self, time_ns: int) -> Vector:
-        """Return the position of the tip, in m."""
-        reading = self._device.read(time_ns)
+        """Return the position of the tip, in m, for a state."""
+        reading = None if self._fresh is None else self._fresh()
+        if reading is None:
+            reading = self._device.read(time_ns)
         return reading if self._kinematics is None else self._kinematics.position(reading)
 
     def write(self, time_ns: int, commanded: Vector, engagement: float) -> Written:

@@ -129,6 +129,8 @@ class ControllerNode(Node):
                 position,
                 velocity,
                 self._lease.holder,
+                state.orientation,
+                state.buttons,
             )
         )
 

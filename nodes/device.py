@@ -74,6 +74,8 @@ class DeviceNode(Node):
     ) -> None:
         self._device = device
         self._servo = servo
+        self._orientation = getattr(device, "orientation", None)
+        self._buttons = getattr(device, "buttons", None)
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
@@ -206,7 +208,14 @@ class DeviceNode(Node):
         position = self._bounded.read(time_ns)
         self._estimate_velocity(position, time_ns)
         state = DeviceState(
-            self._tick, time_ns, self._elapsed(time_ns), position, self._velocity, self._applied
+            self._tick,
+            time_ns,
+            self._elapsed(time_ns),
+            position,
+            self._velocity,
+            self._applied,
+            None if self._orientation is None else self._orientation(),
+            None if self._buttons is None else self._buttons(),
         )
         self._chain.remember(state)
         self._writes_next = True

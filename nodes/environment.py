@@ -7,12 +7,15 @@ that of the environment's own code.
 A query names the environment whose answers the graph accepts. If it names another one, this one is
 rejected: it emits an event and waits. It still answers once a second, so that the
 graph knows of it.
+
+If the environment has the methods of :class:`forcebound.environments.EnvironmentExtras`, an answer
+carries the contact, and a scene is sent in steps of its own (:mod:`forcebound.nodes.scene`).
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.packets import (
@@ -20,6 +23,7 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     Packet,
+    Scene,
     Vector,
 )
 from forcebound.network.computation import ComputationTime
@@ -28,10 +32,19 @@ from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.scene import SceneTeller
 
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 
 _logger = logging.getLogger(__name__)
+
+
+class _Answer(NamedTuple):
+    """What the environment's code says to one query."""
+
+    force: Vector  # N
+    proxy: Vector | None  # m
+    normal: Vector | None
 
 
 class EnvironmentNode(Node):
@@ -48,8 +61,9 @@ class EnvironmentNode(Node):
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Event)
+    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Scene, Event)
     wakes_on_arrival: ClassVar[bool] = True
+    requests: ClassVar[tuple[str, ...]] = ("scene",)
 
     def __init__(
         self,
@@ -61,10 +75,12 @@ class EnvironmentNode(Node):
         self._model = model
         self._axes = axes
         self._environment = open_environment(model, axes)
+        self._contact = getattr(self._environment, "contact", None)
         self._computation = ComputationTime() if computation is None else computation
-        self._answering: tuple[EnvironmentQuery, Vector] | None = None
+        self._answering: tuple[EnvironmentQuery, _Answer] | None = None
         self._waiting: EnvironmentQuery | None = None
         self._done_ns = 0
+        self._step_ns = 0  # the last step
         self._seq = 0
         self._is_serving = False
         self._emitted: tuple[bool, str | None] = (False, None)
@@ -72,6 +88,8 @@ class EnvironmentNode(Node):
         self._refused_for: str | None = None  # the environment that serves instead
         self._probed_ns = 0
         self.events = EventLog("environment")
+        self._scene = SceneTeller(self._environment, self.events)
+        self._proxy: Vector | None = None  # of the last answer
         self.name = name
         self.faults = 0  # queries that the environment's code failed to answer
         self._rejected: dict[str, int] = {}
@@ -83,7 +101,9 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        """When the current answer is ready, in ns; None without one."""
+        """When the current answer is ready or a scene is to be told, in ns; None without either."""
+        if self._scene.is_wanted:
+            return self._step_ns
         return None if self._answering is None else self._done_ns
 
     def change(
@@ -105,6 +125,8 @@ class EnvironmentNode(Node):
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)
             self._model = model
+            self._contact = getattr(self._environment, "contact", None)
+            self._scene.watch(self._environment)
         self._computation.change(computation, trace)
 
     def close(self) -> None:
@@ -113,18 +135,42 @@ class EnvironmentNode(Node):
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
         """Take queries, give finished answers; see :class:`forcebound.nodes.Node`."""
-        replies: list[Packet] = []
+        self._step_ns = time_ns
         for packet in received:
             if type(packet) is EnvironmentQuery:
-                if not all(map(isfinite, (*packet.position, *packet.velocity, packet.elapsed))):
-                    self.reject("not_finite")
-                    continue
-                self._is_serving = packet.environment == self.name
-                if self._is_serving or packet.environment is None:
-                    self._refused_for = None
-                elif not self._may_probe(packet.environment, time_ns):
-                    continue
-                self._waiting = packet
+                self._take(packet, time_ns)
+        was_wanted, answered = self._scene.is_wanted, self._seq
+        packets = self._answers(time_ns)
+        if self._seq != answered:
+            self._scene.note_answer(time_ns)
+        if was_wanted and (self._seq == answered or not self._scene.may_wait(time_ns)):
+            packets += self._scene.tell(time_ns, self._proxy)
+        return packets
+
+    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Answer ``scene``: tell the scene in the next step; see :class:`forcebound.nodes.Node`."""
+        if request.get("request") != "scene":
+            return None
+        if not self._scene.request():
+            return {"error": "this environment tells no scene"}
+        return {"scene_follows": True}
+
+    def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
+        """Let a query wait for its answer if it is sound and this environment may serve it."""
+        numbers = (*query.position, *query.velocity, query.elapsed, *(query.orientation or ()))
+        if not all(map(isfinite, numbers)):
+            self.reject("not_finite")
+            return
+        self._is_serving = query.environment == self.name
+        if self._is_serving or query.environment is None:
+            self._refused_for = None
+        elif not self._may_probe(query.environment, time_ns):
+            return
+        self._waiting = query
+
+    def _answers(self, time_ns: int) -> list[Packet]:
+        """Return the answers that are ready, and events about them."""
+        replies: list[Packet] = []
         state = (self._is_serving, self._refused_for)
         if state != self._emitted and time_ns >= self._emit_ns:
             self._emitted = state
@@ -135,8 +181,8 @@ class EnvironmentNode(Node):
             self._answering = None
         if self._answering is None and self._waiting is not None:
             query, self._waiting = self._waiting, None
-            force = self._force(query)
-            if force is None:
+            answer = self._answer(query)
+            if answer is None:
                 if self.faults == 1:
                     message = "the environment's code failed: its log gives the reason"
                     event = "environment_failed"
@@ -144,9 +190,9 @@ class EnvironmentNode(Node):
                 return replies
             delay_ns = self._computation.next_ns(time_ns)
             if delay_ns == 0:
-                replies.append(self._reply(query, force, time_ns))
+                replies.append(self._reply(query, answer, time_ns))
             elif delay_ns is not None:
-                self._answering = (query, force)
+                self._answering = (query, answer)
                 self._done_ns = time_ns + delay_ns
         return replies
 
@@ -191,24 +237,27 @@ class EnvironmentNode(Node):
         self._probed_ns = time_ns
         return True
 
-    def _force(self, query: EnvironmentQuery) -> Vector | None:
+    def _answer(self, query: EnvironmentQuery) -> _Answer | None:
         # Any failure of a user's environment must end in silence, to which the device responds
         # with zero force, not in the end of the node.
         try:
             answer = self._environment.force(query.position, query.velocity, query.elapsed)
-            force = tuple(map(float, answer))
-            if len(force) != len(query.position):
-                raise ValueError(f"expected {len(query.position)} entries, got {len(force)}")
-            return force
+            force = _vector(answer, query)
+            contact = None if self._contact is None else self._contact()
+            if contact is None:
+                return _Answer(force, None, None)
+            proxy, normal = contact
+            return _Answer(force, _vector(proxy, query), _vector(normal, query))
         except Exception:
             self.faults += 1
             if self.faults == 1:
                 _logger.exception("the environment's code failed; this query is not answered")
             return None
 
-    def _reply(self, query: EnvironmentQuery, force: Vector, time_ns: int) -> EnvironmentReply:
+    def _reply(self, query: EnvironmentQuery, answer: _Answer, time_ns: int) -> EnvironmentReply:
         seq = self._seq
         self._seq += 1
+        self._proxy = answer.proxy
         return EnvironmentReply(
             seq,
             time_ns,
@@ -216,6 +265,15 @@ class EnvironmentNode(Node):
             query.device_time_ns,
             query.seq,
             query.time_ns,
-            force,
+            answer.force,
             self.name,
+            answer.proxy,
+            answer.normal,
         )
+
+
+def _vector(answer: Vector, query: EnvironmentQuery) -> Vector:
+    vector = tuple(map(float, answer))
+    if len(vector) != len(query.position):
+        raise ValueError(f"expected {len(query.position)} entries, got {len(vector)}")
+    return vector

@@ -66,6 +66,23 @@ class Uncertain(Stamping):
         return 100_000
 
 
+class Fresh(Silent):
+    """A device whose writes bring a reading, and whose reads are noted."""
+
+    fresh: Vector | None = None
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads = 0
+
+    def read(self, time_ns: int) -> Vector:
+        self.reads += 1
+        return self.position
+
+    def fresh_reading(self) -> Vector | None:
+        return self.fresh
+
+
 class Lever:
     """Two levers of 0.5 m and 0.25 m, at right angles to their forces."""
 
@@ -149,6 +166,19 @@ def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() ->
         device.time_ns, device.delay_ns = tick * MS, 200_000
         node.write(device.time_ns, (0.0,), 1.0)
     assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
+
+
+def test_a_fresh_reading_serves_a_state_and_never_the_ledger() -> None:
+    device = Fresh()
+    node = bounded(device)
+    device.position, device.fresh = (0.002,), (0.001,)
+    assert node.read(0) == (0.001,)
+    assert device.reads == 0
+    assert node.write(0, (0.0,), 1.0).position == (0.002,)
+    assert device.reads == 1
+    device.fresh = None
+    assert node.read(0) == (0.002,)
+    assert device.reads == 2
 
 
 def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:

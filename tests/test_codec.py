@@ -6,7 +6,7 @@ import tracemalloc
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
 import numpy as np
@@ -30,6 +30,10 @@ from forcebound.messages.packets import (
     Event,
     ForceCommand,
     Packet,
+    Quaternion,
+    Scene,
+    SceneObject,
+    Shape,
     Telemetry,
     Vector,
     field_types,
@@ -56,6 +60,8 @@ QUERY = EnvironmentQuery(
     position=(0.0125, -0.002),
     velocity=(0.25, 0.0),
     environment=None,
+    orientation=(0.5, -0.5, 0.5, 0.5),
+    buttons=5,
 )
 REPLY = EnvironmentReply(
     seq=41,
@@ -66,6 +72,8 @@ REPLY = EnvironmentReply(
     query_time_ns=123456789112345,
     force=(25.0, 0.0),
     environment="wall-7f3a",
+    proxy=(0.01, -0.002),
+    normal=(-1.0, 0.0),
 )
 COMMAND = ForceCommand(
     seq=70000, time_ns=123456789312345, device_seq=7, device_time_ns=TICK_NS, force=(25.0,)
@@ -88,6 +96,15 @@ TELEMETRY = Telemetry(
     deadline_misses=0,
     rejected={"not_finite": 1},
 )
+SCENE = Scene(
+    seq=12,
+    time_ns=9876543210,
+    objects=(
+        SceneObject("ball", "sphere", (0.01, 0.0, 0.5), size=(0.05,), is_fixed=False),
+        SceneObject("floor", "plane"),
+    ),
+    proxy=(0.01, -0.002),
+)
 EVENT = Event(
     seq=2,
     time_ns=123456789512345,
@@ -104,6 +121,7 @@ GOLDEN: dict[str, Packet] = {
     "environment_reply": REPLY,
     "force_command": COMMAND,
     "telemetry": TELEMETRY,
+    "scene": SCENE,
     "event": EVENT,
 }
 REASONS = ("malformed", "version", "keys", "value")
@@ -111,6 +129,21 @@ REASONS = ("malformed", "version", "keys", "value")
 numbers = st.floats()
 counts = st.integers(0, MAX_COUNT)
 names = st.text(min_size=1, max_size=MAX_NAME).filter(str.isprintable)
+lengths = st.floats(allow_nan=False, allow_infinity=False)
+points = st.tuples(lengths, lengths, lengths)
+objects = st.builds(
+    SceneObject,
+    names,
+    st.sampled_from(get_args(Shape)),
+    points,
+    st.tuples(lengths, lengths, lengths, lengths),
+    st.lists(lengths, max_size=3).map(tuple),
+    st.booleans(),
+    st.booleans(),
+    st.none() | names,
+    st.none() | st.just("0" * 64),
+    st.lists(points, max_size=4).map(tuple),
+)
 
 
 @st.composite
@@ -128,10 +161,17 @@ def packets(draw: st.DrawFn, kind: type[Packet] | None = None) -> Packet:
         str: names,
         bool: st.booleans(),
         str | None: st.none() | names,
+        Quaternion | None: st.none() | st.tuples(*[numbers] * 4),
+        tuple[SceneObject, ...]: st.lists(objects, max_size=3).map(tuple),
         Mapping[str, str]: st.dictionaries(st.text(max_size=20), st.text(max_size=40), max_size=16),
         Mapping[str, int]: st.dictionaries(st.text(max_size=20), counts, max_size=32),
     }
-    return chosen(**{name: draw(strategies[hint]) for name, hint in field_types(chosen).items()})
+    values = {name: draw(strategies[hint]) for name, hint in field_types(chosen).items()}
+    if chosen is EnvironmentReply and values["normal"] is None:
+        values["proxy"] = None
+    elif chosen is EnvironmentReply and values["proxy"] is None:
+        values["normal"] = None
+    return chosen(**values)
 
 
 def same(one: Packet, other: Packet) -> bool:
@@ -471,9 +511,9 @@ def test_a_key_given_twice_is_refused(packet: Packet) -> None:
 
 
 def test_a_key_given_twice_does_not_stand_in_for_a_missing_one(packet: Packet) -> None:
-    for missing in ("packet", "version"):
+    for missing in as_map(packet):
         pairs = [(key, value) for key, value in as_map(packet).items() if key != missing]
-        pairs.append(("seq", 9))
+        pairs.append(("time_ns" if missing == "seq" else "seq", 9))
         body = b"".join(msgpack.packb(key) + msgpack.packb(value) for key, value in pairs)
         error = refusal(msgpack.Packer().pack_map_header(len(pairs)) + body, type(packet))
         assert error.reason == "keys"
@@ -526,6 +566,8 @@ UNFIT: dict[Any, list[object]] = {
         {},
         {"x": 0.0},
     ],
+    Quaternion: [[], [1.0, 0.0, 0.0], [1.0] * 5, [True, 0.0, 0.0, 0.0], [None] * 4, 1.0, {}],
+    tuple[SceneObject, ...]: [{}, 0, "ball", [0], [{}], [None], [{"name": "ball"}]],
     bool: [0, 1, 1.0, "true", b"", [], {}],
     str: ["x" * 501, 0, b"name", ["name"], {}],
     Mapping[str, str]: [[], 0, "age", {"age": 1}, {"age": b"1"}, {"age": "x" * 501}],
@@ -560,11 +602,14 @@ def test_packed_arrays_of_floats_are_refused_as_values(value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "packet", [STATE, QUERY, SIMULATED_TELEMETRY], ids=lambda p: type(p).__name__
+    "packet", [STATE, QUERY, REPLY, SIMULATED_TELEMETRY], ids=lambda p: type(p).__name__
 )
 def test_the_vectors_of_a_packet_have_one_length(packet: Packet) -> None:
     message = as_map(packet)
-    for key in [key for key, value in message.items() if isinstance(value, list)]:
+    vectors = [
+        name for name, hint in field_types(type(packet)).items() if hint in (Vector, Vector | None)
+    ]
+    for key in vectors:
         error = refused_map(message | {key: [*message[key], 0.0]})
         assert error.reason == "value"
         assert "vectors of one length" in str(error)

@@ -69,6 +69,9 @@ def test_the_golden_query_gets_the_golden_answer(
     assert isinstance(expected, EnvironmentReply)
     first, second = graph.ask(asked), graph.ask(asked)
     assert first.force == pytest.approx(expected.force)
+    assert (first.proxy, first.normal) == (expected.proxy, expected.normal)
+    outside = graph.ask(query(1, 0.0, 0.0))
+    assert outside.contact is None
     echo = ("device_seq", "device_time_ns", "query_seq", "query_time_ns")
     assert [getattr(first, key) for key in echo] == [getattr(expected, key) for key in echo]
     assert first.environment == wall.name
@@ -76,7 +79,7 @@ def test_the_golden_query_gets_the_golden_answer(
     assert second.time_ns > first.time_ns
     assert wall.name.startswith(f"{language}-wall-")
     answered, dropped = wall.end(ending)
-    assert answered == second.seq + 1
+    assert answered == outside.seq + 1
     assert dropped == 0
 
 
@@ -113,12 +116,12 @@ def test_other_encodings_of_the_same_query_are_answered(
     wall = started(start, language, graph)
     body = golden("environment_query")[1:]
     integers = pairs(position=[1, -2], velocity=[0, 0], elapsed=3)
-    wide = b"\x8a" + msgpack.packb("seq") + b"\xcf" + (300).to_bytes(8, "big")
+    wide = b"\x8c" + msgpack.packb("seq") + b"\xcf" + (300).to_bytes(8, "big")
     wide += b"".join(msgpack.packb(x) for kv in pairs(seq=None).items() for x in kv)
     backwards = {key: pairs()[key] for key in list(pairs())[::-1]}
     for frame, force in (
-        (b"\xde\x00\x0a" + body, 25.0),
-        (b"\xdf\x00\x00\x00\x0a" + body, 25.0),
+        (b"\xde\x00\x0c" + body, 25.0),
+        (b"\xdf\x00\x00\x00\x0c" + body, 25.0),
         (wide, 25.0),
         (msgpack.packb(backwards), 25.0),
         (msgpack.packb(pairs(), use_single_float=True), 25.0),
@@ -139,7 +142,7 @@ def each(key: str, *values: object) -> list[dict[str, object]]:
 def malformed() -> list[bytes]:
     good = golden("environment_query")
     changes: list[dict[str, object]] = [
-        *each("version", 1, 3, "2", None),
+        *each("version", 2, 4, "3", None),
         *each("packet", "environment_reply", 7, None),
         *(change for key in ("seq", "elapsed", "velocity") for change in each(key, None)),
         {"more": 1},
@@ -150,16 +153,18 @@ def malformed() -> list[bytes]:
         *each("position", [], 0.1, [0.1], [0.1] * 3, ["0.1", 0.1], [True, 0.1]),
         {"position": [0.1] * 7, "velocity": [0.1] * 7},
         *each("environment", "", 7, []),
+        *each("orientation", [], 1.0, [1.0] * 3, [1.0] * 5, ["1", 0, 0, 0], [True, 0, 0, 0]),
+        *each("buttons", -1, 2**63, 0.5, "1", True),
     ]
-    nil_missing = {key: value for key, value in pairs().items() if key != "environment"}
+    without = [{k: v for k, v in pairs().items() if k != key} for key in ("environment", "buttons")]
     return [
         b"\xc1",
         b"wall",
         good[:-1],
         good + b"\xc0",
         good + good,
-        b"\x8b" + good[1:] + msgpack.packb("seq") + b"\x01",  # one key twice
-        b"\x89" + good[1:],
+        b"\x8d" + good[1:] + msgpack.packb("seq") + b"\x01",  # one key twice
+        b"\x8b" + good[1:],
         msgpack.packb([pairs()]),
         msgpack.packb(list(pairs().values())),
         msgpack.packb(pairs(more="x" * 4096)),
@@ -167,7 +172,7 @@ def malformed() -> list[bytes]:
         b"\xdf\xff\xff\xff\xff",
         b"\xdd\xff\xff\xff\xff",
         random.Random(1).randbytes(300),
-        msgpack.packb(nil_missing),
+        *map(msgpack.packb, without),
         *(golden(topic) for topic in ("environment_reply", "force_command", "telemetry")),
         *(msgpack.packb(pairs(**change)) for change in changes),
     ]

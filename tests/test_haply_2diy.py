@@ -141,6 +141,21 @@ def test_a_reply_that_takes_its_time_makes_the_reading_that_uncertain(board: Scr
     assert device.replies.late == 1
 
 
+def test_the_angles_of_a_write_are_fresh_for_as_long_as_an_exchange_takes(
+    board: ScriptedBoard,
+) -> None:
+    device = opened(board)  # whose quickest exchange takes 80 us
+    held = len(board.torques)
+    board.counts = (500, 1500)
+    device.write(0, (0.0, 0.0))
+    board.time_ns += 80_000
+    angles_of_write = device.fresh_reading()
+    board.time_ns += 1
+    assert device.fresh_reading() is None
+    assert len(board.torques) == held + 1
+    assert angles_of_write == device.read(0)
+
+
 FAULTS: dict[str, tuple[Callable[[ScriptedBoard], bytes], str]] = {
     "short": (lambda board: angles(board)[:5], "9 bytes, got 5"),
     "foreign": (lambda board: b"\xff" + angles(board)[1:], "address 5, got ff"),

@@ -10,7 +10,7 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.config.document import shipped
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import COMPUTATION, KINDS
+from forcebound.config.graph import BESIDE_MODEL, KINDS
 from forcebound.config.loader import arguments_of, from_document, load
 from forcebound.config.resolved import restore, to_document
 from forcebound.config.schema import json_schema
@@ -94,7 +94,7 @@ def test_a_resolved_document_is_itself_a_launch_file(shipped_name: str, tmp_path
 
 
 def model_in(environment: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in environment.items() if name not in COMPUTATION}
+    return {name: value for name, value in environment.items() if name not in BESIDE_MODEL}
 
 
 def test_the_stiff_wall_is_the_experiment_of_the_paper() -> None:
@@ -291,7 +291,7 @@ def test_no_parameter_of_a_device_shares_its_name_with_a_servo_setting() -> None
     for kind in KINDS["device"].values():
         assert not set(fields_of(kind)) & {"kind", *fields_of(ServoSettings)}
     for kind in KINDS["environment"].values():
-        assert not set(fields_of(kind)) & {"kind", *COMPUTATION}
+        assert not set(fields_of(kind)) & {"kind", *BESIDE_MODEL}
 
 
 def test_every_kind_can_be_described_to_an_editor() -> None:

@@ -28,11 +28,14 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     ForceCommand,
     Packet,
+    Scene,
+    SceneObject,
     Telemetry,
     field_types,
 )
 from forcebound.nodes.events import EventLog
-from forcebound.recording import DESCRIPTIONS, Recorder, Recording, read, schema
+from forcebound.recording import Recorder, Recording, read
+from forcebound.recording_schema import DESCRIPTIONS, schema
 from forcebound.telemetry import TelemetryColumns
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
@@ -68,6 +71,8 @@ def packets(ticks: int = 5) -> list[Packet]:
             ForceCommand(tick, time_ns + 3, *echo, (1.5,)),
             telemetry(tick),
         ]
+    ball = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), points=((0.0, 0.0, 1.0),))
+    result.append(Scene(0, 5, (ball, SceneObject("floor", "plane")), (0.1,)))
     result.append(EventLog("device").emit(7, "force_engages", "answers come", {"name": "value"}))
     return result
 

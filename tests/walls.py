@@ -127,7 +127,7 @@ class FakeGraph:
             if not self.socket.poll(max(0, round((end - time.monotonic()) * 1e3))):
                 return None
             self._take()
-        packet = decode(self._replies.popleft())  # refuses what is not of version 2 in every key
+        packet = decode(self._replies.popleft())  # refuses what is not of this version in every key
         assert isinstance(packet, EnvironmentReply)
         return packet
 

@@ -38,17 +38,18 @@ Query read(const zmq::message_t& frame) {
   if (frame.size() > 4096 || frame.more()) throw Refused("malformed: over 4096 bytes, or several frames");
   const auto whole = msgpack::unpack(frame.data<char>(), frame.size(), end);
   const auto map = whole->as<std::map<Text, msgpack::object>>();
-  if (map.at("version").as<uint64_t>() != 2) throw Refused("version: this program speaks 2");
-  if (end != frame.size() || whole->via.map.size != 10 || map.at("packet").as<Text>() != "environment_query")
+  if (map.at("version").as<uint64_t>() != 3) throw Refused("version: this program speaks 3");
+  if (end != frame.size() || whole->via.map.size != 12 || map.at("packet").as<Text>() != "environment_query")
     throw Refused("another packet, other keys, or trailing bytes");
   const auto count = [&](const char* key) { return map.at(key).as<uint64_t>(); };
   const auto vector = [&](const char* key) { return map.at(key).as<std::vector<double>>(); };
-  const auto& environment = map.at("environment");
+  const auto &environment = map.at("environment"), &orientation = map.at("orientation"), &buttons = map.at("buttons");
   const Query query{count("seq"), count("time_ns"), count("device_seq"), count("device_time_ns"),
     map.at("elapsed").as<double>(), vector("position"), environment.is_nil() ? "" : environment.as<Text>()};
   const auto axes = query.position.size(), speeds = vector("velocity").size();
-  if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns) >> 63 || axes < 1 || axes > 6 ||
-      speeds != axes || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");
+  const auto down = buttons.is_nil() ? 0 : count("buttons");  // this wall needs neither buttons nor orientation
+  if ((query.seq | query.time_ns | query.device_seq | query.device_time_ns | down) >> 63 || axes < 1 || axes > 6 ||
+      speeds != axes || (!orientation.is_nil() && vector("orientation").size() != 4) || environment.is_nil() != query.environment.empty()) throw Refused("value: out of range");
   return query;
 }
 
@@ -102,14 +103,17 @@ int main(int argc, char** argv) try {
     serving = environment, heard_at = now();
     if (refused && heard_at - answered_at < SECOND) continue;
     // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
-    std::vector<double> force(position.size(), 0.0);
-    force[0] = position[0] > surface ? stiffness * (position[0] - surface) : 0.0;
+    const bool inside = position[0] > surface;
+    std::vector<double> force(position.size(), 0.0), normal = force, proxy = position;
+    if (inside) force[0] = stiffness * (position[0] - surface), proxy[0] = surface, normal[0] = -1.0;
     msgpack::sbuffer bytes;
     msgpack::packer<msgpack::sbuffer> packer(bytes);
     const auto pack = [&](auto key, const auto& value) { packer.pack(key), packer.pack(value); };
-    packer.pack_map(10), pack("packet", "environment_reply"), pack("version", 2), pack("seq", answered++);
+    packer.pack_map(12), pack("packet", "environment_reply"), pack("version", 3), pack("seq", answered++);
     pack("time_ns", now()), pack("force", force), pack("environment", name), pack("query_seq", seq);
     pack("query_time_ns", time_ns), pack("device_seq", device_seq), pack("device_time_ns", device_time_ns);
+    if (inside) pack("proxy", proxy), pack("normal", normal);  // the contact, which an environment may tell
+    else pack("proxy", msgpack::type::nil_t()), pack("normal", msgpack::type::nil_t());
     socket.send(zmq::buffer(bytes.data(), bytes.size()), zmq::send_flags::dontwait), answered_at = now();
   }
   say(answered, " answered, ", dropped, " dropped");

@@ -9,7 +9,7 @@ import { Dealer } from "zeromq";
 const SECOND = 1_000_000_000n; // ns
 const BIG = { useBigInt64: true }; // 64-bit integers as BigInt: a Number spoils the echo
 const KEYS = ["packet", "version", "seq", "time_ns", "device_seq", "device_time_ns", "elapsed", "position",
-  "velocity", "environment"];
+  "velocity", "environment", "orientation", "buttons"];
 
 process.on("uncaughtException", (error) => { console.error(`wall: ${error.message}`); process.exit(2); });
 const words = process.argv.slice(2);
@@ -62,12 +62,15 @@ function read(frames) {
   const pairs = (bytes[0] & 0xf0) === 0x80 ? bytes[0] & 15 // as the head of a map says it, in three ways
     : bytes[0] === 0xde ? bytes.readUInt16BE(1) : bytes[0] === 0xdf ? bytes.readUInt32BE(1) : -1;
   if (pairs < 0) throw new Error("malformed: not a map");
-  if (!isCount(query.version) || Number(query.version) !== 2) throw new Error(`version ${query.version}: this program speaks 2`);
+  if (!isCount(query.version) || Number(query.version) !== 3) throw new Error(`version ${query.version}: this program speaks 3`);
   if (pairs !== KEYS.length || !KEYS.every((word) => Object.hasOwn(query, word)) // one twice: a pair less in the object
     || query.packet !== "environment_query") throw new Error("keys: not those of a query");
   const { seq, time_ns, device_seq, device_time_ns, elapsed, position, velocity, environment } = query;
+  const { orientation, buttons } = query; // which this wall does not need
   if (![seq, time_ns, device_seq, device_time_ns].every(isCount) || ![position, velocity].every(isVector)
-    || !isNumber(elapsed) || position.length !== velocity.length || !isName(environment)) {
+    || !isNumber(elapsed) || position.length !== velocity.length || !isName(environment)
+    || !(buttons === null || isCount(buttons))
+    || !(orientation === null || (isVector(orientation) && orientation.length === 4))) {
     throw new Error("value: of another type, or out of range");
   }
   return query;
@@ -111,9 +114,15 @@ while (!stopped) {
   serving = environment;
   if (refused && heardAt - answeredAt < SECOND) continue;
   // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
-  const force = position.map((x, axis) => axis === 0 && x > surface ? stiffness * (Number(x) - surface) : 0);
-  await socket.send(encode({ packet: "environment_reply", version: 2, seq: answered++, time_ns: now(), device_seq,
-    device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name }, BIG)).catch(unlessNow);
+  const [x, ...across] = position.map(Number);
+  const along = (first, others) => [first, ...others]; // a vector: along the first axis, and along the others
+  const still = across.map(() => 0);
+  const [force, contact] = x > surface // the contact: where the tip would be outside, and the way out
+    ? [along(stiffness * (x - surface), still), { proxy: along(surface, across), normal: along(-1, still) }]
+    : [along(0, still), { proxy: null, normal: null }];
+  await socket.send(encode({ packet: "environment_reply", version: 3, seq: answered++, time_ns: now(), device_seq,
+    device_time_ns, query_seq: seq, query_time_ns: time_ns, force, environment: name, ...contact }, BIG))
+    .catch(unlessNow);
   answeredAt = now();
 }
 say(`${answered} answered, ${dropped} dropped`);

@@ -73,10 +73,20 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.delay",
         36.0,
     ),
+    "bodies": Benchmark(
+        "an answer of a scene with twenty boxes against a bare step of MuJoCo",
+        "forcebound.benchmark.bodies",
+        10.0,
+    ),
     "sweep": Benchmark(
         "the compiled kernel of sweeps against the same algorithm in C",
         "forcebound.benchmark.sweep",
         20.0,
+    ),
+    "virtual": Benchmark(
+        "virtual time with one and with three axes, in times of real time",
+        "forcebound.benchmark.virtual",
+        10.0,
     ),
 }
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
+from forcebound.environments.fixtures import Fixtures, WithFixtures
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
 from forcebound.nodes.servo import ServoSettings
@@ -52,6 +53,7 @@ class EnvironmentConfig:
         compute_correlation: Of a time with the one before.
         compute_distribution_file: Table of the deviation, instead of a distribution.
         compute_trace: File of recorded times, instead of delay and jitter.
+        fixtures: Guidance and limits beside the environment; null: none.
 
     Raises:
         ConfigError: If the settings of that time do not go together or a file cannot be read.
@@ -64,6 +66,7 @@ class EnvironmentConfig:
     compute_correlation: Annotated[Ratio, PROBABILITY] = 0.0
     compute_distribution_file: Path | None = None
     compute_trace: Path | None = None
+    fixtures: Fixtures | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -72,12 +75,18 @@ class EnvironmentConfig:
     @property
     def computation(self) -> Impairment:
         """The time that it computes, in the words of a link."""
-        settings = {name.removeprefix("compute_"): getattr(self, name) for name in COMPUTATION}
-        return Impairment(**settings)
+        start = "compute_"
+        names = (name for name in BESIDE_MODEL if name.startswith(start))
+        return Impairment(**{name.removeprefix(start): getattr(self, name) for name in names})
+
+    @property
+    def served(self) -> EnvironmentModel:
+        """The model, with its fixtures."""
+        return self.model if self.fixtures is None else WithFixtures(self.model, self.fixtures)
 
 
-# Settings of the time that an environment computes: they stand beside those of its model.
-COMPUTATION = tuple(
+# Keys of the section `environment` that are not the model's own.
+BESIDE_MODEL = tuple(
     field.name for field in dataclasses.fields(EnvironmentConfig) if field.name != "model"
 )
 

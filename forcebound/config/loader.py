@@ -23,7 +23,7 @@ from forcebound.config.device_file import with_device_file
 from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
-    COMPUTATION,
+    BESIDE_MODEL,
     FORMAT,
     KINDS,
     RUN_KEYS,
@@ -328,7 +328,7 @@ def _controller(section: Section) -> Any:
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:
-    model = _model(section, fields_of(EnvironmentConfig, COMPUTATION))
+    model = _model(section, fields_of(EnvironmentConfig, BESIDE_MODEL))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
     has_trace = made is not None and _has_trace(section, "compute_trace", made.computation)
     return made if has_trace else None

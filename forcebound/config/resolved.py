@@ -13,7 +13,7 @@ import msgspec
 
 from forcebound.config.fields import adapter, fields_of
 from forcebound.config.graph import (
-    COMPUTATION,
+    BESIDE_MODEL,
     FORMAT,
     KINDS,
     DeviceConfig,
@@ -72,8 +72,8 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
 
 def environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
     """Return the section of an environment in plain JSON types."""
-    computation = {name: plain_value(getattr(environment, name)) for name in COMPUTATION}
-    return {**member_document("environment", environment.model), **computation}
+    beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
+    return {**member_document("environment", environment.model), **beside}
 
 
 def kind_of(section: str, member: object) -> str:
@@ -168,8 +168,8 @@ def _graph(document: Mapping[str, Any], runs: Collection[str]) -> GraphConfig:
 def _environment(
     document: Mapping[str, Any], runs: Collection[str] = ALL_CODE
 ) -> EnvironmentConfig:
-    computation = _values(EnvironmentConfig, document, COMPUTATION)
-    return EnvironmentConfig(_part("environment", document, runs), **computation)
+    beside = _values(EnvironmentConfig, document, BESIDE_MODEL)
+    return EnvironmentConfig(_part("environment", document, runs), **beside)
 
 
 def _is_run(section: str, document: Mapping[str, Any], runs: Collection[str]) -> bool:
@@ -179,7 +179,7 @@ def _is_run(section: str, document: Mapping[str, Any], runs: Collection[str]) ->
 
 def _without_model(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters without those of the environment's model."""
-    kept = {f"environment.{name}" for name in COMPUTATION}
+    kept = {f"environment.{name}" for name in BESIDE_MODEL}
     return {n: v for n, v in settings.items() if n in kept or not n.startswith("environment.")}
 
 

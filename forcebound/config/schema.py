@@ -14,7 +14,7 @@ from typing import Any, get_args
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, adapter, fields_of
 from forcebound.config.graph import (
-    COMPUTATION,
+    BESIDE_MODEL,
     FORMAT,
     KINDS,
     RUN_KEYS,
@@ -38,7 +38,7 @@ def json_schema() -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of a launch file; a quantity is a number or text."""
     beside: dict[str, dict[str, Any]] = {
         "device": {**properties(fields_of(ServoSettings)), "include": {"type": ["string", "null"]}},
-        "environment": properties(fields_of(EnvironmentConfig, COMPUTATION)),
+        "environment": properties(fields_of(EnvironmentConfig, BESIDE_MODEL)),
     }
     link = _mapping(properties(fields_of(Impairment)))
     return {
@@ -158,7 +158,8 @@ def _lines() -> Iterator[str]:
             yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
             yield from ("", "### `late_ticks`", *_table(LateTicks))
         elif section == "environment":
-            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", COMPUTATION)
+            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", BESIDE_MODEL)
+            yield from _inner(EnvironmentConfig, BESIDE_MODEL)
         for name in sorted(table):
             yield from ("", f"### `kind: {name}`", *_table(table[name]))
             yield from _inner(table[name])
@@ -173,12 +174,21 @@ def _lines() -> Iterator[str]:
     yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
 
 
-def _inner(kind: type) -> Iterator[str]:
-    """The tables of the keys of a kind that are mappings with keys of their own."""
-    for field in fields_of(kind).values():
-        for part in get_args(field.hint):
-            if dataclasses.is_dataclass(part) and isinstance(part, type):
-                yield from ("", f"#### `{field.name}`", *_table(part))
+def _inner(kind: type, names: tuple[str, ...] | None = None, before: str = "") -> Iterator[str]:
+    """The tables of the keys of a dataclass that are mappings with keys of their own."""
+    for field in fields_of(kind, names).values():
+        for part in _dataclasses(field.hint):
+            place = f"{before}{field.name}"
+            yield from ("", f"#### `{place}`", *_table(part))
+            yield from _inner(part, before=f"{place}.")
+
+
+def _dataclasses(hint: Any) -> Iterator[type]:
+    for part in get_args(hint):
+        if dataclasses.is_dataclass(part) and isinstance(part, type):
+            yield part
+        else:
+            yield from _dataclasses(part)
 
 
 def _table(kind: type, words: str = "", names: tuple[str, ...] | None = None) -> Iterator[str]:

@@ -64,6 +64,9 @@ class ControllerModel(Protocol):
 
 CONTROLLERS: Table[type[ControllerModel]] = Table(
     "controllers",
-    {"direct": "forcebound.controllers.direct:DirectController"},
+    {
+        "direct": "forcebound.controllers.direct:DirectController",
+        "local_model": "forcebound.controllers.local_model:LocalModel",
+    },
     Form(methods={"open": 1}),
 )

@@ -16,7 +16,7 @@ from typing import Protocol
 
 from forcebound.bounding.dissipation import PerAxis
 from forcebound.devices.truth import Truth
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import Quaternion, Vector
 from forcebound.operators import Operator
 from forcebound.parts import Form, Table
 
@@ -99,12 +99,29 @@ class DeviceExtras(Protocol):
         """
         ...
 
+    def fresh_reading(self) -> Vector | None:
+        """Return the reading that came with the last write; None: ask for a new one.
+
+        Give it only while one that is asked for now would hardly be younger when it comes. It
+        serves the state of the next tick, and saves an exchange with the device. The ledger takes a
+        reading of its own.
+        """
+        ...
+
     def latch_jitter(self) -> int:
         """Return by how much the last reading may be later than its stamp, in ns.
 
         Beside what shifts all stamps alike. The ledger takes the longest time that can have passed
         since the reading before, in which the same way dissipates least.
         """
+        ...
+
+    def orientation(self) -> Quaternion:
+        """Return the orientation of the tip at the last reading, a unit quaternion w x y z."""
+        ...
+
+    def buttons(self) -> int:
+        """Return which buttons were down at the last reading: bit i of button i."""
         ...
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from forcebound.devices import Device, DeviceModel
 from forcebound.errors import DeviceError
-from forcebound.messages.packets import MAX_AXES
-from forcebound.parts.contract import VALUE, Findings, Report, describe_raised
+from forcebound.messages.packets import MAX_AXES, MAX_COUNT
+from forcebound.parts.contract import VALUE, Findings, Report, describe_raised, is_unit
 
 PROMISES: dict[str, str] = {
     "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution and saturation",
@@ -21,13 +21,16 @@ PROMISES: dict[str, str] = {
     "bounded": "holds no more than it was asked for, and no more than its saturation",
     "stamps": "stamps of a read and of the write after it, in whole ns, in this order",
     "cut": "a reported cut has a time within the hold, and one finite reading per axis",
+    "orientation": "the orientation of the tip is a quaternion w x y z of length 1",
+    "buttons": f"buttons are a whole number from 0 to {MAX_COUNT}, a bit for each",
     "kinematics": "finite positions of the tip, and one finite torque per joint",
     "reopens": "opens again after it was closed: nothing is left locked or out of order",
     "port": "says with a DeviceError that there is no such port",
     **VALUE,
 }
+SENSED = ("orientation", "buttons")
 #: Promises that only an open device can keep or break.
-OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", "kinematics", "reopens")
+OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", *SENSED, "kinematics", "reopens")
 
 PERIOD_NS = 1_000_000
 NO_PORT = "/nowhere/port"
@@ -113,6 +116,8 @@ def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) 
     checks = {
         "stamps": lambda: _check_stamps(device, model.axes, time_ns, found),
         "cut": lambda: _check_cut(device, model, time_ns, found),
+        "orientation": lambda: _check_orientation(device, time_ns, found),
+        "buttons": lambda: _check_buttons(device, time_ns, found),
         "kinematics": lambda: _check_kinematics(device, model.axes, time_ns, found),
     }
     absent = [name for name in checks if getattr(device, name, None) is None]
@@ -134,6 +139,9 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             jitter_ns = device.latch_jitter()
             if not (isinstance(jitter_ns, int) and jitter_ns >= 0):
                 found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
+        fresh = getattr(device, "fresh_reading", None)
+        if fresh is not None and (reading := fresh()) is not None:
+            found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
 
 
 def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
@@ -151,6 +159,22 @@ def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
                 found.add("cut", "a time within the hold, in ns", repr(when), "cut()")
         elif device.truth() is not None and getattr(model, "watchdog", "silent") == "reporting":
             found.add("cut", "a report", "None", "cut() after a hold of 10 ms")
+
+
+def _check_orientation(device: Any, time_ns: int, found: Findings) -> None:
+    with found.noting("orientation", "a quaternion", "orientation()"):
+        device.read(time_ns)
+        w, x, y, z = device.orientation()
+        if not is_unit((w, x, y, z)):
+            found.add("orientation", "length 1", repr((w, x, y, z)), "orientation()")
+
+
+def _check_buttons(device: Any, time_ns: int, found: Findings) -> None:
+    with found.noting("buttons", "a whole number", "buttons()"):
+        device.read(time_ns)
+        buttons = device.buttons()
+        if not isinstance(buttons, int) or not 0 <= buttons <= MAX_COUNT:
+            found.add("buttons", f"0 to {MAX_COUNT}", repr(buttons), "buttons()")
 
 
 def _check_kinematics(device: Any, axes: int, time_ns: int, found: Findings) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 from forcebound.devices import Device, Kinematics
 from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import MAX_COUNT, Quaternion, Vector
+from forcebound.parts.contract import is_unit
 from forcebound.parts.user_module import describe_user_error
 
 
@@ -18,11 +19,14 @@ class GuardedDevice:
         device: Open.
 
     Attributes:
-        set_hold_limit: Guarded, as are the next four; None if the device does not have it; see
+        set_hold_limit: Guarded, as are the next seven; None if the device does not have it; see
             :class:`forcebound.devices.DeviceExtras`.
         cut: When and where the watchdog has dropped a force.
         stamps: When the last reading was latched, and when the last write acts.
         latch_jitter: By how much the last reading may be later than its stamp.
+        orientation: Of the tip at the last reading.
+        buttons: Which were down at the last reading.
+        fresh_reading: What came with the last write.
         kinematics: Geometry of an arm.
 
     Raises:
@@ -38,6 +42,11 @@ class GuardedDevice:
         self.stamps: Callable[[], tuple[int, int]] | None
         self.stamps = _guard(device, "stamps", _checked_stamps)
         self.latch_jitter: Callable[[], int] | None = _guard(device, "latch_jitter", int)
+        self.orientation: Callable[[], Quaternion] | None
+        self.orientation = _guard(device, "orientation", _checked_orientation)
+        self.buttons: Callable[[], int] | None = _guard(device, "buttons", _checked_buttons)
+        self.fresh_reading: Callable[[], Vector | None] | None
+        self.fresh_reading = _guard(device, "fresh_reading", self._checked_fresh)
         geometry: Any = getattr(device, "kinematics", None)
         self._place, self._effort = ("m", "N") if geometry is None else ("rad", "N m")
         self.kinematics: Kinematics | None
@@ -90,6 +99,9 @@ class GuardedDevice:
             raise DeviceError(f"expected {self._axes} finite numbers in {unit}, got {answer!r}")
         return vector
 
+    def _checked_fresh(self, answer: Any) -> Vector | None:
+        return None if answer is None else self._checked(answer, self._place)
+
     def _checked_cut(self, answer: Any) -> tuple[int, Vector] | None:
         if answer is None:
             return None
@@ -110,6 +122,20 @@ def _finite(answer: Sequence[float]) -> Vector:
     if not all(map(math.isfinite, vector)):
         raise DeviceError(f"expected finite numbers, got {answer!r}")
     return vector
+
+
+def _checked_orientation(answer: Any) -> Quaternion:
+    w, x, y, z = map(float, answer)
+    if not is_unit((w, x, y, z)):
+        raise DeviceError(f"expected 4 numbers of length 1 (w x y z), got {answer!r}")
+    return w, x, y, z
+
+
+def _checked_buttons(answer: Any) -> int:
+    buttons = int(answer)
+    if not 0 <= buttons <= MAX_COUNT:
+        raise DeviceError(f"expected 0 to {MAX_COUNT}, a bit for each button, got {answer!r}")
+    return buttons
 
 
 def _checked_stamps(answer: Any) -> tuple[int, int]:

@@ -63,7 +63,10 @@ class EnvironmentExtras(Protocol):
         ...
 
     def scene(self) -> tuple[SceneObject, ...]:
-        """Return what there is to draw now; asked at most 30 times a second."""
+        """Return what there is to draw now; asked at most 30 times a second.
+
+        It may be asked before the first question.
+        """
         ...
 
 
@@ -79,14 +82,21 @@ class StatefulEnvironment(Protocol):
 EnvironmentModel: TypeAlias = StatelessEnvironment | StatefulEnvironment
 
 
+def may_tell_contacts(model: EnvironmentModel) -> bool:
+    """Return whether an instance of a model may have a method ``contact``; only it knows."""
+    return isinstance(model, StatefulEnvironment) or hasattr(model, "contact")
+
+
 class _Stateless:
     """A model without state as an open environment."""
 
     def __init__(self, model: StatelessEnvironment) -> None:
-        self.force = model.force
+        self.change(model)
 
     def change(self, model: StatelessEnvironment) -> None:
         self.force = model.force
+        self.contact = getattr(model, "contact", None)
+        self.scene = getattr(model, "scene", None)
 
     def close(self) -> None:
         pass
@@ -136,6 +146,8 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
         "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
         "damper": "forcebound.environments.damper:Damper",
+        "mass_spring": "forcebound.environments.mass_spring:MassSpring",
+        "bodies": "forcebound.environments.bodies:Bodies",
         "active_wall": "forcebound.environments.adversary:ActiveWall",
         "negative_damper": "forcebound.environments.adversary:NegativeDamper",
         "random_force": "forcebound.environments.adversary:RandomForce",

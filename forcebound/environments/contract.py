@@ -1,7 +1,8 @@
 """Contract of environments, and its check.
 
 The check opens an environment twice and asks both instances the same thousand questions, at random
-and at its limits; a violation names the question.
+and at its limits; a violation names the question. Only the first is asked for contacts and scenes,
+too: if that changed an answer, the second would show it.
 """
 
 import dataclasses
@@ -11,10 +12,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
+from typing import Any
 
 from forcebound.environments import Environment, EnvironmentModel, open_environment
-from forcebound.messages.packets import MAX_AXES, Vector
-from forcebound.parts.contract import VALUE, Findings, Report, copy_of, vector_fault
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, Vector
+from forcebound.parts.contract import VALUE, Findings, Report, copy_of, is_unit, vector_fault
 
 FAR = 1e6  # m, m/s: within it a force must be finite
 LONG = 1e6  # s
@@ -26,6 +29,8 @@ PROMISES: dict[str, str] = {
     "answers": f"gives an answer at every position and velocity, however far (to {FARTHEST:g} m)",
     "shape": "gives a tuple with one number per axis",
     "finite": f"a force is finite within {FAR:g} m, {FAR:g} m/s and {LONG:g} s",
+    "contact": "tells a finite proxy and a unit normal, one entry per axis, or None",
+    "scene": f"tells at most {MAX_LENGTH} objects with different names, all of them drawable",
     "pure": "the same questions, in the same order from open on, have the same answers",
     **VALUE,
     "rest": "shows at rest the force that was stated",
@@ -79,12 +84,13 @@ def check(
     found.check_value(model)
     numbers = itertools.count()
     has_answered = False
+    told: set[str] = set()
 
     def report(question: Question) -> None:
         progress(str(question), next(numbers), 2 * total)
 
     for count, asked in questions.items():
-        before = _answers(model, count, asked, found, report)
+        before = _answers(model, count, asked, found, report, told)
         after = _answers(copy_of(model), count, asked, Findings(), report)
         has_answered = has_answered or any(one is not None for one in before)
         for question, one, other in zip(asked, before, after, strict=False):  # none: not opened
@@ -98,7 +104,9 @@ def check(
             if force is None or not all(map(_is_close, force, expected)):
                 found.add("rest", f"{expected} N", repr(force), str(question))
     promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
-    unseen = () if has_answered else ("answers", "shape", "finite", "pure")
+    unseen = {"contact", "scene"} - told
+    if not has_answered:
+        unseen |= {"answers", "shape", "finite", "pure"}
     return found.report(promises, total, known - total, unseen)
 
 
@@ -111,14 +119,26 @@ def _answers(
     questions: Sequence[Question],
     found: Findings,
     report: Callable[[Question], None] = lambda question: None,
+    told: set[str] | None = None,
 ) -> list[Vector | None]:
-    """The answers of a new instance; None where there was none; empty if it does not open."""
+    """The answers of a new instance; None where there was none; empty if it does not open.
+
+    With ``told``, also asks for what else it tells, and notes there what that was.
+    """
     answers: list[Vector | None] = []
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
         environment = open_environment(model, axes)
+        contact = scene = None
+        if told is not None:
+            contact, scene = (getattr(environment, name, None) for name in ("contact", "scene"))
+            told |= {name for name in ("contact", "scene") if getattr(environment, name, None)}
+        _check_scene(scene, f"scene() before the first question, {axes} axes", found)
         for question in questions:
             report(question)
             answers.append(_answer(environment, question, found))
+            if contact is not None and answers[-1] is not None:
+                _check_contact(contact, question, found)
+        _check_scene(scene, f"scene() after the last question, {axes} axes", found)
         environment.close()
     return answers
 
@@ -136,6 +156,42 @@ def _answer(environment: Environment, question: Question, found: Findings) -> Ve
             found.add("finite", "finite numbers", repr(entries), where)
         return entries
     return None
+
+
+def _check_contact(contact: Callable[[], Any], question: Question, found: Findings) -> None:
+    where = f"contact() after {question}"
+    axes = len(question.position)
+    with found.noting("contact", "a contact, or None", where):
+        told = contact()
+        if told is None:
+            return
+        proxy, normal = told
+        for vector, unit in ((proxy, "m"), (normal, "1")):
+            fault = vector_fault(vector, axes, unit)
+            if fault is not None:
+                found.add("contact", fault.expected, fault.got, where)
+                return
+        if _is_far(question):
+            return
+        if not all(map(math.isfinite, (*proxy, *normal))):
+            found.add("contact", "finite numbers", repr(told), where)
+        # Of fewer axes than three, it is the part of a unit normal along them.
+        elif not is_unit(normal) and not (axes < 3 and math.hypot(*normal) <= 1.0):
+            found.add("contact", "a normal of length 1", repr(normal), where)
+
+
+def _check_scene(scene: Callable[[], Any] | None, where: str, found: Findings) -> None:
+    if scene is None:
+        return
+    with found.noting("scene", "a tuple of SceneObject", where):
+        objects = tuple(scene())
+        decode(encode(Scene(0, 0, objects, None)), Scene)
+        names = [each.name for each in objects]
+        for each in objects:
+            if names.count(each.name) > 1:
+                found.add("scene", "a name of its own for each object", repr(each.name), where)
+            if not is_unit(each.orientation):
+                found.add("scene", "an orientation of length 1", repr(each.orientation), where)
 
 
 def _is_far(question: Question) -> bool:

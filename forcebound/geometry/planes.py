@@ -2,6 +2,7 @@
 
 from typing import Any, TypeAlias
 
+from forcebound.compiled import outlined
 from forcebound.geometry.vectors import Vector3, along, cross, dot, norm, scale, sub
 
 #: Rows of a plane ``n . y >= offset``: unit normal into the legal side, offset (m); shape (n, 4).
@@ -16,6 +17,7 @@ def normal_of(planes: Planes, row: int) -> Vector3:
     return (planes[row, 0], planes[row, 1], planes[row, 2])
 
 
+@outlined
 def is_legal(point: Vector3, planes: Planes, count: int, slack: float) -> bool:
     """Return whether a point is behind none of the first ``count`` planes."""
     behind = 0
@@ -31,6 +33,7 @@ def onto_plane(goal: Vector3, planes: Planes, row: int) -> tuple[bool, Vector3]:
     return depth >= 0.0, along(goal, normal, depth)
 
 
+@outlined
 def onto_edge(goal: Vector3, planes: Planes, a: int, b: int) -> tuple[bool, Vector3]:
     """Return whether two planes hold the goal back, and its closest point on their edge."""
     n, m = normal_of(planes, a), normal_of(planes, b)
@@ -43,6 +46,7 @@ def onto_edge(goal: Vector3, planes: Planes, a: int, b: int) -> tuple[bool, Vect
     return push_n >= 0.0 and push_m >= 0.0, along(along(goal, n, push_n), m, push_m)
 
 
+@outlined
 def onto_corner(goal: Vector3, planes: Planes, a: int, b: int, c: int) -> tuple[bool, Vector3]:
     """Return whether three planes hold the goal back, and their corner."""
     n, m, k = normal_of(planes, a), normal_of(planes, b), normal_of(planes, c)
@@ -71,6 +75,7 @@ def onto_corner(goal: Vector3, planes: Planes, a: int, b: int, c: int) -> tuple[
     return is_held, along(goal, from_goal, 1.0)
 
 
+@outlined
 def closest_legal(
     goal: Vector3, planes: Planes, count: int, slack: float = SLACK
 ) -> tuple[bool, Vector3]:

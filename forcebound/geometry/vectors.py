@@ -80,6 +80,13 @@ def unit_quaternion(rotation: Sequence[float]) -> Quaternion:
     return (w / length, x / length, y / length, z / length) if length > 0.0 else NO_ROTATION
 
 
+def z_onto(normal: Vector3) -> Quaternion:
+    """Return a rotation that turns the z axis onto a unit normal."""
+    return unit_quaternion(
+        (1.0 + normal[2], -normal[1], normal[0], 0.0 if normal[2] > -1.0 else 1.0)
+    )
+
+
 def pad3(vector: Sequence[float]) -> Vector3:
     """Return a vector of a device of 1 to 6 axes in space: zeros where it has no axis."""
     count = len(vector)

@@ -4,11 +4,12 @@ r"""The Haply 2DIY on its hAPI board: a five-bar of two motors, at a serial port
 latched after the torques were set. So
 
 * ``read`` sends the torque that is held already, which changes nothing, and returns the angles;
-* ``write`` sends the new torque; the angles of its reply are not used: the bounder has decided on
-  those before.
+* ``write`` sends the new torque; the bounder has decided on the angles before, and those of this
+  reply serve the state of the next tick, if it begins at once.
 
-A tick has three exchanges: the state's reading, the bounder's reading, the write. The angles of the
-last write would do for the state, but would be most of a period old.
+So a tick has two exchanges, the bounder's reading and the write, if the device's ``reply_wait`` is
+late in the period, and three if it is early: then the last angles are too old for the state, and
+there is time to ask for others. They are too old when their age is that of the quickest exchange.
 
 **Stamps.** A message takes effect, and a reading is latched, at some time between sending (a) and
 the reply (e). The quickest exchange so far, of length m, has shown how much of this is the line's
@@ -158,8 +159,8 @@ class OpenHaply(SerialDevice):
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        super().__init__(line)
-        self._model, self._clock = model, clock
+        super().__init__(line, clock)
+        self._model = model
         self._wiring = WIRINGS[model.version]
         self.replies = Replies(model.reply_within)
         self._quickest_ns = round(FIRST * 1e9)
@@ -204,8 +205,8 @@ class OpenHaply(SerialDevice):
         scale = self._scale(force)
         wanted = tuple([scale * torque for torque in force]) if scale > 0.0 else (0.0, 0.0)
         self._torque = tuple([-torque for torque in wanted])
-        came_ns = self._exchange()[1]
-        self._effect_ns = came_ns - self._quickest_ns
+        self._came_ns, self._angles = self._exchange()[1:]
+        self._effect_ns = self._came_ns - self._quickest_ns
         return tuple([held_torque(torque) for torque in wanted])
 
     def close(self) -> None:

@@ -1,8 +1,10 @@
 r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
 
-**A tick** has three exchanges. Both reads ask for the positions. The write sets the torques and
-asks for the error of one axis, each in its turn: lines are processed in their order, so the reply
-says that the torques were taken, and that the axis is well.
+**A tick** has two exchanges, or three if its ``reply_wait`` is early in the period. A read asks for
+the positions. The write sets the torques and asks for the positions and for the error of one axis,
+each in its turn: lines are processed in their order, so the replies say that the torques were
+taken, and that the axis is well. These positions serve the state of the next tick, unless their age
+is that of the quickest read: then there is time to ask for others.
 
 **Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
 takes longer may have passed before the board or after it. The board estimates positions and sets
@@ -37,7 +39,7 @@ had to step in.
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
@@ -161,6 +163,7 @@ class OpenODrive(SerialDevice):
         model: Its parameters.
         line: To its board.
         hold_limit: Longest time between two writes, in s.
+        clock: Monotonic, in ns.
 
     Attributes:
         kinematics: Of the knobs.
@@ -170,8 +173,14 @@ class OpenODrive(SerialDevice):
             model states, or is too slow for ticks of this length.
     """
 
-    def __init__(self, model: ODrive, line: Line, hold_limit: float) -> None:
-        super().__init__(line)
+    def __init__(
+        self,
+        model: ODrive,
+        line: Line,
+        hold_limit: float,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(line, clock)
         self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
@@ -189,7 +198,7 @@ class OpenODrive(SerialDevice):
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
-            tick_ns = 2 * self._ask().quickest_ns + self._tell(self._zero).quickest_ns
+            tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
         self._requests.patience = line.silence
         self._requests.replies.forget_late()
@@ -202,15 +211,16 @@ class OpenODrive(SerialDevice):
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
+        self._quickest_ns = exchange.quickest_ns
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
-        return tuple([math.tau * turns for turns in exchange.said])
+        return _angles(exchange.said)
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
         if not self._switch.is_on:
             self._switch.go_on()
-            self._effect_ns = time.monotonic_ns()
+            self._effect_ns = self._clock()
             return self._zero
         magnitude = math.hypot(*force)
         if not magnitude < math.inf:
@@ -222,7 +232,9 @@ class OpenODrive(SerialDevice):
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
-        error = int(exchange.said[0])
+        *turns, said = exchange.said
+        self._came_ns, self._angles = self._clock(), _angles(turns)
+        error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
             force = self._zero
@@ -248,11 +260,11 @@ class OpenODrive(SerialDevice):
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)
 
     def _tell(self, force: Vector) -> Exchange[float]:
-        """Set torques, which resist where positive, and ask an axis for its error."""
-        axis = self._next
-        self._next = (axis + 1) % self._model.joints
-        message = _torque_lines(force) + self._ask_error[axis]
-        return self._requests.exchange("write", message, 1, _error, has_force=any(force))
+        """Set torques, which resist where positive; ask for the positions and an axis's error."""
+        axis, joints = self._next, self._model.joints
+        self._next = (axis + 1) % joints
+        message = _torque_lines(force) + self._ask_positions + self._ask_error[axis]
+        return self._requests.exchange("write", message, joints + 1, _said, has_force=any(force))
 
     def _seconds_on_wire(self) -> float:
         """Return what the bytes of a tick take on a UART, in s; 0 on USB."""
@@ -279,5 +291,10 @@ def _torque_lines(force: Vector) -> bytes:
     return b"".join([torque_request(axis, -torque) for axis, torque in enumerate(force)])
 
 
-def _error(text: str) -> float:
-    return number(text, "of an axis's error")
+def _said(text: str) -> float:
+    """Return what a reply to a write says: a position, in turns, or the error of an axis."""
+    return position(text) if " " in text else number(text, "of an axis's error")
+
+
+def _angles(turns: Sequence[float]) -> Vector:
+    return tuple([math.tau * turn for turn in turns])

@@ -1,12 +1,15 @@
 """Devices of joints on a serial line: what their drivers have in common."""
 
 import logging
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from forcebound.devices.stated_joints import StatedJoints
 from forcebound.devices.truth import Truth
 from forcebound.hardware.line import EMULATED, Line
+from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, Time
 
 SIMULATED = (
@@ -75,11 +78,15 @@ class SerialDevice:
 
     Args:
         line: To its board.
+        clock: Monotonic, in ns.
     """
 
-    def __init__(self, line: Line) -> None:
-        self._line = line
+    def __init__(self, line: Line, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self._line, self._clock = line, clock
         self._read_ns = self._effect_ns = self._jitter_ns = 0
+        self._came_ns = 0  # when the last write's reply had come
+        self._quickest_ns = 0  # of all readings so far
+        self._angles: Vector = ()  # newest, rad
 
     def engage(self, time_ns: int) -> None:
         """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
@@ -89,6 +96,11 @@ class SerialDevice:
     def stamps(self) -> tuple[int, int]:
         """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
         return self._read_ns, max(self._effect_ns, self._read_ns)
+
+    def fresh_reading(self) -> Vector | None:
+        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
+        is_fresh = self._clock() - self._came_ns <= self._quickest_ns
+        return self._angles if is_fresh else None
 
     def latch_jitter(self) -> int:
         """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""

@@ -8,7 +8,7 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from forcebound.config.fields import Field, fields_of
-from forcebound.config.graph import COMPUTATION, EnvironmentConfig, GraphConfig
+from forcebound.config.graph import BESIDE_MODEL, EnvironmentConfig, GraphConfig
 from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
 from forcebound.quantities import Unit
@@ -31,7 +31,7 @@ def _hint(config: GraphConfig, name: str) -> Any:
     fields: Mapping[str, Field] = fields_of(Impairment)
     if name.startswith("environment."):
         model = fields_of(type(config.environment.model))
-        fields = {**model, **fields_of(EnvironmentConfig, COMPUTATION)}
+        fields = {**model, **fields_of(EnvironmentConfig, BESIDE_MODEL)}
     field = fields.get(name.rpartition(".")[2])
     return None if field is None else field.hint
 

@@ -164,6 +164,11 @@ class Findings:
         return Report(named, violations, questions, left_out)
 
 
+def is_unit(numbers: Sequence[float]) -> bool:
+    """Return whether numbers are a vector, or quaternion, of length 1, to rounding."""
+    return abs(math.hypot(*numbers) - 1.0) <= 1e-6
+
+
 def copy_of(model: Any) -> Any:
     """Return a copy of a model; the model itself if it cannot be copied."""
     try:

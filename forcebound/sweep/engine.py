@@ -99,6 +99,7 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or operator is None
         or model.axes != 1
         or environment not in lanes.ENVIRONMENTS
+        or config.environment.fixtures is not None
         or type(config.controller) is not DirectController
         or servo.late_ticks is not None
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
@@ -240,6 +241,9 @@ def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) ->
         hand_force=unknown[:, np.newaxis],
         engagement=timing.engagement,
         device_seq=timing.answered,
+        is_told=np.zeros(ticks, dtype=np.bool_),
+        proxy=unknown[:, np.newaxis],
+        normal=unknown[:, np.newaxis],
         loop_delay=np.where(timing.answered >= 0, age, np.nan),
         deadline_misses=np.zeros(ticks, dtype=np.int64),
         rejected=timing.rejected,

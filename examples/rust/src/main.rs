@@ -9,17 +9,22 @@ const SECOND: u64 = 1_000_000_000; // ns
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
 #[derive(Deserialize)] struct Header { version: u64 }
-#[derive(Deserialize)] #[serde(deny_unknown_fields)] #[allow(dead_code)] // elapsed: this wall does not vary with time
+#[derive(Deserialize)] #[serde(deny_unknown_fields)] #[allow(dead_code)] // this wall does not need all
 struct Query {
     packet: String, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64, elapsed: f64,
     position: Vec<f64>, velocity: Vec<f64>,
     #[serde(deserialize_with = "Option::deserialize")] // nil, but not missing
     environment: Option<String>,
+    #[serde(deserialize_with = "Option::deserialize")]
+    orientation: Option<[f64; 4]>,
+    #[serde(deserialize_with = "Option::deserialize")]
+    buttons: Option<u64>,
 }
 
 #[derive(Serialize)] struct Reply<'a> {
     packet: &'a str, version: u64, seq: u64, time_ns: u64, device_seq: u64, device_time_ns: u64,
     query_seq: u64, query_time_ns: u64, force: Vec<f64>, environment: &'a str,
+    proxy: Option<Vec<f64>>, normal: Option<Vec<f64>>,
 }
 
 /// Return the query in a message, or the reason why there is none.
@@ -28,11 +33,11 @@ fn read(frames: &[Vec<u8>]) -> Fallible<Query> {
     if frames.len() != 1 || frame.len() > 4096 || !matches!(frame.first(), Some(0x80..=0x8f | 0xde | 0xdf)) {
         return Err("malformed: not one map of at most 4096 bytes".into());
     }
-    if rmp_serde::from_slice::<Header>(frame)?.version != 2 { return Err("version: this program speaks 2".into()) }
+    if rmp_serde::from_slice::<Header>(frame)?.version != 3 { return Err("version: this program speaks 3".into()) }
     let mut rest = frame.as_slice();
     let query: Query = rmp_serde::from_read(&mut rest)?;
     let axes = query.position.len();
-    let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns;
+    let largest = query.seq | query.time_ns | query.device_seq | query.device_time_ns | query.buttons.unwrap_or(0);
     let is_sound = rest.is_empty() && query.packet == "environment_query" && largest >> 63 == 0
         && (1..=6).contains(&axes) && query.velocity.len() == axes && query.environment.as_deref() != Some("");
     if is_sound { Ok(query) } else { Err("trailing bytes, another packet, or a value out of range".into()) }
@@ -104,9 +109,13 @@ fn serve() -> Fallible<()> {
         }
         if refused && heard_at - answered_at < SECOND { continue }
         // The wall faces the first axis: f = k (x - x_w) inside, 0 outside and on the other axes.
-        let mut force = vec![0.0; query.position.len()];
-        force[0] = stiffness * (query.position[0] - surface).max(0.0);
-        let reply = Reply { packet: "environment_reply", version: 2, seq: answered, time_ns: now(), force,
+        let depth = query.position[0] - surface;
+        let along = |first: f64, others: &[f64]| [&[first], others].concat();
+        let still = vec![0.0; query.position.len() - 1];
+        let force = along(stiffness * depth.max(0.0), &still);
+        let inside = depth > 0.0; // then it tells the contact: where the tip would be outside, and the way out
+        let proxy = inside.then(|| along(surface, &query.position[1..]));
+        let reply = Reply { packet: "environment_reply", version: 3, proxy, normal: inside.then(|| along(-1.0, &still)), seq: answered, time_ns: now(), force,
             device_seq: query.device_seq, device_time_ns: query.device_time_ns,
             query_seq: query.seq, query_time_ns: query.time_ns, environment: &name };
         let _ = socket.send(rmp_serde::to_vec_named(&reply)?, zmq::DONTWAIT); // unless nobody takes it

@@ -1,0 +1,153 @@
+"""Stiffness of a wall that is far away: controllers against each other.
+
+Usage: python experiments/far_wall.py [--plot docs/far_wall.png]
+
+The hand of `stiff_wall` presses into its wall of 10 N/mm, in virtual time; and a hand that touches
+it, lets go, and presses again from 1 s on. *stiffness*, *energy* and *bounces* are those of the
+whole run, and of the second press alone for the second hand: so what was learned at the first
+touch is known. *first* is the deepest point of the first contact. The energy is the least that the
+hand has put in since the start (ground truth).
+"""
+
+import argparse
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from forcebound.analysis.contact import count_bounces, displayed_stiffness
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import load
+from forcebound.controllers.local_model import LocalModel
+from forcebound.launch.virtual import run_virtual
+from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.telemetry import TelemetryColumns
+
+LAWS = ("certified", "certified_memoryless")
+DELAYS = (20, 50)  # ms, each way
+SURFACE = 0.010  # m
+AGAIN = 1.0  # s, beginning of the second press
+DURATION = 2.5  # s; the stiffness is taken over the last 40 %
+TOUCH_AND_PRESS = """time,x
+0,-0.010
+0.12,0.014
+0.5,0.014
+0.62,-0.010
+1.0,-0.010
+1.12,0.014
+"""
+# Name -> controller; None: direct.
+CONTESTANTS: Mapping[str, LocalModel | None] = {
+    "direct": None,
+    "zero-order hold": LocalModel(prediction="hold", ahead=0.0),
+    "phase-compensated hold": LocalModel(prediction="hold"),
+    "local model that does not look ahead": LocalModel(ahead=0.0),
+    "local_model": LocalModel(),
+}
+DRAWN = ("direct", "local_model")
+
+
+class Figures(NamedTuple):
+    """Of one run."""
+
+    stiffness: float  # N/m
+    energy: float  # J
+    bounces: int
+    first: float  # m
+
+
+def case(law: str, delay: int, controller: LocalModel | None, hand: Any = None) -> GraphConfig:
+    """Return the configuration of one run; ``delay`` in ms each way."""
+    arguments = [f"law:={law}", f"delay:={delay} ms", "controller:=direct"]
+    config = load("far_wall", arguments)
+    if controller is not None:
+        config = replace(config, controller=controller)
+    return config if hand is None else replace(config, operator=hand)
+
+
+def touching_hand(folder: Path) -> TrajectoryHand:
+    """Return the hand that touches, lets go and presses."""
+    file = folder / "touch_and_press.csv"
+    file.write_text(TOUCH_AND_PRESS)
+    return TrajectoryHand(file)
+
+
+def figures(config: GraphConfig) -> tuple[Figures, TelemetryColumns]:
+    """Return the figures of a run, and its telemetry."""
+    columns = run_virtual(config, DURATION).columns
+    touches_twice = isinstance(config.operator, TrajectoryHand)
+    depth = columns.position[:, 0] - SURFACE
+    since = columns.elapsed >= AGAIN if touches_twice else columns.elapsed > 0.0
+    stiffness = displayed_stiffness(columns.time, columns.applied_force[:, 0], depth)
+    contact = since & (np.cumsum(since & (depth > 0.0)) > 0)
+    first = depth[columns.elapsed < AGAIN / 2.0].max()
+    energy = float(columns.true_energy[columns.elapsed > 0.0].min())
+    bounces = count_bounces(columns.position[contact, 0])
+    return Figures(stiffness or 0.0, energy, bounces, float(first)), columns
+
+
+def row(name: str, found: Figures, reference: Figures) -> str:
+    """Return a row of the table."""
+    share = found.stiffness / reference.stiffness
+    return (
+        f"| {name} | {found.stiffness:.0f} ({share:.2f}) | {found.bounces}"
+        f" | {found.first * 1e3:.1f} | {found.energy * 1e3:.3f} |"
+    )
+
+
+def table(law: str, hand: Any) -> dict[str, TelemetryColumns]:
+    """Print the table of one law and hand; return the runs of ``DRAWN``."""
+    print("| controller | stiffness, N/m | bounces | first, mm | energy, mJ |")
+    print("|---|---|---|---|---|")
+    near = "direct, 0 ms"
+    reference, columns = figures(case(law, 0, None, hand))
+    print(row(near, reference, reference))
+    runs = {near: columns}
+    for delay in DELAYS:
+        for name, controller in CONTESTANTS.items():
+            found, columns = figures(case(law, delay, controller, hand))
+            print(row(f"{name}, {delay} ms", found, reference), flush=True)
+            if name in DRAWN:
+                runs[f"{name}, {delay} ms"] = columns
+    return runs
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description="Stiffness of a wall that is far away.")
+    parser.add_argument("--plot", type=Path, help="draw the second hand's runs into this file")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        hands = {"presses once": None, "touches, then presses": touching_hand(Path(folder))}
+        runs = {}
+        for name, hand in hands.items():
+            for law in LAWS:
+                print(f"\n{name}, {law}")
+                runs[name, law] = table(law, hand)
+    if options.plot:
+        draw(runs["touches, then presses", LAWS[0]], options.plot)
+
+
+def draw(runs: Mapping[str, TelemetryColumns], file: Path) -> None:
+    """Draw depth and force of runs over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 6.0), layout="constrained")
+    depths, forces = figure.subplots(2, 1, sharex=True)
+    for name, columns in runs.items():
+        width = 2.5 if name == "direct, 0 ms" else 1.2
+        depth = (columns.position[:, 0] - SURFACE) * 1e3
+        depths.plot(columns.elapsed, depth, linewidth=width, label=name)
+        forces.plot(columns.elapsed, columns.applied_force[:, 0], linewidth=width)
+    depths.set(ylabel="depth in the wall (mm)", ylim=(-2.0, 6.0))
+    depths.axhspan(-2.0, 0.0, color="0.93")
+    depths.legend(loc="upper right", ncols=2)
+    forces.set(ylabel="applied force (N)", xlabel="time since the force engaged (s)", xlim=(0, 2))
+    figure.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

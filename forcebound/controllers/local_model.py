@@ -1,0 +1,174 @@
+"""A controller that knows a plane near the hand, and answers for an environment that is far away.
+
+For each state of the device the force is that of a local plane, at once: the loop over the device
+has no delay, however far the environment is. The plane is estimated from the environment's answers
+(:mod:`forcebound.controllers.plane`) and changes without giving energy
+(:mod:`forcebound.controllers.shown_plane`).
+
+*Looking ahead.* The environment is asked about the place where the hand will be when the answer is
+back, position + velocity times the round trip. So a surface is known when the hand arrives, not one
+round trip later. Behind a surface that is known it is asked no deeper than ``margin``, or the hand:
+the environment shall not be pushed by a hand that is not there.
+
+*The end.* Nobody else knows that the environment is gone: after ``hold`` without an answer the
+force fades, then there is no command, and the plane is forgotten.
+
+Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 27(2), 2008.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from forcebound.controllers.plane import Asked, PlaneEstimator
+from forcebound.controllers.shown_plane import ShownPlane
+from forcebound.controllers.vectors import along
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Length,
+    Power,
+    Range,
+    Ratio,
+    Stiffness,
+    Time,
+    check_ranges,
+)
+
+REMEMBERED = 4096  # queries whose positions are kept; at 4 kHz those of one second
+VELOCITY_STATES = 16  # over which the velocity for looking ahead is taken: one step of the encoder
+#                       is then 2 mm/s at 1 kHz
+LEAD_SHARE, LEAD = 1.5, 0.01  # round trips, and s: the hand may get faster meanwhile
+MICROMETRE = 1e-6
+ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
+
+
+@dataclass(frozen=True)
+class LocalModel:
+    """Parameters of the local model.
+
+    Attributes:
+        prediction: What answers a state: the plane; or for comparison hold, the newest answer as it
+            is. With ahead: 0 that is a zero-order hold, with ahead: auto it is phase-compensated.
+        ahead: Time by which the environment is asked ahead of the hand; auto: until the answer is
+            back, and in free motion half as long again and 10 ms.
+        reach: Farthest that it is asked ahead.
+        margin: How deep behind a known surface it is asked ahead of the hand.
+        power: Most that changes of the plane may give to the hand.
+        forgetting: Weight that older pairs of answers keep at each new one.
+        stiffest: Largest stiffness that is believed.
+        hold: Silence of the environment after which the force fades.
+        fade: Time in which it does.
+    """
+
+    prediction: Literal["plane", "hold"] = "plane"
+    ahead: Literal["auto"] | Annotated[Time, NOT_NEGATIVE] = "auto"
+    reach: Annotated[Length, NOT_NEGATIVE] = 0.03
+    margin: Annotated[Length, POSITIVE] = 0.001
+    power: Annotated[Power, NOT_NEGATIVE] = 0.005
+    forgetting: Annotated[Ratio, Range(above=0, at_most=1)] = 0.9
+    stiffest: Annotated[Stiffness, POSITIVE] = 1e5
+    hold: Annotated[Time, POSITIVE] = 0.1
+    fade: Annotated[Time, POSITIVE] = 0.05
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def open(self, axes: int) -> "OpenLocalModel":
+        """Return a local model that knows nothing yet."""
+        return OpenLocalModel(self, axes)
+
+
+class OpenLocalModel:
+    """A local model with what it has learned."""
+
+    def __init__(self, model: LocalModel, axes: int) -> None:
+        self._model = model
+        self._zero: Vector = (0.0,) * axes
+        self._states: deque[DeviceState] = deque(maxlen=VELOCITY_STATES)
+        self._time_ns = 0  # of the newest state, controller's clock
+        self._know_nothing()
+
+    def _know_nothing(self) -> None:
+        model = self._model
+        self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
+        self._shown = ShownPlane(model.power, len(self._zero))
+        self._asked: dict[int, tuple[Asked, int]] = {}  # by tick, with the controller's time
+        self._round_trip = 0.0  # s
+        self._newest = -1  # tick that was answered
+        self._answer = self._zero  # N
+        self._heard_ns: int | None = None
+
+    def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
+        """Return the force of the shown plane; None without a living environment."""
+        dt = (state.time_ns - self._states[-1].time_ns) * 1e-9 if self._states else 0.0
+        self._states.append(state)
+        self._time_ns = time_ns
+        if self._heard_ns is None:
+            return None
+        silence = (time_ns - self._heard_ns) * 1e-9 - self._model.hold
+        if silence >= self._model.fade:
+            self._know_nothing()
+            return None
+        force = self._answer
+        if self._model.prediction == "plane":
+            plane = self._estimator.plane
+            force = self._zero
+            if plane is not None:
+                force = self._shown.force(plane, state.position, state.velocity, dt)
+        share = min(1.0 - silence / self._model.fade, 1.0)
+        return tuple([share * f for f in force])
+
+    def query(self, state: DeviceState) -> tuple[Vector, Vector]:
+        """Return the place where the hand will be, and the device's velocity."""
+        if self._heard_ns is None and self._asked:
+            _, first_ns = next(iter(self._asked.values()))
+            self._round_trip = (self._time_ns - first_ns) * 1e-9  # at least: nothing has come
+        asked = Asked(self._place(state), state.velocity, state.time_ns)
+        self._asked[state.seq] = asked, self._time_ns
+        if len(self._asked) > REMEMBERED:
+            del self._asked[next(iter(self._asked))]
+        return asked.position, asked.velocity
+
+    def _place(self, state: DeviceState) -> Vector:
+        """The place to ask about, in m."""
+        position, first = state.position, self._states[0]
+        plane = self._estimator.plane if self._model.prediction == "plane" else None
+        since = (state.time_ns - first.time_ns) * 1e-9
+        if since <= 0.0:
+            return position
+        ahead = self._ahead(plane is not None and plane.depth(position) > 0.0)
+        moved = along(position, first.position, -1.0)
+        farthest = self._model.reach / max(math.hypot(*moved), MICROMETRE)
+        place = along(position, moved, min(ahead / since, farthest))
+        if plane is None:
+            return place
+        deepest = max(self._model.margin, plane.depth(position))
+        return along(place, plane.inwards, min(deepest - plane.depth(place), 0.0))
+
+    def _ahead(self, touches: bool) -> float:
+        """How far ahead to ask, in s; in free motion longer than an answer takes."""
+        if self._model.ahead != "auto":
+            return self._model.ahead
+        if touches or self._model.prediction == "hold":
+            return self._round_trip
+        return LEAD_SHARE * self._round_trip + LEAD
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> None:
+        """Learn from an answer to a query that is remembered; late ones tell the time only."""
+        known = self._asked.pop(reply.device_seq, None)
+        if known is None:
+            return
+        asked, asked_ns = known
+        round_trip = (time_ns - asked_ns) * 1e-9
+        share = 1.0 if self._heard_ns is None else ROUND_TRIP_SHARE
+        self._round_trip += share * (round_trip - self._round_trip)
+        self._heard_ns = time_ns
+        if reply.device_seq > self._newest:
+            self._newest, self._answer = reply.device_seq, reply.force
+            self._estimator.take(asked, reply.force, getattr(reply, "normal", None))
+
+    def close(self) -> None:
+        """Do nothing: it holds no resource."""

@@ -1,0 +1,109 @@
+"""The scene of an environment: what there is to draw, sent now and then, after an answer.
+
+A scene is sent when it has changed, at most 30 times a second, and at least once a second, so that
+who comes later sees it. It is asked for in a step of its own, after an answer has left. A model
+without a method ``scene`` sends none.
+"""
+
+import logging
+from collections.abc import Sequence
+
+from forcebound.environments import Environment
+from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
+from forcebound.messages.packets import MAX_LENGTH, Packet, Scene, SceneObject, Vector
+from forcebound.nodes.events import EventLog
+from forcebound.parts.user_module import describe_user_error
+
+PERIOD_NS = 33_333_334  # between two scenes that differ
+REPEAT_NS = 1_000_000_000 - PERIOD_NS  # between two that do not: one a second, at least
+PATIENCE_NS = 100_000_000  # of a scene with answers that go first
+
+_logger = logging.getLogger(__name__)
+
+
+class SceneTeller:
+    """Asks an open environment for its scene, and makes the packets.
+
+    Attributes:
+        is_wanted: Whether a scene is to be told in the next step.
+    """
+
+    def __init__(self, environment: Environment, events: EventLog) -> None:
+        self._events = events
+        self._seq = 0
+        self._due_ns = 0
+        self._repeat_ns = 0
+        self._told: tuple[Sequence[SceneObject], Vector | None] = ((), None)
+        self._left_out = 0
+        self._patience_ns = 0  # until when a scene waits for a moment without an answer
+        self.is_wanted = False
+        self.watch(environment)
+
+    def watch(self, environment: Environment) -> None:
+        """Ask this environment from now on."""
+        self._ask = getattr(environment, "scene", None)
+
+    def note_answer(self, time_ns: int) -> None:
+        """Want a scene if one is due: the environment may have changed."""
+        if not self.is_wanted and self._ask is not None and time_ns >= self._due_ns:
+            self.is_wanted = True
+            self._patience_ns = time_ns + PATIENCE_NS
+
+    def request(self) -> bool:
+        """Want a scene now, changed or not; return whether the environment has any."""
+        self.is_wanted = self._ask is not None
+        self._repeat_ns = 0
+        return self.is_wanted
+
+    def may_wait(self, time_ns: int) -> bool:
+        """Whether an answer that leaves now goes first."""
+        return time_ns < self._patience_ns
+
+    def tell(self, time_ns: int, proxy: Vector | None) -> list[Packet]:
+        """Return the scene if it has changed or is to be repeated, and events about it.
+
+        Args:
+            time_ns: Now, in ns.
+            proxy: Of the last answer, in m; None: free motion.
+        """
+        self.is_wanted = False
+        self._due_ns = time_ns + PERIOD_NS
+        assert self._ask is not None
+        try:
+            objects = tuple(self._ask())
+            if (objects, proxy) == self._told and time_ns < self._repeat_ns:
+                return []
+            scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], proxy))
+        except Exception as error:  # of a user's own code, or no scene
+            self._ask = None
+            _logger.warning("the environment's scene: %s", describe_user_error(error))
+            message = "the environment's scene cannot be told: its log gives the reason"
+            return [self._events.emit(time_ns, "scene_failed", message, is_fault=True)]
+        self._told = (objects, proxy)
+        self._repeat_ns = time_ns + REPEAT_NS
+        self._seq += 1
+        return [scene, *self._count(time_ns, len(objects) - len(scene.objects))]
+
+    def _fitting(self, scene: Scene) -> Scene:
+        """Return the scene as a receiver decodes it, without the last objects if it is too long.
+
+        Raises:
+            PacketError: If it is none.
+        """
+        data = encode(scene)
+        while len(data) > MAX_SCENE_BYTES:
+            half = scene.objects[: len(scene.objects) // 2]
+            scene = Scene(scene.seq, scene.time_ns, half, scene.proxy)
+            data = encode(scene)
+        checked = decode(data, Scene)
+        assert isinstance(checked, Scene)
+        return checked
+
+    def _count(self, time_ns: int, left_out: int) -> list[Packet]:
+        """Return an event if other objects than before do not fit."""
+        if left_out == self._left_out:
+            return []
+        self._left_out = left_out
+        message = f"objects of the scene that do not fit into a packet, left out: {left_out}"
+        data = {"left_out": str(left_out)}
+        return [self._events.emit(time_ns, "scene_cut", message, data)]

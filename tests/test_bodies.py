@@ -1,0 +1,135 @@
+"""Rigid bodies in MuJoCo: what the hand feels, what moves, and scenes that cannot be used."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from launch_texts import problems_of, written
+
+from forcebound.config.loader import load
+from forcebound.environments import open_environment
+from forcebound.environments.bodies import Bodies
+from forcebound.errors import ConfigError
+from forcebound.launch.virtual import run_virtual
+
+FLOOR = """<mujoco><option timestep="0.001"/><worldbody>
+<geom name="floor" type="plane" size="1 1 0.1" friction="0.5 0.005 0.0001"/>
+{more}</worldbody></mujoco>"""
+BOX = """<body name="box" pos="0.02 0 0.01"><freejoint/>
+<geom name="box" type="box" size="0.01 0.01 0.01" mass="0.1" friction="0.5 0.005 0.0001"/></body>"""
+
+
+def opened(folder: Path, more: str = "", axes: int = 3, **parameters: Any) -> Any:
+    file = folder / "scene.xml"
+    file.write_text(FLOOR.format(more=more))
+    return open_environment(Bodies(file, **parameters), axes)
+
+
+def moved(scene: Any, start: float, end: float, duration: float, z: float) -> list[tuple[Any, ...]]:
+    """The forces on a hand that goes along x."""
+    ticks = round(duration * 1e3)
+    speed = (end - start) / duration
+    return [
+        scene.force((start + speed * i * 1e-3, 0.0, z), (speed, 0.0, 0.0), i * 1e-3)
+        for i in range(ticks)
+    ]
+
+
+def test_floor_bears_the_hand_with_the_stiffness_of_the_coupling(tmp_path: Path) -> None:
+    scene = opened(tmp_path, stiffness=800.0)
+    for i in range(500):
+        force = scene.force((0.0, 0.0, 0.002), (0.0, 0.0, 0.0), i * 1e-3)
+    # The probe, a ball of 5 mm, lies on the floor: 3 mm above the hand. Positive z resists.
+    assert force == pytest.approx((0.0, 0.0, -800.0 * 0.003), rel=0.05, abs=1e-3)
+    contact = scene.contact()
+    assert contact.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
+    assert contact.proxy[2] == pytest.approx(0.005, abs=2e-4)
+
+
+def test_free_motion_at_constant_speed_costs_no_force(tmp_path: Path) -> None:
+    forces = moved(opened(tmp_path), -0.1, 0.1, 2.0, z=0.05)
+    assert np.abs(np.array(forces[500:])).max() < 1e-9
+
+
+def test_a_box_slides_when_pushed_with_the_force_of_its_friction(tmp_path: Path) -> None:
+    scene = opened(tmp_path, BOX)
+    forces = np.array(moved(scene, -0.01, 0.03, 2.0, z=0.008))
+    box = next(one for one in scene.scene() if one.name == "box")
+    assert not box.is_fixed
+    assert box.position[0] == pytest.approx(0.03 + 0.005 + 0.01, abs=2e-3)  # before the probe
+    assert forces[-400:, 0].mean() == pytest.approx(0.5 * 0.1 * 9.81, rel=0.1)
+
+
+def test_scene_says_what_there_is_to_draw(tmp_path: Path) -> None:
+    turned = BOX.replace('pos="0.02 0 0.01"', 'pos="0.02 0 0.01" euler="0 0 90"')
+    objects = {one.name: one for one in opened(tmp_path, turned).scene()}
+    assert set(objects) == {"floor", "box"}
+    assert objects["floor"].shape == "plane"
+    assert objects["floor"].is_fixed
+    assert objects["box"].size == pytest.approx((0.02, 0.02, 0.02))
+    half = math.sqrt(0.5)
+    assert objects["box"].orientation == pytest.approx((half, 0.0, 0.0, half))
+
+
+def test_one_axis_feels_only_what_acts_along_it(tmp_path: Path) -> None:
+    scene = opened(tmp_path, BOX.replace("0.02 0 0.01", "0.03 0 0"), axes=1)
+    force = [scene.force((0.025,), (0.0,), i * 1e-3) for i in range(100)][-1]
+    assert len(force) == 1
+    assert math.isfinite(force[0])
+
+
+def test_new_stiffness_leaves_the_bodies_where_they_are(tmp_path: Path) -> None:
+    scene = opened(tmp_path, BOX)
+    moved(scene, -0.01, 0.03, 2.0, z=0.008)
+    before = scene.scene()
+    scene.change(Bodies(tmp_path / "scene.xml", stiffness=500.0))
+    assert scene.scene() == before
+    scene.change(Bodies(tmp_path / "scene.xml", probe_mass=0.02))  # a new scene
+    assert scene.scene() != before
+
+
+def test_bodies_that_fly_apart_begin_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    scene = opened(tmp_path, BOX)
+    moved(scene, -0.01, 0.0, 0.1, z=0.008)
+    scene._data.qvel[:] = 1e12
+    force = scene.force((0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)
+    assert all(map(math.isfinite, force))
+    assert "the bodies flew apart" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "is no file; expected a scene in MJCF"),
+        ("<mujoco><bla/></mujoco>", "unrecognized element Element 'bla'"),
+        ("no xml", "scene.xml: XML"),
+        (FLOOR.format(more="").replace("0.001", "0.01"), "is too stiff for a probe of 10 g"),
+    ],
+)
+def test_a_scene_that_cannot_be_used_is_told_with_its_file(
+    tmp_path: Path, text: str | None, words: str
+) -> None:
+    file = tmp_path / "scene.xml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ConfigError, match="environment: open"):
+        open_environment(Bodies(file), 3)
+    graph = written(tmp_path, "include: push_boxes.yaml\nenvironment: {file: scene.xml}\n")
+    with pytest.raises(ConfigError) as told:
+        run_virtual(load(graph))
+    assert words in str(told.value)
+
+
+def test_a_launch_file_needs_a_scene(tmp_path: Path) -> None:
+    file = written(tmp_path, "include: stiff_wall.yaml\nenvironment: {kind: bodies}\n")
+    assert "environment needs 'file'" in problems_of(file)
+
+
+def test_a_hand_pushes_twenty_boxes_and_gets_no_energy() -> None:
+    config = replace(load("push_boxes"), duration=2.0)
+    columns = run_virtual(config).columns
+    assert columns.true_energy.min() >= -1e-9
+    assert columns.applied_force[:, 0].max() > 0.5  # five rows were pushed

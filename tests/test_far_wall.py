@@ -1,0 +1,95 @@
+"""A wall that is far away feels as stiff as a near one: physics in virtual time, fixed seeds."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from live_graph import live_graph
+
+from experiments.far_wall import LAWS, Figures, case, figures, touching_hand
+from forcebound.analysis.summary import summarize
+from forcebound.bounding.sample import ENERGY_TOLERANCE
+from forcebound.config.loader import load
+from forcebound.controllers.local_model import LocalModel
+from forcebound.environments import ENVIRONMENTS
+from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.launch.virtual import run_virtual
+from forcebound.network.impairment import Impairment
+
+NEAR = 0  # ms
+
+
+@cache
+def press(law: str, delay: int, controller: LocalModel | None, touches_before: bool) -> Figures:
+    with TemporaryDirectory() as folder:
+        hand = touching_hand(Path(folder)) if touches_before else None
+        return figures(case(law, delay, controller, hand))[0]
+
+
+@pytest.mark.parametrize("delay", [20, 50])
+@pytest.mark.parametrize("law", LAWS)
+def test_after_the_first_contact_the_far_wall_feels_like_the_near_one(law: str, delay: int) -> None:
+    near = press(law, NEAR, None, True)
+    far = press(law, delay, LocalModel(), True)
+    late = press(law, delay, None, True)
+    assert far.stiffness >= 0.9 * near.stiffness
+    assert far.energy >= -ENERGY_TOLERANCE
+    assert far.bounces <= near.bounces + 1
+    assert far.first <= late.first
+    assert late.stiffness < 0.3 * near.stiffness  # what there is to gain
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_looking_ahead_makes_the_first_contact_stiff_when_an_answer_can_be_back(law: str) -> None:
+    near = press(law, NEAR, None, False)
+    far = press(law, 20, LocalModel(), False)
+    assert far.stiffness >= 0.9 * near.stiffness
+    assert far.bounces <= near.bounces + 1
+    assert far.first <= 1.1 * near.first
+    blind = press(law, 20, LocalModel(ahead=0.0), False)
+    assert blind.stiffness < 0.5 * near.stiffness
+
+
+def test_jitter_and_loss_on_the_links_leave_the_wall_stiff() -> None:
+    link = Impairment(delay=0.02, jitter=0.005, loss=0.2)
+    links = {"environment_query": link, "environment_reply": link}
+    found = []
+    for law in LAWS:
+        near = press(law, NEAR, None, False)
+        far, _ = figures(replace(case(law, 20, LocalModel()), links=links))
+        assert far.energy >= -ENERGY_TOLERANCE
+        found.append(far.stiffness / near.stiffness)
+    assert min(found) >= 0.8
+
+
+def test_a_wall_that_gets_stiffer_is_followed() -> None:
+    config = load("far_wall", ["law:=none"])
+    environment = TimeVaryingWall(stiffness=300.0, stiffness_rate=200.0)
+    far = replace(config, environment=replace(config.environment, model=environment))
+    columns = run_virtual(far, 3.0).columns
+    depth = columns.position[-1, 0] - environment.position
+    stiffness = environment.stiffness + environment.stiffness_rate * columns.elapsed[-1]
+    assert columns.applied_force[-1, 0] == pytest.approx(stiffness * depth, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["active_wall", "negative_damper", "random_force"])
+def test_the_hand_gets_nothing_from_an_environment_that_lies(kind: str) -> None:
+    config = load("far_wall")
+    environment = replace(config.environment, model=ENVIRONMENTS[kind]())
+    result = run_virtual(replace(config, environment=environment), 1.0)
+    found = summarize(result.columns, result.document)
+    assert found["true_energy_min_j"] >= -ENERGY_TOLERANCE
+
+
+@pytest.mark.live
+def test_live_a_far_wall_answers_at_once_and_its_force_ends_with_the_environment() -> None:
+    with live_graph("far_wall", "delay:=50 ms") as graph:
+        stopped = graph.order("stop", "environment")
+        assert stopped.returncode == 0, stopped.stderr
+        graph.wait_until_released()
+        ended = graph.end()
+    pressed = (ended.columns.engagement > 0.0) & (ended.columns.applied_force[:, 0] > 0.0)
+    assert ended.columns.loop_delay[pressed].min() < 0.05
+    assert ended.summary["true_energy_min_j"] >= -ENERGY_TOLERANCE
