@@ -84,7 +84,7 @@ def opened(
     board = board or ODriveBoard(1)
     line: Any = FakeLine(board)
     numbers: dict[str, Any] = dict(changed)
-    model = replace(ODrive(joints=len(board.angles)), **numbers)
+    model = replace(ODrive(joints=len(board.angles), port="auto"), **numbers)
     return OpenODrive(model, line, HOLD, clock), board, line
 
 

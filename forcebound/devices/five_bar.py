@@ -23,7 +23,6 @@ from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
 from forcebound.errors import ConfigError
@@ -77,7 +76,7 @@ def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiveBarJoints(StatedJoints):
+class FiveBarNumbers:
     """What is stated of a five-bar of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
@@ -94,8 +93,8 @@ class FiveBarJoints(StatedJoints):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiveBar(FiveBarJoints, SimulatedArm):
-    """Parameters of the simulated five-bar.
+class FiveBar(FiveBarNumbers, SimulatedArm):
+    """Parameters of the simulated five-bar, of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
         proximal: Length of the links at the motors.

@@ -44,7 +44,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from forcebound.devices.five_bar import SOURCES, FiveBar, FiveBarJoints
+from forcebound.devices.five_bar import SOURCES, FiveBar, FiveBarNumbers
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.stated import Source
 from forcebound.errors import DeviceError
@@ -58,7 +58,9 @@ from forcebound.hardware.hapi import (
     setup_message,
 )
 from forcebound.hardware.line import Line
-from forcebound.hardware.serial_device import Replies, SerialDevice, SerialJoints
+from forcebound.hardware.replies import Replies
+from forcebound.hardware.serial_device import SerialDevice
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
@@ -80,7 +82,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Haply2DIY(FiveBarJoints, SerialJoints):
+class Haply2DIY(FiveBarNumbers, SerialJoints):
     """Parameters of a Haply 2DIY, versions 2 and 3, on a hAPI board.
 
     Its damping, friction and inertia are not published: ``forcebound identify`` measures them. The
@@ -89,16 +91,12 @@ class Haply2DIY(FiveBarJoints, SerialJoints):
     Attributes:
         version: Of the hardware; version 2 has both motors on one axis.
         address: Of the device on its board.
-        watchdog_limit: Within it a force ends that the device process does not renew: a guardian
-            process sees to it. A board that is silent for half of it is lost.
     """
 
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, POSITIVE] = 0.02
     version: Literal[2, 3] = 3
     address: Annotated[int, Range(at_least=1, at_most=254)] = 5
     sources: Mapping[str, Source] = field(
@@ -132,7 +130,7 @@ class Haply2DIY(FiveBarJoints, SerialJoints):
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         """Return the device, set up in its home pose; see ``DeviceModel``."""
         zero = exchange_message(self.address, (0.0, 0.0))
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator)
         try:
             return OpenHaply(self, line)
         except BaseException:
@@ -150,7 +148,7 @@ class OpenHaply(SerialDevice):
 
     Attributes:
         kinematics: Of the arm.
-        replies: That have come since it was opened, counted.
+        replies: That have come since it was opened.
 
     Raises:
         DeviceError: If the board does not answer as a hAPI board does.
@@ -182,7 +180,7 @@ class OpenHaply(SerialDevice):
             raise found
         for _ in range(FIRST_EXCHANGES):
             self._exchange()
-        self.replies.forget_late()
+        self.replies.restart()
         tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
 
@@ -212,7 +210,7 @@ class OpenHaply(SerialDevice):
     def close(self) -> None:
         """Write zero torque and release the port; see :class:`forcebound.devices.Device`."""
         self._line.close()
-        self.replies.log()
+        self.replies.log(_logger)
 
     def _exchange(self, patience: float | None = None) -> tuple[int, int, Vector]:
         """Send the torque; return when, when the reply had come, and its angles, in rad."""
@@ -234,7 +232,7 @@ class OpenHaply(SerialDevice):
         except DeviceError as failure:
             line.fail(failure)
             raise
-        self.replies.add(came_ns - sent_ns)
+        self.replies.note(came_ns - sent_ns)
         self._quickest_ns = min(self._quickest_ns, came_ns - sent_ns)
         return sent_ns, came_ns, angles
 

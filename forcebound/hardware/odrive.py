@@ -37,12 +37,13 @@ or no number; more replies than asked for; an error of an axis; a port that is g
 had to step in.
 """
 
+import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
@@ -71,14 +72,14 @@ from forcebound.hardware.odrive_start import (
     switched_off,
     zero_torque,
 )
-from forcebound.hardware.serial_device import SerialDevice, SerialJoints
+from forcebound.hardware.serial_device import SerialDevice
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
 from forcebound.quantities import (
     POSITIVE,
     AngularSpeed,
-    Inertia,
     Length,
     Range,
     Time,
@@ -90,6 +91,8 @@ CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 BITS = 10  # on a UART for each byte
 REPLY_SIZE = 26  # bytes: of the usual reply to f
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,20 +107,16 @@ class ODrive(SerialJoints):
         joints: Number of motors, from axis 0 up.
         lever: From the axle of a motor to the hand.
         baud: Bits a second, for a UART; null: USB, which has no such limit.
-        watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
     """
 
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     damping: DampingOfJoints = 1e-3  # assumed
     friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
     saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] = 0.02
     joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
     lever: Annotated[Length, POSITIVE] = 0.04
     baud: Annotated[int, Range(at_least=9600)] | None = None
@@ -148,7 +147,7 @@ class ODrive(SerialJoints):
         """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator, baud)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:
@@ -190,7 +189,7 @@ class OpenODrive(SerialDevice):
         self._next = 0  # axis whose error is asked for next
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
-        self._switch = Switch(self._requests, model.joints, model.watchdog_limit)
+        self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.knob().kinematics()
         self._requests.tell(b"\n" + zero_torque(model.joints))
         line.port.drain(QUIET)  # what a former user has left
@@ -201,7 +200,7 @@ class OpenODrive(SerialDevice):
             tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
         self._requests.patience = line.silence
-        self._requests.replies.forget_late()
+        self._requests.replies.restart()
 
     @property
     def axes(self) -> int:
@@ -254,7 +253,7 @@ class OpenODrive(SerialDevice):
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        self._requests.replies.log()
+        self._requests.replies.log(_logger)
 
     def _ask(self) -> Exchange[float]:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)

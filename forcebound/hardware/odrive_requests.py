@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, NoReturn, TypeVar
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import answer, number, request
-from forcebound.hardware.serial_device import Replies
+from forcebound.hardware.replies import Replies
 
 PATIENCE = 0.5  # s, with a board that has not been given a force yet
 
@@ -32,7 +32,7 @@ class Requests:
 
     Attributes:
         patience: A board that is silent for longer is lost, in s.
-        replies: That have come, counted.
+        replies: To the messages.
     """
 
     def __init__(self, line: Line, reply_within: float) -> None:
@@ -70,7 +70,7 @@ class Requests:
             said = [parse(answer(one)) for one in self._lines(data, count)]
         except DeviceError as failure:
             self.end(failure)
-        self.replies.add(took_ns, count)
+        self.replies.note(took_ns)
         quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
         self._quickest_ns[kind] = quickest_ns
         return Exchange(sent_ns, quickest_ns, took_ns - quickest_ns, said)
