@@ -73,8 +73,11 @@ class TelemetryColumns:
         time_ns = integers([p.time_ns for p in packets])
         engagement = floats([p.engagement for p in packets])
         start = int(np.argmax(engagement > 0.0)) if packets else 0
-        told = {reply.device_seq: reply.contact for reply in replies if len(reply.force) == axes}
-        contacts = [told.get(p.seq) or Contact(nothing, nothing) for p in packets]
+        free = Contact(nothing, nothing)
+        told = {
+            reply.device_seq: reply.contact or free for reply in replies if len(reply.force) == axes
+        }
+        contacts = [told.get(p.seq, free) for p in packets]
         return cls(
             time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
             time_ns=time_ns,
