@@ -75,11 +75,6 @@ class TelemetryColumns:
         time_ns = integers([p.time_ns for p in packets])
         engagement = floats([p.engagement for p in packets])
         start = int(np.argmax(engagement > 0.0)) if packets else 0
-        free = Contact(nothing, nothing)
-        told = {
-            reply.device_seq: reply.contact or free for reply in replies if len(reply.force) == axes
-        }
-        contacts = [told.get(p.seq, free) for p in packets]
         time = (time_ns - time_ns[start]) * 1e-9 if packets else floats([])
         seq = integers([p.seq for p in packets])
         returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
