@@ -146,6 +146,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "time_varying_wall": "forcebound.environments.time_varying_wall:TimeVaryingWall",
         "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
         "damper": "forcebound.environments.damper:Damper",
+        "solid": "forcebound.environments.solid:Solid",
         "mass_spring": "forcebound.environments.mass_spring:MassSpring",
         "bodies": "forcebound.environments.bodies:Bodies",
         "exploding_body": "forcebound.environments.proxy_adversary:ExplodingBody",
