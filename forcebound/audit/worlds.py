@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.audit.cases import LARGEST_SEED, NOISES, Range, decode
+from forcebound.bounding.dissipation import Watchdog
 from forcebound.controllers import CONTROLLERS as CONTROLLER_KINDS
 from forcebound.controllers import ControllerModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
@@ -53,7 +54,7 @@ NUMBERS: dict[str, Range] = {
     "share_4": Range(0.0, 1.0),
 }
 
-WATCHDOGS = ("silent", "reporting", "guarding")
+WATCHDOGS: tuple[Watchdog, ...] = ("silent", "reporting", "guarding")
 
 
 def _between(low: float, high: float, share: float) -> float:
