@@ -69,17 +69,22 @@ class _Form(NamedTuple):
     head_length: int
     keys: tuple[str, ...]
     vectors: tuple[str, ...]  # the first is never nil
-    vectors_of: Callable[[Packet], tuple[Any, ...]] | None  # None: there is only one
+    vectors_of: Callable[[Packet], tuple[Any, ...]] | None  # None: there is none to compare
     names: tuple[str, ...]
     decode_rest: Callable[[bytes | memoryview], object]  # raises if a key with a default is missing
     check: Callable[[Any], None] | None  # what only this packet must fulfil
 
 
 def _check_contact(reply: EnvironmentReply) -> None:
-    if (reply.proxy is None) != (reply.normal is None):
-        half = "proxy" if reply.normal is None else "normal"
+    proxy, normal = reply.proxy, reply.normal
+    if proxy is None is normal:
+        return
+    if proxy is None or normal is None:
+        half = "proxy" if normal is None else "normal"
         message = f"environment_reply: expected proxy and normal, or neither, got {half} alone"
         raise PacketError("value", message)
+    if not len(proxy) == len(normal) == len(reply.force):
+        raise _axes_error(reply, _FORMS[EnvironmentReply])
 
 
 def _check_objects(scene: Scene) -> None:
@@ -104,7 +109,9 @@ def _form(kind: type[Packet]) -> _Form:
     keys = ("packet", *types, "version")
     head = msgpack.Packer().pack_map_header(len(keys))
     vectors = tuple(name for name, hint in types.items() if hint in (Vector, Vector | None))
-    vectors_of = attrgetter(*vectors) if len(vectors) > 1 else None
+    # A reply, which mostly has one, is left to its check: that is 0.3 µs less.
+    has_others = len(vectors) > 1 and kind is not EnvironmentReply
+    vectors_of = attrgetter(*vectors) if has_others else None
     names = tuple(name for name in types if name in NAMES)
     rest = ("packet", *(field.name for field in fields(kind) if not field.required))
     decode_rest = Decoder(defstruct("Rest", [(name, Raw) for name in rest], gc=False)).decode
@@ -273,7 +280,8 @@ def _version_error(message: dict[str, Any]) -> PacketError:
     if "version" not in message:
         return PacketError("keys", f"expected the key 'version', got {_listed(message)}")
     version = reprlib.repr(message["version"])
-    return PacketError("version", f"expected version {VERSION} of the wire format, got {version}")
+    words = f"expected version {VERSION} of the wire format, got {version}"
+    return PacketError("version", f"{words}: use one version of forcebound on both ends")
 
 
 def _name_error(topic: Any, expected: type[Packet] | None) -> PacketError:

@@ -1,61 +1,28 @@
 """Identification of simulated devices, whose truth is known, in virtual time."""
 
 import dataclasses
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from experiments.identification_bounds import evaluate, is_reached, judge
-from forcebound.devices import Device, DeviceModel
+from experiments.identification_bounds import evaluate, is_reached, judge, outcomes_of
+from experiments.identified_devices import ARM, KNOB, Altered, Weighted
+from forcebound.devices import DeviceModel
 from forcebound.devices.five_bar import FiveBar
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.stated_joints import TrueJoints
 from forcebound.devices.true_values import TrueAxes, WeakSpot
 from forcebound.errors import DeviceError
-from forcebound.identification import estimators
+from forcebound.identification import document, estimators, helped
 from forcebound.identification.clock import VirtualClock
 from forcebound.identification.estimators import Point
 from forcebound.identification.procedure import Found, Plan, identify
 from forcebound.messages.packets import Vector
-
-KNOB = Plan(reach=0.03, force=4.25)
-ARM = Plan(reach=0.35, force=0.06)
-
-
-class Altered:
-    """A device whose readings or forces something changes."""
-
-    kinematics = None
-
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self.axes = device.axes
-        self.reading: Vector = (0.0,) * device.axes
-
-    def engage(self, time_ns: int) -> None:
-        self._device.engage(time_ns)
-
-    def read(self, time_ns: int) -> Vector:
-        self.reading = self._device.read(time_ns)
-        return self.seen(self.reading)
-
-    def write(self, time_ns: int, force: Vector) -> Vector:
-        self._device.write(time_ns, self.acting(force))
-        return force
-
-    def truth(self) -> None:
-        return None
-
-    def close(self) -> None:
-        self._device.close()
-
-    def seen(self, reading: Vector) -> Vector:
-        return reading
-
-    def acting(self, force: Vector) -> Vector:
-        return force
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 
 
 class Cogging(Altered):
@@ -136,6 +103,63 @@ def test_what_does_not_move_or_flies_off_ends_it() -> None:
     falling = PhantomPremium15(truth=TrueAxes(weight=0.5))
     with pytest.raises(DeviceError, match="away from where it began"):
         found_of(falling, KNOB)
+
+
+def test_a_lag_is_told_from_none() -> None:
+    plan = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2)
+    slow = PhantomPremium15(truth=TrueAxes(lag=3e-4), substep=2.5e-4)
+    for model, lag in ((slow, 3e-4), (PhantomPremium15(substep=2.5e-4), 0.0)):
+        (axis,) = found_of(model, plan).axes
+        assert axis.lag is not None
+        assert axis.lag.lower <= lag <= axis.lag.upper <= lag + 3e-5
+
+
+def test_motors_of_different_gains_state_how_different_they_are() -> None:
+    gain = (1.1, 0.9)
+    model = FiveBar(truth=TrueJoints(gain=gain), substep=2.5e-4)
+    device = Weighted(model.open(None, 1.25e-3), gain, 0.02)
+    plan = dataclasses.replace(ARM, weight=0.02, poses=(0.0,), pushes=2, strokes=4)
+    found = identify(device, model, VirtualClock(), plan, device.listen)
+    stated = document.identified_model(model, found)
+    assert 0.1 <= stated.gain_error <= 0.12
+    for damping, friction in zip(stated.damping, stated.friction, strict=True):
+        assert 0.9 * 1e-3 <= damping <= 1e-3  # and not that over the gain, as a motor sees it
+        assert 0.9 * 4e-3 <= friction <= 4e-3
+
+
+def test_what_the_user_does_not_do_is_said_and_stays_unmeasured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(helped, "PATIENCE", 5.0)
+    said: list[str] = []
+    model = PhantomPremium15(substep=2.5e-4)
+    light = dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2, strokes=4, by_hand=1.0)
+    for weight in (0.1, 1.0):
+        plan = dataclasses.replace(light, weight=weight)
+        found = identify(model.open(None, 1.25e-3), model, VirtualClock(), plan, said.append)
+        assert found.gain == ()
+        assert found.largest_speed is None
+        assert "gain_error" not in document.bounds_of(model, found)
+    assert any("it should be" in line for line in said)
+    assert any("no weight was seen to hang" in line for line in said)
+    assert any("nobody moved it" in line for line in said)
+
+
+def test_a_device_with_a_lag_states_no_guarding_watchdog() -> None:
+    model = PhantomPremium15(truth=TrueAxes(lag=3e-4), substep=2.5e-4)
+    found = found_of(model, dataclasses.replace(KNOB, levels=(0.4, 1.0), pushes=2))
+    stated = document.identified_model(model, found)
+    assert stated.lag >= 3e-4
+    assert stated.watchdog == "reporting"
+    dissipation_of(stated, ServoSettings())
+
+
+def test_a_study_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+    file = tmp_path / "runs.jsonl"
+    done: list[dict[str, Any]] = [{"seed": seed, "error": None, "ratios": {}} for seed in (1, 2)]
+    file.write_text("".join(json.dumps(one) + "\n" for one in done) + '{"seed": 3, "err')
+    assert outcomes_of([1, 2], 1, file) == done
+    assert len(file.read_text().splitlines()) == 2
 
 
 def points(damping: float, friction: float, noise: float) -> list[Point]:

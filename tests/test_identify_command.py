@@ -83,7 +83,10 @@ def test_the_check_tells_a_device_that_has_changed(folder: Path) -> None:
 def test_bad_input_is_said_before_anything_moves(tmp_path: Path) -> None:
     for words, message in (
         (["five_baar"], "five_baar"),
-        (["five_bar", "--reach", "far"], "expected a quantity > 0"),
+        (["five_bar", "--reach", "far"], "--reach: expected"),
+        (["five_bar", "--reach", "30 mm"], "--reach: expected"),
+        (["five_bar", "--weight", "100 g"], "needs --lever"),
+        (["phantom_premium_1_5", "--weight", "0.1 kg", "--lever", "4 cm"], "is for joints"),
         (["five_bar", "-o", str(tmp_path / "no" / "device.yaml")], "there is no folder"),
         ([], "name a device"),
         (["five_bar", "--check", "device.yaml"], "leave out 'five_bar'"),

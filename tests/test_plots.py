@@ -308,8 +308,11 @@ def test_a_run_of_several_axes_says_what_it_shows() -> None:
     ]
     drawing = figure([run_of(packets)], list(PANELS))
     notes = [[text.get_text() for text in axes.texts] for axes in drawing.axes]
-    axis, magnitude = "axis 0 (axes 0 to 1)", "magnitude over 2 axes"
-    assert notes == [[axis], [magnitude], [axis], [], [], [axis]]
+    normal, magnitude = "along the normal", "magnitude over 2 axes"
+    assert notes == [[], [magnitude], [normal], [], [], [normal], [], []]
+    assert {"x", "y", "surface, x"} <= set(drawn(panel(drawing, 0)))
+    (band,) = panel(drawing, 1).collections
+    assert band.get_label() == "limit of the\nwhole vector"
     forces = drawn(panel(drawing, 1))
     assert set(forces["commanded"]) == {5.0}  # against the limit, which is one of the magnitude
     np.testing.assert_allclose(forces["applied"], 1.0)

@@ -149,12 +149,14 @@ def test_a_node_with_nothing_to_do_is_not_stepped(network: Network, run_dir: Pat
     assert node.steps == [10]
 
 
-def test_rejected_bytes_are_counted_by_reason_in_the_node(network: Network, run_dir: Path) -> None:
+def test_rejected_bytes_are_counted_by_reason_in_the_node(
+    network: Network, run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x03", b"\xa7version\x63")
-    for junk, reason in ((b"junk", "malformed"), (old, "version"), (encode(query(1)), "keys")):
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x03", b"\xa7version\x02")
+    for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "keys")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
@@ -163,6 +165,7 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(network: Network, run_
 
         until(counted, reason)
     assert node.status()["rejected"].keys() == {"malformed", "version", "keys"}
+    assert "expected version 3 of the wire format, got 2: use one version" in caplog.text
     assert not device.status()["ready"]
 
 

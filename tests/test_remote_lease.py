@@ -38,13 +38,16 @@ class Graph:
     def __init__(self, peer: Peer, links: dict[str, Link[Packet]]) -> None:
         self.node = ControllerNode(DirectController())
         self.node.events.is_logged = False
-        self.inbox = Inbox(self.node.subscribes, links, self.node.reject, self.node.admit)
+        self.inbox = Inbox(self.node.subscribes, links, self._reject, self.node.admit)
         self.forwarded: list[bytes] = []
         self.inbox.listen_remotely(EnvironmentReply, peer.link.channel, self.forwarded.append)
         self.peer = peer
         self.time_ns = 0
         self.forces: list[float] = []
         self.events: list[Event] = []
+
+    def _reject(self, reason: str, why: str) -> None:
+        self.node.reject(reason)
 
     def turn(self) -> None:
         self.time_ns += MS

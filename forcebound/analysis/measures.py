@@ -27,7 +27,8 @@ from forcebound.analysis.spectrum import (
     transparency_bandwidth,
     vibration,
 )
-from forcebound.analysis.surface import Floats, Mask, Surface, penetration, surface_of_run
+from forcebound.analysis.surface import Floats, Mask
+from forcebound.analysis.touch import Touch, touch_of_run
 from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
 
@@ -39,7 +40,7 @@ class Samples:
     """Samples of a run with an engaged force, in contact or not."""
 
     columns: TelemetryColumns
-    wall: Surface | None
+    touch: Touch | None
     depth: Floats  # m, shape (n,); without a surface NaN
     contact: Mask  # (n,); without a surface: a force is commanded
     mass: float | None  # kg, apparent mass of the device
@@ -55,16 +56,16 @@ class Samples:
             ConfigError: If the launch file describes a surface that does not fit the run.
         """
         engaged = columns.slice(columns.engagement > 0.0)
-        wall = surface_of_run(engaged, events, config)
-        if wall is None:
+        touch = touch_of_run(engaged, events, config)
+        if touch is None:
             depth = np.full(engaged.time.size, np.nan)
             contact = np.linalg.norm(engaged.commanded_force, axis=1) > 0.0
         else:
-            depth = penetration(engaged, wall)
+            depth = touch.depth
             contact = depth > 0.0
         device = config.get("device") or {}
         rate = device.get("rate") or _rate(engaged.time)
-        return cls(engaged, wall, depth, contact, device.get("mass"), rate)
+        return cls(engaged, touch, depth, contact, device.get("mass"), rate)
 
     @property
     def has_truth(self) -> bool:
@@ -73,16 +74,15 @@ class Samples:
 
     @property
     def path(self) -> Floats:
-        """Position along the surface's normal, in m, shape ``(n,)``: true where it is known."""
-        axis = 0 if self.wall is None else self.wall.axis
-        columns = self.columns
-        return (columns.true_position if self.has_truth else columns.position)[:, axis]
+        """Depth behind the surface, in m, shape ``(n,)``: true where it is known."""
+        if self.touch is None:
+            return self.depth
+        return self.touch.true_depth if self.has_truth else self.depth
 
     @property
     def normal_force(self) -> Floats:
-        """Applied force along the surface's normal, in N, shape ``(n,)``."""
-        axis = 0 if self.wall is None else self.wall.axis
-        return self.columns.applied_force[:, axis]
+        """Applied force against the surface's normal, in N, shape ``(n,)``; NaN without one."""
+        return self.depth if self.touch is None else self.touch.along(self.columns.applied_force)
 
 
 def contact_measures(run: Samples) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def contact_measures(run: Samples) -> dict[str, Any]:
     time, depth, force = run.columns.time, run.depth, run.normal_force
     touched = depth[int(np.argmax(run.contact)) :] if run.contact.any() else depth[:0]
     settled = settling(time, depth)
-    has_surface = run.wall is not None and depth.size > 0
+    has_surface = run.touch is not None and depth.size > 0
     return {
         "displayed_stiffness_n_per_m": displayed_stiffness(time, force, depth),
         "rate_hardness_n_per_m": rate_hardness(time, force, depth),
@@ -100,6 +100,26 @@ def contact_measures(run: Samples) -> dict[str, Any]:
         "settling_time_s": None if settled is None else settled.time,
         "overshoot_share": None if settled is None else settled.overshoot,
         "limit_cycle_amplitude_m": limit_cycle_amplitude(time, run.path) if has_surface else None,
+        **_across_measures(run),
+    }
+
+
+def _across_measures(run: Samples) -> dict[str, Any]:
+    """Return what is felt across the normal, where the environment says what it touches."""
+    force = share = distance = None
+    if run.touch is not None and run.columns.position.shape[1] > 1 and run.contact.any():
+        across = run.touch.across(run.columns.applied_force)
+        force = float(across[run.contact].max())
+        steady = run.contact & steady_window(run.columns.time) & (run.normal_force > 0.0)
+        if steady.any():
+            share = float(across[steady].sum() / run.normal_force[steady].sum())
+    if run.touch is not None and run.touch.proxy is not None and run.contact.any():
+        between = run.touch.proxy - run.columns.position
+        distance = float(np.linalg.norm(between[run.contact], axis=1).max())
+    return {
+        "peak_tangential_force_n": force,
+        "tangential_share": share,
+        "peak_proxy_distance_m": distance,
     }
 
 
@@ -108,8 +128,8 @@ def force_measures(run: Samples) -> dict[str, Any]:
     error = run.columns.commanded_force - run.columns.applied_force
     ideal = _ideal_error(run)
     felt = None
-    if run.wall is not None:
-        felt = _vibration(run, error[:, run.wall.axis] if ideal is None else ideal)
+    if run.touch is not None:
+        felt = _vibration(run, run.touch.along(error) if ideal is None else ideal)
     return {
         "force_error_rms_n": _rms(np.linalg.norm(error, axis=1)[run.contact]),
         "wall_error_rms_n": None if ideal is None else _rms(ideal[run.contact]),
@@ -144,9 +164,9 @@ def impedance_measures(run: Samples) -> dict[str, Any]:
     time = run.columns.time
     stretch = _longest_stretch(time, run.contact, run.rate)
     shown = None
-    if run.wall is not None:
+    if run.touch is not None:
         shown = displayed_impedance(run.normal_force[stretch], run.path[stretch], run.rate)
-    stiffness = None if run.wall is None else run.wall.constant_stiffness
+    stiffness = None if run.touch is None else run.touch.constant_stiffness
     return {
         "transparency_bandwidth_hz": transparency_bandwidth(shown, stiffness)
         if shown is not None and stiffness
@@ -168,7 +188,7 @@ def energy_measures(run: Samples) -> dict[str, Any]:
     seen = observe(columns.time, columns.applied_force, columns.position)
     first = int(np.argmax(run.contact)) if run.contact.any() else None
     contact = None
-    if run.wall is not None and first is not None and run.mass is not None:
+    if run.touch is not None and first is not None and run.mass is not None:
         contact = since_contact(
             columns.time, columns.true_energy, columns.true_position, first, run.mass
         )
@@ -193,6 +213,9 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "settling_time_s": ("force", "surface", "contact"),
     "overshoot_share": ("force", "surface", "contact"),
     "limit_cycle_amplitude_m": ("force", "surface"),
+    "peak_tangential_force_n": ("force", "axes", "surface", "contact"),
+    "tangential_share": ("force", "axes", "surface", "contact"),
+    "peak_proxy_distance_m": ("force", "surface", "proxy", "contact"),
     "penetration_at_rest_m": ("force", "surface", "truth"),
     "final_speed_m_per_s": ("force", "truth"),
     "at_rest": ("force", "truth"),
@@ -218,7 +241,9 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 _WITHOUT = {
     "force": "the force never engaged",
     "truth": "needs ground truth, which only a simulated device has",
-    "surface": "the launch file describes no surface",
+    "axes": "the run has one axis",
+    "surface": "nothing was touched, and the launch file describes no surface",
+    "proxy": "the environment says no proxy",
     "stiffness": "the environment has no constant stiffness",
     "constant": "the environment has no constant stiffness",
     "contact": "no contact",
@@ -237,6 +262,7 @@ _LAST_REASON = {
     "displayed_stiffness_n_per_m": "no contact in the steady window",
     "rate_hardness_n_per_m": _NOT_INWARDS,
     "extended_rate_hardness_n_per_m": _NOT_INWARDS,
+    "tangential_share": "no contact in the steady window",
     "settling_time_s": _NOT_SETTLED,
     "overshoot_share": _NOT_SETTLED,
     "penetration_at_rest_m": "the hand is not at rest",
@@ -256,9 +282,11 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
     has = {
         "force": run.columns.time.size > 0,
         "truth": run.has_truth,
-        "surface": run.wall is not None,
-        "stiffness": run.wall is not None and run.wall.stiffness is not None,
-        "constant": run.wall is not None and run.wall.constant_stiffness is not None,
+        "axes": run.columns.position.shape[1] > 1,
+        "surface": run.touch is not None,
+        "proxy": run.touch is not None and run.touch.proxy is not None,
+        "stiffness": run.touch is not None and run.touch.stiffness is not None,
+        "constant": run.touch is not None and run.touch.constant_stiffness is not None,
         "contact": bool(run.contact.any()),
         "mass": run.mass is not None,
     }
@@ -272,9 +300,9 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
 
 def _ideal_error(run: Samples) -> Floats | None:
     """Return what the ideal wall would push more than the motor, in N; None if it is unknown."""
-    if run.wall is None or run.wall.stiffness is None or not run.has_truth:
+    if run.touch is None or run.touch.stiffness is None or not run.has_truth:
         return None
-    wanted = run.wall.stiffness * np.maximum(run.path - run.wall.position, 0.0)
+    wanted = run.touch.stiffness * np.maximum(run.path, 0.0)
     return np.asarray(wanted - run.normal_force)
 
 

@@ -1,16 +1,22 @@
-"""Panels of a figure: position, force, energy, loop delay, force over penetration."""
+"""Panels of a figure: position, force, energy, loop delay, force over penetration, path.
+
+Of a run of several axes, positions are drawn by axis, under its name; forces as the size of the
+whole vector, as their limit is; what is over penetration, along the normal of what was touched.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from forcebound.analysis.colours import COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
+from forcebound.analysis.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.analysis.energy import largest_fall
-from forcebound.analysis.surface import Floats, Surface, penetration, surface_of_run
+from forcebound.analysis.surface import Floats, Surface, surface_of_run
+from forcebound.analysis.touch import Touch, touch_of_run
 from forcebound.files import printable
 from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
@@ -23,6 +29,7 @@ Run: TypeAlias = tuple[str, TelemetryColumns, Mapping[str, Any]]  # label, telem
 LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
+AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
 LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 
@@ -38,18 +45,13 @@ class View:
     time: Floats  # s
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
-    axis: int  # that of the surface, which the panels of a position show
-    wall: Surface | None  # as it was at each sample of the run
+    wall: Surface | None  # a flat one of the launch file, as it was at each sample of the run
+    touch: Touch | None  # what was touched, likewise
 
     @property
     def axes(self) -> int:
         """Number of axes of the run."""
         return int(self.columns.position.shape[1])
-
-    @property
-    def last_axis(self) -> int:
-        """Number of the last axis."""
-        return self.axes - 1
 
     def along(self, force: Floats) -> Floats:
         """Return the shown samples of a force; of several axes its magnitude, as its limit is."""
@@ -68,12 +70,10 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     _, columns, config = run
-    wall = surface_of_run(columns, events, config)
-    if wall is not None:
-        penetration(columns, wall)  # raises for an axis that the run does not have
+    wall, touch = surface_of_run(columns, events, config), touch_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(columns.time[shown], columns, shown, wall.axis if wall else 0, wall)
+    return View(columns.time[shown], columns, shown, wall, touch)
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
@@ -83,25 +83,36 @@ def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
 
 
 def _draw_position(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
+    columns, shown = view.columns, view.shown
     if view.wall is not None:
         wall = np.asarray(view.wall.position)[shown] * 1e3
+        label = "surface" if view.axes == 1 else f"surface, {AXIS_NAMES[view.wall.axis]}"
         style: dict[str, Any] = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.0}
         if np.unique(wall).size == 1 and abs(wall[0]) <= LARGEST:
-            axes.axhline(float(wall[0]), label="surface", **style)
+            axes.axhline(float(wall[0]), label=label, **style)
         else:
-            _line(axes, view.time, wall, "surface", drawstyle="steps-post", **style)
-    true_position = columns.true_position[shown, axis] * 1e3
-    _line(axes, view.time, true_position, "true", color=PHYSICAL, linewidth=2.2, alpha=0.45)
-    position = columns.position[shown, axis] * 1e3
-    _line(axes, view.time, position, "reading", color="black", linewidth=0.6)
+            _line(axes, view.time, wall, label, drawstyle="steps-post", **style)
+    true_position, position = (
+        one[shown] * 1e3 for one in (columns.true_position, columns.position)
+    )
+    if view.axes == 1:
+        true = {"color": PHYSICAL, "linewidth": 2.2, "alpha": 0.45}
+        _line(axes, view.time, true_position[:, 0], "true", **true)
+        _line(axes, view.time, position[:, 0], "reading", color="black", linewidth=0.6)
+        return
+    for axis in range(view.axes):
+        colour, name = AXIS_COLOURS[axis], AXIS_NAMES[axis]
+        _line(axes, view.time, position[:, axis], name, color=colour, linewidth=0.9)
+        proxy = columns.proxy[shown, axis] * 1e3
+        _line(axes, view.time, proxy, f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35)
 
 
 def _draw_force(axes: Axes, view: View) -> None:
     columns = view.columns
     limit = np.clip(columns.force_limit[view.shown], 0.0, LARGEST)
+    label = "limit force" if view.axes == 1 else "limit of the\nwhole vector"
     axes.fill_between(
-        view.time, -limit, limit, label="limit force", color=NEUTRAL, alpha=0.25, linewidth=0.0
+        view.time, -limit, limit, label=label, color=NEUTRAL, alpha=0.25, linewidth=0.0
     )
     commanded = view.along(columns.commanded_force)
     _line(axes, view.time, commanded, "commanded", color=COMMANDED, linewidth=0.8)
@@ -128,9 +139,9 @@ def _draw_delay(axes: Axes, view: View) -> None:
 
 
 def _draw_force_over_penetration(axes: Axes, view: View) -> None:
-    if view.wall is None:
+    if view.touch is None:
         return
-    depth = penetration(view.columns, view.wall)[view.shown] * 1e3
+    depth = view.touch.depth[view.shown] * 1e3
     slopes = _slopes(view, depth)
     for slope in slopes:
         axes.axline(
@@ -141,7 +152,7 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
             linestyle="--",
             linewidth=1.0,
         )
-    applied = view.columns.applied_force[view.shown, view.axis]
+    applied = view.touch.along(view.columns.applied_force)[view.shown]
     _line(axes, depth, applied, "applied", color=PHYSICAL, linewidth=0.8)
     deepest = float(depth.max(initial=0.0, where=depth <= LARGEST))
     if deepest > 0.0:  # without the long way to the surface, on which no force acts
@@ -150,28 +161,41 @@ def _draw_force_over_penetration(axes: Axes, view: View) -> None:
 
 def _slopes(view: View, depth: Floats) -> list[float]:
     """Return the stiffnesses of the wall in contact, in N/mm: all, or the least and the largest."""
-    if view.wall is None or view.wall.stiffness is None:
+    if view.touch is None or view.touch.stiffness is None:
         return []
-    stiffness = np.asarray(view.wall.stiffness)[view.shown]
+    stiffness = np.asarray(view.touch.stiffness)[view.shown]
     seen = np.unique(stiffness[depth > 0.0] if (depth > 0.0).any() else stiffness[:1])
     seen = seen[np.abs(seen) <= LARGEST] * 1e-3
     return seen.tolist() if seen.size <= MOST_SLOPES else [float(seen[0]), float(seen[-1])]
 
 
 def _draw_contact(axes: Axes, view: View) -> None:
-    columns, shown, axis = view.columns, view.shown, view.axis
-    if view.wall is None:
+    columns, shown = view.columns, view.shown
+    if view.touch is None:
         return
-    contact = penetration(columns, view.wall)[shown] > 0.0
+    contact = view.touch.depth[shown] > 0.0
     if not contact.any():
         return
     since = (view.time - view.time[int(np.argmax(contact))]) * 1e3
     seen = (since >= AROUND_CONTACT[0]) & (since <= AROUND_CONTACT[1])
-    commanded = columns.commanded_force[shown, axis]
+    commanded = view.touch.along(columns.commanded_force)[shown]
     _line(axes, since[seen], commanded[seen], "commanded", color=COMMANDED, linewidth=0.8)
-    applied = columns.applied_force[shown, axis]
+    applied = view.touch.along(columns.applied_force)[shown]
     _line(axes, since[seen], applied[seen], "applied", color=PHYSICAL, linewidth=1.1)
     axes.set_xlim(*AROUND_CONTACT)
+
+
+def _draw_path(axes: Axes, view: View, up: int) -> None:
+    """Draw the first axis to the right and another one up, in one scale."""
+    if view.axes <= up:
+        return
+    columns, shown = view.columns, view.shown
+    tip, proxy = (one[shown][:, (0, up)] * 1e3 for one in (columns.position, columns.proxy))
+    _line(axes, proxy[:, 0], proxy[:, 1], "proxy", color=COMMANDED, linewidth=2.2, alpha=0.6)
+    _line(axes, tip[:, 0], tip[:, 1], "tip", color=PHYSICAL, linewidth=0.8)
+    if (np.abs(tip[:1]) <= LARGEST).all():
+        axes.plot(*tip[:1].T, "o", label="start", color=NEUTRAL, markersize=4.0)
+    axes.set_aspect("equal", adjustable="datalim")
 
 
 @dataclass(frozen=True)
@@ -183,16 +207,24 @@ class Panel:
     x_label: str = "time since the force engaged (s)"
     shows: str = ""  # what of a run of several axes
 
+    @property
+    def is_path(self) -> bool:
+        """Whether both its axes are positions, in a scale of its own."""
+        return self.x_label == _X
 
-_AXIS = "axis {view.axis} (axes 0 to {view.last_axis})"
+
+_X = "x (mm)"
+_NORMAL = "along the normal"
 
 PANELS: dict[str, Panel] = {
-    "position": Panel(_draw_position, "position (mm)", shows=_AXIS),
+    "position": Panel(_draw_position, "position (mm)"),
     "force": Panel(_draw_force, "force (N)", shows="magnitude over {view.axes} axes"),
-    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)", shows=_AXIS),
+    "contact": Panel(_draw_contact, "force (N)", "time since first contact (ms)", shows=_NORMAL),
     "energy": Panel(_draw_energy, "energy (mJ)"),
     "loop_delay": Panel(_draw_delay, "loop delay (ms)"),
     "force_over_penetration": Panel(
-        _draw_force_over_penetration, "force (N)", "penetration (mm)", shows=_AXIS
+        _draw_force_over_penetration, "force (N)", "penetration (mm)", shows=_NORMAL
     ),
+    "path_xy": Panel(partial(_draw_path, up=1), "y (mm)", _X),
+    "path_xz": Panel(partial(_draw_path, up=2), "z (mm)", _X),
 }

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
+PATH_PANELS = ("path_xy", "path_xz")  # of runs of two axes the first, of more both
 
 CHANGES = (PARAMETERS_SET, "environment_serves")  # events that are drawn as well as faults
 MARKS = (
@@ -50,7 +51,7 @@ FORMATS = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}} 
 
 def figure(
     runs: Sequence[Run],
-    panels: Sequence[str] = DEFAULT_PANELS,
+    panels: Sequence[str] | None = None,
     events: Sequence[Sequence[Event]] = (),
 ) -> Figure:
     """Return a figure with one column per run and one row per panel.
@@ -61,7 +62,7 @@ def figure(
 
     Args:
         runs: Label, telemetry, and launch file as resolved, of each run; at least one.
-        panels: Keys of ``PANELS``, from top to bottom.
+        panels: Keys of ``PANELS``, from top to bottom; None: those that suit the number of axes.
         events: Events of each run: faults and changes are drawn as vertical lines, phases as bands.
 
     Raises:
@@ -70,6 +71,9 @@ def figure(
     """
     from matplotlib.figure import Figure
 
+    if panels is None:
+        axes = max((columns.position.shape[1] for _, columns, _ in runs), default=1)
+        panels = (*DEFAULT_PANELS, *PATH_PANELS[: axes - 1])
     if not runs or not panels:
         raise ValueError("a figure needs at least one run and one panel")
     for name in panels:
@@ -166,7 +170,7 @@ def _arrange_row(name: str, row: list[Axes]) -> None:
         _scale_energy(row)
     elif name == "loop_delay":
         _scale_delay(row)
-    else:
+    elif not PANELS[name].is_path:  # a path has one scale for both of its axes
         if name == "force":
             _leave_out_unused_sign(row)
         _share_scale_or_note(row)

@@ -1,4 +1,4 @@
-"""Surface of a run's environment, and how deep the readings lie behind it."""
+"""Flat surface that a launch file describes, and how deep the readings lie behind it."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Surface:
-    """Surface of the environment of a run, or of each of its samples.
+    """Flat surface of the environment of a run, or of each of its samples.
 
     ``param set`` and phases move it and change it while the run goes on: then position and
     stiffness have shape ``(n,)``; see :func:`surface_of_run`.
@@ -29,18 +29,13 @@ class Surface:
     axis: int
     stiffness: float | Floats | None  # N/m; None where force is not this times depth
 
-    @property
-    def constant_stiffness(self) -> float | None:
-        """The stiffness, in N/m, if it is the same at each sample."""
-        known = np.unique([] if self.stiffness is None else self.stiffness)
-        return float(known[0]) if known.size == 1 and math.isfinite(known[0]) else None
-
 
 def surface(config: Mapping[str, Any]) -> Surface | None:
-    """Return the surface that the launch file describes; None for an environment without one.
+    """Return the flat surface that the launch file describes; None for another environment.
 
     In a user's own environment (``kind: my_file.py``) a parameter of these names may mean
-    something else, such as a centre: a value that is not a number is ignored there.
+    something else, such as a centre: a value that is not a number is ignored there. A position with
+    one number for each axis is no flat surface across an axis.
 
     Args:
         config: The launch file as resolved for the run; reads ``environment``.
@@ -51,6 +46,8 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
     environment = config.get("environment") or {}
     if ".py" in str(environment.get("kind")):
         environment = {k: v for k, v in environment.items() if isinstance(v, int | float)}
+    if isinstance(environment.get("position"), list | tuple):
+        return None
     position = _number(environment, "position", "m")
     if position is None:
         return None
@@ -75,24 +72,35 @@ def surface_of_run(
     if wall is None:
         return None
     position = np.full(columns.time.shape, wall.position, dtype=np.float64)
-    stiffness = np.full(columns.time.shape, math.nan)
-    for start_ns, environment in _environments(events, config):
-        since = slice(int(np.searchsorted(columns.time_ns, start_ns)), None)
+    for since, environment in _environments(columns, events, config):
         now = surface({"environment": environment})
-        if now is None:
-            continue
-        position[since] = now.position
+        if now is not None:
+            position[since] = now.position
+    return Surface(position, wall.axis, stiffness_of_run(columns, events, config))
+
+
+def stiffness_of_run(
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> Floats | None:
+    """Return the stiffness of the environment at each sample, in N/m, NaN where it has none.
+
+    Returns:
+        Shape ``(n,)``; None if it never has one number that is force over depth.
+    """
+    stiffness = np.full(columns.time.shape, math.nan)
+    for since, environment in _environments(columns, events, config):
+        value = environment.get("stiffness")
+        is_linear = isinstance(value, int | float) and "exponent" not in environment
         rate = _number(environment, "stiffness_rate", "N/m/s") or 0.0
-        is_linear = now.stiffness is not None and "exponent" not in environment
-        stiffness[since] = now.stiffness if is_linear else math.nan
+        stiffness[since] = value if is_linear else math.nan
         stiffness[since] += rate * columns.elapsed[since]
-    return Surface(position, wall.axis, stiffness if np.isfinite(stiffness).any() else None)
+    return stiffness if np.isfinite(stiffness).any() else None
 
 
 def _environments(
-    events: Sequence[Event], config: Mapping[str, Any]
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield each state of the environment's parameters, and when it began, in ns.
+    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
+) -> Iterator[tuple[slice, dict[str, Any]]]:
+    """Yield each state of the environment's parameters, and the samples since it began.
 
     A phase begins with the parameters of the launch file and sets its own; an event has the new
     values as text.
@@ -100,7 +108,7 @@ def _environments(
     launched = dict(config.get("environment") or {})
     phases: Iterator[Mapping[str, Any]] = iter(config.get("phases") or ())
     now = launched
-    yield 0, now
+    yield slice(None), now
     for event in events:
         if event.event == PHASE_BEGINS:
             now = launched | _of_environment(next(phases, {}).get("set") or {})
@@ -108,7 +116,7 @@ def _environments(
             now = now | _of_environment({n: _value(text) for n, text in event.data.items()})
         else:
             continue
-        yield event.time_ns, now
+        yield slice(int(np.searchsorted(columns.time_ns, event.time_ns)), None), now
 
 
 def _of_environment(settings: Mapping[str, Any]) -> dict[str, Any]:

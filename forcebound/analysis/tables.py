@@ -12,7 +12,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return a summary as rows of label and value.
 
     A value that is None shows as a dash. The labels do not depend on the run, except for those of
-    the bounder, so the rows of several runs go side by side into one table.
+    the bounder and of several axes, so the rows of several runs go side by side into one table.
     """
 
     def show(key: str, unit: str, factor: float = 1.0, digits: int = 2) -> str:
@@ -38,6 +38,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("transparency bandwidth", show("transparency_bandwidth_hz", "Hz", digits=0)),
         ("peak force", show("peak_force_n", "N")),
         ("peak penetration", show("peak_penetration_m", "mm", 1e3)),
+        *_rows_of_axes(summary),
         ("force error, RMS", show("force_error_rms_n", "N")),
         ("error to the ideal wall, RMS", show("wall_error_rms_n", "N")),
         ("vibration above threshold", _vibration(summary)),
@@ -66,6 +67,20 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("rejected packets", ", ".join(rejected) or "0"),
         ("lost or damaged", ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),
+    ]
+
+
+def _rows_of_axes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Rows about what lies across the normal, only those that the run has."""
+    rows = {
+        "peak tangential force": ("peak_tangential_force_n", "N", 1.0, 2),
+        "tangential over normal force": ("tangential_share", "%", 1e2, 0),
+        "peak proxy distance": ("peak_proxy_distance_m", "mm", 1e3, 2),
+    }
+    return [
+        (label, _quantity(summary[key], unit, factor, digits))
+        for label, (key, unit, factor, digits) in rows.items()
+        if summary.get(key) is not None
     ]
 
 

@@ -83,6 +83,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.sweep",
         20.0,
     ),
+    "virtual": Benchmark(
+        "virtual time with one and with three axes, in times of real time",
+        "forcebound.benchmark.virtual",
+        10.0,
+    ),
 }
 
 

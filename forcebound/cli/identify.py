@@ -30,6 +30,9 @@ from forcebound.errors import ConfigError, RunError
 @file_option("--check", "checked", metavar="DEVICE.yaml", help="Test whether a device has changed.")
 @click.option("--reach", help="How far an axis may move to either side, e.g. 30mm or 20deg.")
 @click.option("--force", help="Largest force of an axis, e.g. 2N or '0.05 N m'.")
+@click.option("--weight", help="Mass that you hang on each axis, e.g. 100g: measures the gain.")
+@click.option("--lever", help="Radius at which it pulls at a joint, e.g. 40mm.")
+@click.option("--by-hand", help="How long you move the device, e.g. 10s: measures its speed.")
 @click.option("--yes", is_flag=True, help="Do not wait for Enter before the device moves.")
 @json_option
 @reports_errors
@@ -40,6 +43,9 @@ def identify(
     checked: Path | None,
     reach: str | None,
     force: str | None,
+    weight: str | None,
+    lever: str | None,
+    by_hand: str | None,
     yes: bool,
     as_json: bool,
 ) -> None:
@@ -68,8 +74,8 @@ def identify(
         return
     if device is None:
         raise ConfigError("name a device: a kind such as five_bar, or a launch file")
-    limits = (_quantity(reach), _quantity(force))
-    document = command.run(device, arguments, output, limits, say, ready)
+    wishes = command.Wishes(reach, force, weight, lever, by_hand)
+    document = command.run(device, arguments, output, wishes, say, ready)
     _print(document, as_json, command.lines)
 
 
@@ -78,14 +84,3 @@ def _print(document: dict[str, object], as_json: bool, lines: Callable[..., list
         print_json(document)
     else:
         show("\n".join(lines(document)))
-
-
-def _quantity(text: str | None) -> float | None:
-    from forcebound.quantities import to_si
-
-    if text is None:
-        return None
-    value = to_si(text)
-    if value is None or not value > 0.0:
-        raise ConfigError(f"expected a quantity > 0, e.g. 30mm, 20deg, 2N, got {text!r}")
-    return value

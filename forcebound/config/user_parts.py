@@ -20,7 +20,8 @@ from forcebound.config.tree import Value
 from forcebound.controllers import Cautious, ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Vector
+from forcebound.messages.codec import decode, encode
+from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Scene, Vector
 from forcebound.nodes.servo import dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts import Table
@@ -137,10 +138,18 @@ def check_environment(model: EnvironmentModel, axes: int, section: Section) -> N
         return
     still = (0.0,) * axes
     with (
-        _noting(section, f"force({still}, {still}, 0.0)"),
+        _noting(section, f"force({still}, {still}, 0.0), contact() or scene()"),
         closing(open_environment(model, axes)) as opened,
     ):
         _check_vector(opened.force(still, still, 0.0), axes, "N")
+        contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
+        told = None if contact is None else contact()
+        if told is not None:
+            proxy, normal = told
+            _check_vector(proxy, axes, "m")
+            _check_vector(normal, axes, "1")
+        if scene is not None:
+            decode(encode(Scene(0, 0, tuple(scene()), None)), Scene)
 
 
 def check_controller(model: ControllerModel, axes: int, section: Section) -> None:

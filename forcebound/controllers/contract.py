@@ -1,16 +1,17 @@
 """Contract of every controller, and its check."""
 
+import math
 from collections.abc import Iterable, Iterator
 from random import Random
 from typing import Any
 
 from forcebound.controllers import Controller, ControllerModel
-from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply
+from forcebound.messages.packets import MAX_AXES, Contact, DeviceState, EnvironmentReply, Vector
 from forcebound.parts.contract import VALUE, Findings, Report, copy_of
 
 PROMISES: dict[str, str] = {
     "opens": f"opens for 1 to {MAX_AXES} axes, and closes",
-    "answers": "takes every state and reply, whether or not replies come",
+    "answers": "takes every state and reply, with and without contact, buttons, or a reply at all",
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
     "pure": "the same calls, in the same order from open on, return the same",
@@ -70,10 +71,23 @@ def _drive(
         time_ns = seq * 1_000_000
         position = tuple(random.uniform(-0.05, 0.05) for _ in range(axes))
         velocity = tuple(random.uniform(-0.5, 0.5) for _ in range(axes))
-        state = DeviceState(seq, time_ns, time_ns * 1e-9, position, velocity, (0.0,) * axes)
+        buttons = None if axes == 1 else random.getrandbits(2)  # not every device has any
+        zero = (0.0,) * axes
+        elapsed = time_ns * 1e-9
+        state = DeviceState(seq, time_ns, elapsed, position, velocity, zero, None, buttons)
         yield call(controller.on_state, state, time_ns, units=("N",))
         yield call(controller.query, state, units=("m", "m/s"))
         if random.random() < 0.7:
             force = tuple(random.uniform(-10.0, 10.0) for _ in range(axes))
-            reply = EnvironmentReply(seq, time_ns, seq, time_ns, seq, time_ns, force, "one")
+            told = _contact(position, random) if random.random() < 0.5 else (None, None)
+            reply = EnvironmentReply(seq, time_ns, seq, time_ns, seq, time_ns, force, "one", *told)
             yield call(controller.on_reply, reply, time_ns + 400_000, units=("N",))
+
+
+def _contact(position: Vector, random: Random) -> Contact:
+    """A contact near a position, its normal in any direction."""
+    direction = [random.gauss(0.0, 1.0) for _ in position]
+    length = math.hypot(*direction)
+    normal = tuple(entry / length for entry in direction)
+    depth = random.uniform(0.0, 1e-3)
+    return Contact(tuple(x + depth * n for x, n in zip(position, normal, strict=True)), normal)

@@ -34,7 +34,8 @@ class ArmBody:
         angles = model.angles(start)
         if angles is None:
             raise DeviceError(f"the hand begins at {start} m, where the arm does not reach")
-        self.kinematics = kinematics = model.kinematics()
+        self.kinematics = model.kinematics()  # asked about readings
+        self._true_kinematics = kinematics = model.kinematics()  # about true angles
         self.compensation: Vector = (0.0,) * axes
         self._resolution = true_axes(model, "resolution")
         self._lag, self._substep = true_value(model, "lag"), model.substep
@@ -52,23 +53,25 @@ class ArmBody:
         self._joints[ANGLE] = angles
         self._told, self._from, self._to, self._muscle = np.zeros((4, axes))
         self._energy = 0.0
+        self._reading: Vector = ()  # not known since the last move
         self._advance = arm_kernel(kinematics.pose)
         # Compile, or load from the cache, before time matters.
         joints = self._joints.copy()
         self.move(start, start, 1e-3, (0.0,) * axes)
-        self._joints[:], self._energy = joints, 0.0
+        self._joints[:], self._energy, self._reading = joints, 0.0, ()
 
     def reading(self) -> Vector:
         """Return the quantised angles; see ``Body``."""
-        angles = self._joints[ANGLE].tolist()
-        return tuple([quantise(x, step) for x, step in zip(angles, self._resolution, strict=True)])
+        if not self._reading:
+            angles = zip(self._joints[ANGLE].tolist(), self._resolution, strict=True)
+            self._reading = tuple([quantise(x, step) for x, step in angles])
+        return self._reading
 
     def truth(self) -> Truth:
         """Return the ground truth, at the tip; see :class:`Truth`."""
-        angles = tuple(self._joints[ANGLE].tolist())
-        jacobian = np.array(self.kinematics.jacobian(angles))
-        velocity = tuple((jacobian @ self._joints[SPEED]).tolist())
-        position = self.kinematics.position(angles)
+        angles, kinematics = tuple(self._joints[ANGLE].tolist()), self._true_kinematics
+        position = kinematics.position(angles)
+        velocity = kinematics.velocity(angles, self._joints[SPEED])
         return Truth(position, velocity, tuple(self._muscle.tolist()), self._energy)
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
@@ -95,6 +98,7 @@ class ArmBody:
             self._muscle,
         )
         angles = tuple(self._joints[ANGLE].tolist())
-        if not any(map(any, self.kinematics.jacobian(angles))):
-            where = ", ".join(f"{1e3 * x:.0f} mm" for x in self.kinematics.position(angles))
+        self._reading = ()
+        if not self._true_kinematics.is_held(angles):
+            where = ", ".join(f"{1e3 * x:.0f} mm" for x in self._true_kinematics.position(angles))
             raise DeviceError(f"the hand has moved the arm to a singular pose, its tip at {where}")

@@ -1,10 +1,13 @@
 """The body of a device with independent axes: a plant for each, in one hand."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from forcebound.compiled import jit
 from forcebound.devices.extended import advance_extended
+from forcebound.devices.kinematics import Floats
 from forcebound.devices.plant import advance, quantise
 from forcebound.devices.simulated import pad
 from forcebound.devices.stated import per_axis
@@ -16,6 +19,85 @@ from forcebound.operators import Operator
 if TYPE_CHECKING:
     from forcebound.devices.phantom import PhantomPremium15
 
+X, V, WORK, MUSCLE, BRISTLE, MOTOR, READING = 0, 1, 2, 3, 4, 5, 6  # rows of ``state``
+TARGET, TARGET_END, TOLD = 0, 1, 2  # of ``inputs``
+DAMPING, FRICTION, PRESLIDING, WEIGHT, RESOLUTION = 0, 1, 2, 3, 4  # of ``plant``
+MASS, HAND_MASS, STIFFNESS, HAND_DAMPING = 0, 1, 2, 3  # of ``hand``
+
+
+def advance_axes(
+    state: Floats,
+    inputs: Floats,
+    plant: Floats,
+    hand: Floats,
+    duration: float,
+    substep: float,
+    lag: float,
+    is_extended: bool,
+) -> float:
+    """Move every axis, one column of the arrays, by ``duration`` s.
+
+    Args:
+        state: Of each axis: position, velocity, work of the hand, mean force of its spring and
+            damper, bristle, force of the motor, and the encoder's reading.
+        inputs: Target at the start and at the end, and what the motor is told.
+        plant: Numbers of each axis.
+        hand: Mass of device and hand, mass, stiffness and damping of the hand.
+        duration: In s, > 0.
+        substep: Longest integration step, in s.
+        lag: Time constant of the motor, in s.
+        is_extended: Whether presliding, lag or weight matter.
+
+    Returns:
+        Energy that has flowed from the hand into the device, in J.
+    """
+    energy = 0.0
+    for i in range(state.shape[1]):
+        x, v, work = state[X, i], state[V, i], state[WORK, i]
+        target, target_end, told = inputs[TARGET, i], inputs[TARGET_END, i], inputs[TOLD, i]
+        damping, friction = plant[DAMPING, i], plant[FRICTION, i]
+        if is_extended:
+            x, v, work, state[BRISTLE, i], state[MOTOR, i], state[MUSCLE, i] = advance_extended(
+                x,
+                v,
+                work,
+                state[BRISTLE, i],
+                state[MOTOR, i],
+                target,
+                target_end,
+                duration,
+                substep,
+                told,
+                plant[WEIGHT, i],
+                lag,
+                plant[PRESLIDING, i],
+                hand[MASS],
+                damping,
+                friction,
+                hand[STIFFNESS],
+                hand[HAND_DAMPING],
+            )
+        else:
+            x, v, work, state[MUSCLE, i] = advance(
+                x,
+                v,
+                work,
+                target,
+                target_end,
+                duration,
+                substep,
+                told,
+                hand[MASS],
+                damping,
+                friction,
+                hand[STIFFNESS],
+                hand[HAND_DAMPING],
+            )
+        state[X, i], state[V, i], state[WORK, i] = x, v, work
+        state[READING, i] = quantise(x, plant[RESOLUTION, i])
+        energy += work - 0.5 * hand[HAND_MASS] * v * v
+    return energy
+
 
 class AxesBody:
     """A mass, moved along axes that know nothing of each other; see ``Body``."""
@@ -25,102 +107,56 @@ class AxesBody:
     def __init__(self, model: "PhantomPremium15", operator: Operator) -> None:
         axes = model.axes
         mass = model.mass + operator.mass
-        damping, friction, presliding, weight = (
-            true_axes(model, name) for name in ("damping", "friction", "presliding", "weight")
-        )
-        self.compensation: Vector = tuple([-w for w in per_axis(model.weight, axes)])
-        self._resolution = true_axes(model, "resolution")
-        self._hand_mass = operator.mass
-        self._x = list(pad(operator.target(0.0), axes))
-        self._v, self._work, self._muscle, self._bristle = ([0.0] * axes for _ in range(4))
-        self._motor_force = list(self.compensation)
-        self._constants = [
-            (mass, b, f, operator.stiffness, operator.damping)
-            for b, f in zip(damping, friction, strict=True)
-        ]
-        self._sound = (friction, presliding)
+        names = ("damping", "friction", "presliding", "weight", "resolution")
+        self._plant = np.array([true_axes(model, name) for name in names])
+        self._sound = self._plant[FRICTION : PRESLIDING + 1].copy()
         self._weak_spot = None if model.truth is None else model.truth.weak_spot
-        lag = true_value(model, "lag")
-        self._extras = [(w, lag, z) for w, z in zip(weight, presliding, strict=True)]
-        self._is_extended = any(map(any, self._extras))
+        self._hand = np.array([mass, operator.mass, operator.stiffness, operator.damping])
+        self._lag = true_value(model, "lag")
+        self._is_extended = self._lag > 0.0 or bool(self._plant[PRESLIDING : WEIGHT + 1].any())
         self._substep = model.substep
-        for f, z in zip(friction, presliding, strict=True):
+        for f, z in self._sound.T.tolist():
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
                 self._substep = min(self._substep, 0.125 * math.sqrt(mass * z / f))
-        self._advance, self._advance_extended = jit(advance), jit(advance_extended)
+        self.compensation: Vector = tuple([-w for w in per_axis(model.weight, axes)])
+        start = np.array(pad(operator.target(0.0), axes), dtype=np.float64)
+        self._state = np.zeros((READING + 1, axes))
+        self._state[X], self._state[MOTOR] = start, self.compensation
+        for axis, step in enumerate(self._plant[RESOLUTION].tolist()):
+            self._state[READING, axis] = quantise(start[axis], step)
+        self._energy = 0.0
+        self._inputs = np.zeros((TOLD + 1, axes))
+        self._input_view: Any = self._inputs.reshape(-1).data  # numpy takes longer to set a number
+        self._advance = jit(advance_axes)
         # Compile, or load from the cache, before time matters.
-        rest = (0.0, 0.0, 1e-3, self._substep, 0.0)  # target, its end, duration, substep, force
-        if self._is_extended:
-            start = (0.0, 0.0, 0.0, 0.0, 0.0)
-            self._advance_extended(*start, *rest, *self._extras[0], *self._constants[0])
-        else:
-            self._advance(0.0, 0.0, 0.0, *rest, *self._constants[0])
+        unmoved = self._state.copy()
+        self.move((0.0,) * axes, (0.0,) * axes, 1e-3, (0.0,) * axes)
+        self._state[:], self._energy = unmoved, 0.0
 
     def reading(self) -> Vector:
         """Return the quantised positions; see ``Body``."""
-        return tuple([quantise(x, step) for x, step in zip(self._x, self._resolution, strict=True)])
+        return tuple(self._state[READING].tolist())
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
-        hand_mass = self._hand_mass
-        energy = 0.0
-        for work, v in zip(self._work, self._v, strict=True):
-            energy += work - 0.5 * hand_mass * v * v
-        return Truth(tuple(self._x), tuple(self._v), tuple(self._muscle), energy)
+        state = self._state.tolist()
+        return Truth(tuple(state[X]), tuple(state[V]), tuple(state[MUSCLE]), self._energy)
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move every axis; see ``Body``."""
         if self._weak_spot is not None:
-            self._weaken(self._weak_spot.share_at(self._x))
-        if self._is_extended:
-            self._move_extended(target, target_end, duration, told)
-            return
-        for axis in range(len(target)):
-            self._x[axis], self._v[axis], self._work[axis], self._muscle[axis] = self._advance(
-                self._x[axis],
-                self._v[axis],
-                self._work[axis],
-                target[axis],
-                target_end[axis],
-                duration,
-                self._substep,
-                told[axis],
-                *self._constants[axis],
-            )
-
-    def _weaken(self, share: float) -> None:
-        """Let this share of the friction be left, and of the way over which it yields."""
-        friction, presliding = self._sound
-        self._constants = [
-            (mass, b, share * f, stiffness, damping)
-            for (mass, b, _, stiffness, damping), f in zip(self._constants, friction, strict=True)
-        ]
-        self._extras = [
-            (w, lag, share * z) for (w, lag, _), z in zip(self._extras, presliding, strict=True)
-        ]
-
-    def _move_extended(
-        self, target: Vector, target_end: Vector, duration: float, told: Vector
-    ) -> None:
-        for axis in range(len(target)):
-            (
-                self._x[axis],
-                self._v[axis],
-                self._work[axis],
-                self._bristle[axis],
-                self._motor_force[axis],
-                self._muscle[axis],
-            ) = self._advance_extended(
-                self._x[axis],
-                self._v[axis],
-                self._work[axis],
-                self._bristle[axis],
-                self._motor_force[axis],
-                target[axis],
-                target_end[axis],
-                duration,
-                self._substep,
-                told[axis],
-                *self._extras[axis],
-                *self._constants[axis],
-            )
+            share = self._weak_spot.share_at(self._state[X].tolist())
+            self._plant[FRICTION : PRESLIDING + 1] = share * self._sound
+        inputs = self._input_view
+        for i, value in enumerate((*target, *target_end, *told)):
+            inputs[i] = value
+        self._energy = self._advance(
+            self._state,
+            self._inputs,
+            self._plant,
+            self._hand,
+            duration,
+            self._substep,
+            self._lag,
+            self._is_extended,
+        )

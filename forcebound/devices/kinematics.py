@@ -6,6 +6,7 @@ and a driver of a real one through :class:`ArmKinematics`.
 
 import math
 from collections.abc import Callable
+from operator import mul
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from forcebound.compiled import jit
@@ -44,6 +45,7 @@ class ArmKinematics:
         self.pose, self.geometry = pose, geometry
         self._compiled_pose: Any = jit(pose)
         self._smallest = smallest
+        self._taken: Vector = ()
         self._angles = np.zeros(joints)
         self._numbers = np.array(geometry)
         self._tip = np.zeros(joints)
@@ -58,20 +60,28 @@ class ArmKinematics:
     def jacobian(self, angles: Vector) -> tuple[Vector, ...]:
         """Return the derivatives of the position by the angles, in m/rad: a row per coordinate."""
         self._take(angles)
-        return tuple(tuple(row) for row in self._jacobian.tolist())
+        return tuple(map(tuple, self._jacobian.tolist()))
+
+    def velocity(self, angles: Vector, speeds: Floats) -> Vector:
+        """Return the velocity of the tip, in m/s, of joints that turn at ``speeds``, in rad/s."""
+        self._take(angles)
+        return tuple((self._jacobian @ speeds).tolist())
+
+    def is_held(self, angles: Vector) -> bool:
+        """Return whether there is a tip that torques could move: the Jacobian is not zero."""
+        self._take(angles)
+        return bool(self._jacobian.any())
 
     def torque(self, angles: Vector, force: Vector) -> Vector:
         """Return the torques of a force; see :class:`forcebound.devices.Kinematics`.
 
         They are zero in a pose in which the tip cannot be held.
         """
-        rows = self.jacobian(angles)
-        return tuple(
-            [
-                math.fsum(row[joint] * f for row, f in zip(rows, force, strict=True))
-                for joint in range(len(angles))
-            ]
-        )
+        self._take(angles)
+        if len(force) != len(self._jacobian):
+            raise ValueError(f"expected a force of {len(self._jacobian)} entries, got {len(force)}")
+        columns = self._jacobian.T.tolist()
+        return tuple([math.fsum(map(mul, column, force)) for column in columns])
 
     def is_singular(self, angles: Vector) -> bool:
         """Return whether the tip can, in this pose, hardly move or hardly be held in a direction.
@@ -84,5 +94,8 @@ class ArmKinematics:
         return bool(abs(np.linalg.det(self._jacobian)) < self._smallest)
 
     def _take(self, angles: Vector) -> None:
+        if angles == self._taken:  # position and torque are asked of the same reading
+            return
+        self._taken = angles
         self._angles[:] = angles
         self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)

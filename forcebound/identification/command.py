@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +21,28 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.hardware.line import EMULATED
 from forcebound.identification import document as device_file
 from forcebound.identification.clock import Clock, RealClock, VirtualClock
 from forcebound.identification.picture import draw
 from forcebound.identification.procedure import Found, Plan, identify
-from forcebound.identification.verdict import MORE_IS_BETTER, verdict
+from forcebound.identification.verdict import BETTER, verdict
 from forcebound.messages.packets import Vector
+from forcebound.quantities import POSITIVE, parse_quantity
 
 _logger = logging.getLogger(__name__)
 
 REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
+GRAVITY = 9.81  # m/s^2
 FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
+PATIENCE = 2.0  # s, watchdog limit: some minutes on a busy machine have longer stalls than a run
 CHANGED = 0.2  # a number that differs by a larger share has changed
+#: What is found beside the numbers of a device, in the same section of the file.
+FURTHER = {
+    "lag": "of the slowest amplifier, in s; a guarding watchdog states none that may be 0",
+    "gain": "of each motor, over what it is told",
+}
 WARNING = (
     "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
     " either side of the middle, with at most {force:.3g} {unit}. Put it in the middle, take"
@@ -54,6 +63,25 @@ class Target:
     model: Any
     rate: float
     launch_file: str | None
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a user says of an identification, as text with units; None: what is usual.
+
+    Attributes:
+        reach: How far each axis may move.
+        force: Largest force of an axis.
+        weight: Mass that the user hangs on each axis; None: none.
+        lever: Radius at which it pulls at a joint.
+        by_hand: Time for which the user moves the device; None: not at all.
+    """
+
+    reach: str | None = None
+    force: str | None = None
+    weight: str | None = None
+    lever: str | None = None
+    by_hand: str | None = None
 
 
 @dataclass(frozen=True)
@@ -79,14 +107,37 @@ def target_of(name: str, arguments: Sequence[str]) -> Target:
     return Target(member_of("device", name, arguments), 1000.0, None)
 
 
-def plan_of(target: Target, is_joint: bool, reach: float | None, force: float | None) -> Plan:
-    """Return how a device is identified; None: as far and hard as its kind usually may."""
-    usual = REACHES["rad" if is_joint else "m"]
+def plan_of(target: Target, is_joint: bool, wishes: Wishes) -> Plan:
+    """Return how a device is identified: as the user wishes, or as its kind usually may.
+
+    Raises:
+        ConfigError: If a wish is no quantity of the right kind.
+    """
+    place, unit = ("rad", "N m") if is_joint else ("m", "N")
+    reach, force = _wish("reach", wishes.reach, place), _wish("force", wishes.force, unit)
+    mass, lever = _wish("weight", wishes.weight, "kg"), _wish("lever", wishes.lever, "m")
+    if mass is not None and is_joint != (lever is not None):
+        raise ConfigError(
+            "a weight on a joint needs --lever, the radius at which its thread pulls"
+            if is_joint
+            else "--lever is for joints: the axes of this device move along straight lines"
+        )
     return Plan(
-        reach=usual if reach is None else reach,
+        reach=REACHES[place] if reach is None else reach,
         force=FORCE_SHARE * target.model.saturation if force is None else force,
         rate=target.rate,
+        weight=GRAVITY * (mass or 0.0) * (1.0 if lever is None else lever),
+        by_hand=_wish("by-hand", wishes.by_hand, "s") or 0.0,
     )
+
+
+def _wish(option: str, text: str | None, unit: str) -> float | None:
+    if text is None:
+        return None
+    try:
+        return POSITIVE.check(parse_quantity(text, unit), unit)
+    except ConfigError as error:
+        raise ConfigError(f"--{option}: {error}") from None
 
 
 def measure(
@@ -107,7 +158,7 @@ def measure(
         DeviceError: As :func:`forcebound.identification.procedure.identify`.
     """
     model: DeviceModel = target.model
-    device = model.open(None, HOLD / target.rate)
+    device = _patient(model).open(None, HOLD / target.rate)
     try:
         kinematics = getattr(device, "kinematics", None)
         chosen = plan(kinematics is not None)
@@ -123,6 +174,16 @@ def measure(
         device.close()
     start = tuple(0.5 * (low + high) for low, high in found.measured_range)
     return Session(found, start, kinematics, serial, is_virtual)
+
+
+def _patient(model: Any) -> Any:
+    """Return the model, patient with an emulator, whose stalls are those of a busy machine.
+
+    No law runs, so no force is planned for that time, and nobody holds the device.
+    """
+    if getattr(model, "port", None) != EMULATED or model.watchdog_limit != "auto":
+        return model
+    return replace(model, watchdog_limit=PATIENCE)
 
 
 @contextmanager
@@ -153,7 +214,7 @@ def run(
     name: str,
     arguments: Sequence[str],
     out: Path,
-    limits: tuple[float | None, float | None],
+    wishes: Wishes,
     say: Callable[[str], None],
     ready: Callable[[str], None],
 ) -> dict[str, Any]:
@@ -163,7 +224,7 @@ def run(
         name: Kind of device, or launch file.
         arguments: Of either, each ``name:=value``.
         out: File to write.
-        limits: Reach and force, in SI; None: what is usual.
+        wishes: How it goes.
         say: Is told what comes next.
         ready: Is told what the user has to do, and returns when it is done.
 
@@ -176,9 +237,9 @@ def run(
     check_picture(picture)
     for path, what in ((out, "the file of the device"), (picture, "the picture")):
         check_writable(path, what)
-    session = measure(target, lambda is_joint: plan_of(target, is_joint, *limits), say, ready)
+    session = measure(target, lambda is_joint: plan_of(target, is_joint, wishes), say, ready)
     found = session.found
-    plan = plan_of(target, session.kinematics is not None, *limits)
+    plan = plan_of(target, session.kinematics is not None, wishes)
     identified = device_file.identified_model(target.model, found)
     estimates = device_file.estimates_of(target.model, found)
     judged = verdict(identified, estimates, target.rate, session.start, session.kinematics)
@@ -250,11 +311,21 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     for name, one in content["identified"]["numbers"].items():
         text.append(f"{name:<13} stated {_shown(one['stated'])}, found {_shown(one['found'])}")
         text.append(f"{'':<13} {one['method']}")
+    for name, what in FURTHER.items():
+        one = content["identified"].get(name)
+        if one is not None:
+            least, most = _shown(one["lower"]), _shown(one["upper"])
+            text.append(
+                f"{name:<13} found {_shown(one['found'])}; at least {least}, at most {most}"
+            )
+            text.append(f"{'':<13} {what}")
+    if "lag" not in content["identified"]:
+        text.append("lag           not told: too many late ticks; it stays as the device states it")
     judged = content["verdict"]
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
     for name, gain in judged["gains"].items():
-        better = "a fifth more of it" if name in MORE_IS_BETTER else "without it"
+        better = BETTER[name][1]
         measured = gain.get("measured")
         known = "" if measured is None else f"; measured exactly: {_percent(measured)}"
         text.append(f"  {name:<13} {better}: {_percent(gain['built'])}{known}")

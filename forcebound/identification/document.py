@@ -26,7 +26,7 @@ from forcebound.messages.packets import Vector
 
 DIGITS = 4  # of a bound
 
-#: How each number of an axis was measured.
+#: How each number was measured.
 METHODS = {
     "damping": "growth of the loss with the speed, passes there and back; lower bound",
     "friction": "loss of slow passes in the weakest part of the range; lower bound",
@@ -34,34 +34,91 @@ METHODS = {
     "resolution": "smallest change of a reading in motion, and noise at rest; upper bound",
     "weight_error": "force that depends on the place, largest of all parts; upper bound",
     "write_delay": "from reading to the effect of the write, 999 of 1000; upper bound",
+    "lag": "by which the ripple of the speed follows a force that jumps; upper bound",
+    "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
+    "largest_speed": "moved by hand, the fastest and a quarter more; a rule, no bound",
 }
+LOWER = ("damping", "friction")  # a lower bound is the careful one
 
 
 def bounds_of(model: Any, found: Found) -> dict[str, float | Vector]:
-    """Return the numbers that a device may state after an identification."""
+    """Return the numbers that a device may state after an identification.
+
+    With a weight they count in forces of the mean gain, of which each motor gives its share.
+    """
     bounds: dict[str, float | Vector] = {}
+    shares = _shares(found)
     for name, values in _axis_numbers(model, found).items():
-        is_lower = name in ("damping", "friction")
-        each = [down(v.lower) if is_lower else up(v.upper) for v in values]
+        pairs = zip(values, shares, strict=True)
+        if name in LOWER:
+            each = [down(one.lower * share.lower) for one, share in pairs]
+        elif name == "weight_error":
+            each = [up(one.upper * share.upper) for one, share in pairs]
+        else:
+            each = [up(one.upper) for one in values]
         bounds[name] = each[0] if len(each) == 1 else tuple(each)
     bounds["write_delay"] = up(found.write_delay.upper)
+    lag = lag_of(found)
+    if lag is not None and (lag.lower > 0.0 or model.watchdog != "guarding"):
+        bounds["lag"] = up(max(lag.upper, 0.0))
+    if found.gain:
+        bounds["gain_error"] = up(max(max(s.upper - 1.0, 1.0 - s.lower) for s in shares))
+    if found.largest_speed is not None:
+        bounds["largest_speed"] = up(found.largest_speed.upper)
     return bounds
 
 
 def estimates_of(model: Any, found: Found) -> dict[str, float | Vector]:
     """Return the same numbers as they were found, without their uncertainty."""
     estimates: dict[str, float | Vector] = {}
+    shares = _shares(found)
     for name, values in _axis_numbers(model, found).items():
-        each = [abs(one.estimate) for one in values]
+        has_force = name in (*LOWER, "weight_error")
+        pairs = zip(values, shares, strict=True)
+        each = [abs(one.estimate) * (share.estimate if has_force else 1.0) for one, share in pairs]
         estimates[name] = each[0] if len(each) == 1 else tuple(each)
     estimates["write_delay"] = found.write_delay.estimate
+    lag = lag_of(found)
+    if lag is not None:
+        estimates["lag"] = max(lag.estimate, 0.0)
+    if found.gain:
+        estimates["gain_error"] = max(abs(share.estimate - 1.0) for share in shares)
+    if found.largest_speed is not None:
+        estimates["largest_speed"] = found.largest_speed.estimate
     return estimates
 
 
+def lag_of(found: Found) -> Bounded | None:
+    """Return the lag of the slowest amplifier, in s; None if that of an axis is not known."""
+    lags = [axis.lag for axis in found.axes if axis.lag is not None]
+    if len(lags) < len(found.axes):
+        return None
+    return max(lags, key=lambda one: one.upper)
+
+
+def _shares(found: Found) -> list[Bounded]:
+    """Gain of each motor over their mean, which is the middle of what they can be."""
+    if not found.gain:
+        return [Bounded(1.0, 1.0, 1.0)] * len(found.axes)
+    mean = mean_gain(found)
+    return [Bounded(g.estimate / mean, g.lower / mean, g.upper / mean) for g in found.gain]
+
+
+def mean_gain(found: Found) -> float:
+    """Return the middle between the least and the largest gain that the motors can have."""
+    return 0.5 * (min(g.lower for g in found.gain) + max(g.upper for g in found.gain))
+
+
 def identified_model(model: Any, found: Found) -> Any:
-    """Return the model with the numbers that were found."""
-    bounds = bounds_of(model, found)
+    """Return the model with the numbers that were found.
+
+    What a late force costs under a guarding watchdog is known only without lag and write delay; a
+    device that has either states a reporting one.
+    """
+    bounds: dict[str, Any] = bounds_of(model, found)
     sources = {**model.sources, **dict.fromkeys(bounds, "measured")}
+    if model.watchdog == "guarding" and (bounds.get("lag") or bounds["write_delay"]):
+        bounds["watchdog"] = "reporting"
     return dataclasses.replace(model, **bounds, sources=sources)
 
 
@@ -103,7 +160,7 @@ def document_of(
     told = member_document("device", identified)
     kind: type = type(model)
     usual = {name: field.default for name, field in fields_of(kind).items()}
-    given = {name for name in usual if getattr(model, name) != usual[name]}
+    given = {name for name in usual if getattr(identified, name) != usual[name]}
     device = {name: value for name, value in told.items() if name == "kind" or name in given}
     bounds, estimates = bounds_of(model, found), estimates_of(model, found)
     for name in (*bounds, "sources"):
@@ -123,6 +180,7 @@ def document_of(
             "plan": dict(plan),
             "range": [[_short(a), _short(b)] for a, b in found.measured_range],
             "numbers": numbers,
+            **_further(found),
             "load": load,
             "inertia": [_short(axis.inertia) for axis in found.axes],
             "interval": {
@@ -130,6 +188,21 @@ def document_of(
                 "longest": _short(found.interval.upper),
             },
         },
+    }
+
+
+def _further(found: Found) -> dict[str, Any]:
+    """Lag and gain with both bounds, also where the device does not state them so."""
+    lag = lag_of(found)
+    each = {"lag": [] if lag is None else [lag], "gain": found.gain}
+    return {
+        name: {
+            "found": [_short(one.estimate) for one in values],
+            "lower": [_short(one.lower) for one in values],
+            "upper": [_short(one.upper) for one in values],
+        }
+        for name, values in each.items()
+        if values
     }
 
 
@@ -149,10 +222,9 @@ def write(path: Path, document: Mapping[str, Any], command: str) -> None:
     """
     from ruamel.yaml import YAML
 
-    yaml = YAML(typ="safe", pure=True)
+    yaml = YAML()  # the kind that keeps the order
     yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.width = 110
+    yaml.width = 200  # a line for each number
     text = StringIO()
     yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
     use = f"`device: {{include: {path.name}}}` in a launch file"

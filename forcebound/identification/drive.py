@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from forcebound.identification.rig import Controller, Rig, Trace, rest
 from forcebound.messages.packets import Vector
@@ -44,12 +45,12 @@ class Way:
     speed: float
     acceleration: float
 
-    @property
+    @cached_property
     def top_speed(self) -> float:
         """Speed that is reached, in m/s."""
         return min(self.speed, math.sqrt(abs(self.end - self.start) * self.acceleration))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """In s."""
         top = self.top_speed
@@ -57,10 +58,19 @@ class Way:
             return 0.0
         return abs(self.end - self.start) / top + top / self.acceleration
 
+    @cached_property
+    def rise(self) -> float:
+        """Time until the speed is even, in s."""
+        return self.top_speed / self.acceleration
+
+    def is_even(self, elapsed: float) -> bool:
+        """Return whether it has its even speed at a time, in s, since its start."""
+        return self.rise <= elapsed <= self.duration - self.rise
+
     def at(self, elapsed: float) -> tuple[float, float, float]:
         """Return position, speed and acceleration at a time, in s, since its start."""
         side, top, total = math.copysign(1.0, self.end - self.start), self.top_speed, self.duration
-        steep, rise = side * self.acceleration, top / self.acceleration
+        steep, rise = side * self.acceleration, self.rise
         if elapsed >= total:
             return self.end, 0.0, 0.0
         if elapsed < rise:
@@ -117,17 +127,39 @@ class Follower:
         return -push
 
 
+@dataclass(frozen=True)
+class Ripple:
+    """A force that jumps up and down around that of the control.
+
+    Attributes:
+        force: By which it jumps to either side, in N (N m).
+        half: Time between two jumps, in s; the first comes after half of it, so that the speed
+            changes to both sides alike.
+    """
+
+    force: float
+    half: float
+
+    def at(self, elapsed: float) -> float:
+        """Return the force at a time since it began, in s."""
+        return -self.force if int(elapsed / self.half + 0.5) % 2 else self.force
+
+
 class Drive:
     """Moves the axes of a rig.
 
     Args:
         rig: With the device.
         rough: What is known of each axis.
+
+    Attributes:
+        load: Force of each axis that is added to that of the control, in N (N m).
     """
 
     def __init__(self, rig: Rig, rough: Sequence[Rough]) -> None:
         self.rig = rig
         self.rough = list(rough)
+        self.load = [0.0] * rig.axes
         self.wanted: list[float] = []
         self.take_over(rest(rig, rig.period).readings[-1])
 
@@ -136,14 +168,27 @@ class Drive:
         rough, most = self.rough[axis], 0.5 * self.rig.limits.force
         return max(min(4.0 * rough.friction, most - rough.friction), 0.2 * most) / rough.inertia
 
-    def pass_along(self, axis: int, end: float, speed: float) -> tuple[Way, Trace]:
-        """Move one axis to a position, in m (rad), and hold the others; return way and trace."""
+    def pass_along(
+        self, axis: int, end: float, speed: float, ripple: Ripple | None = None
+    ) -> tuple[Way, Trace]:
+        """Move one axis to a position, in m (rad), and hold the others; return way and trace.
+
+        A ripple is added while the axis should move at its even speed.
+        """
         way = Way(self.wanted[axis], end, speed, self.acceleration(axis))
 
         def wanted(one: int, elapsed: float) -> tuple[float, float, float]:
             return way.at(elapsed) if one == axis else (self.wanted[one], 0.0, 0.0)
 
-        trace = self.rig.run(way.duration, self._controller(wanted))
+        still = self._controller(wanted)
+
+        def rippled(elapsed: float, reading: Vector) -> Vector:
+            forces = list(still(elapsed, reading))
+            if ripple is not None and way.is_even(elapsed):
+                forces[axis] += ripple.at(elapsed - way.rise)
+            return tuple(forces)
+
+        trace = self.rig.run(way.duration, still if ripple is None else rippled)
         self.wanted[axis] = end
         return way, trace
 
@@ -163,8 +208,10 @@ class Drive:
             follower.begin()
 
         def controller(elapsed: float, reading: Vector) -> Vector:
-            followers = enumerate(zip(self._followers, reading, strict=True))
-            return tuple([one.force(elapsed, q, wanted(i, elapsed)) for i, (one, q) in followers])
+            axes = enumerate(zip(self._followers, reading, self.load, strict=True))
+            return tuple(
+                [load + one.force(elapsed, q, wanted(i, elapsed)) for i, (one, q, load) in axes]
+            )
 
         return controller
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from forcebound.errors import DeviceError
-from forcebound.identification.drive import Drive, Rough, Way
+from forcebound.identification.drive import Drive, Ripple, Rough, Way
 from forcebound.identification.rig import Controller, Floats, Rig, Trace, rest
 from forcebound.messages.packets import Vector
 
@@ -25,6 +25,8 @@ STILL_TICKS, STILL = 60, 0.005  # share of the reach within these ticks
 PATIENCE = 3.0  # s, for an axis that comes to rest
 STOPPING = 0.2  # s
 SETTLED, PUSH_RAMP, PUSH_LOOK = 0.15, 0.3, 0.3  # s; an axis rings on friction that yields
+RIPPLE = 0.6  # share of the speed
+RIPPLE_TICKS = 6  # between two jumps, or more
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # places that repeat late
 
 
@@ -200,6 +202,36 @@ def centre(drive: Drive, middle: Vector, speeds: list[float]) -> None:
     for axis in range(rig.axes):
         drive.go(axis, middle[axis], speeds[axis])
     rig.start = middle
+
+
+def strokes(drive: Drive, axis: int, speed: float, reach: float, count: int) -> list[Pass]:
+    """Pass along the range of an axis, there and back, with a force that jumps.
+
+    It makes the speed ripple, but never turn.
+
+    Args:
+        drive: Of the device.
+        axis: To be moved.
+        speed: In m/s (rad/s).
+        reach: To either side of the middle, in m (rad).
+        count: Of strokes.
+    """
+    rig, middle, inertia = drive.rig, drive.rig.start[axis], drive.rough[axis].inertia
+    drive.go(axis, middle - reach, speed)
+    found = []
+    for number in range(count):
+        side = -1 if number % 2 else 1
+        even = speed * (
+            0.7 + 0.3 * ((number * GOLDEN) % 1.0)
+        )  # meets the encoder's steps elsewhere
+        momentum = 2.0 * RIPPLE * even * inertia  # that the force between two jumps gives
+        least = RIPPLE_TICKS + number // 2 % 4
+        half = max(least, math.ceil(momentum / (0.5 * rig.limits.force) / rig.period))
+        ripple = Ripple(momentum / (half * rig.period), half * rig.period)
+        way, trace = drive.pass_along(axis, middle + side * reach, even, ripple)
+        found.append(Pass(axis, 0, 0, side, way, trace))
+    drive.go(axis, middle, speed)
+    return found
 
 
 def pushes(drive: Drive, forces: Vector, count: int) -> list[Push]:

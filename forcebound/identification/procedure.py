@@ -8,11 +8,12 @@ import numpy as np
 
 from forcebound.devices import Device, DeviceModel
 from forcebound.errors import DeviceError
-from forcebound.identification import estimators, experiments
+from forcebound.identification import estimators, experiments, helped
 from forcebound.identification.clock import Clock
-from forcebound.identification.drive import BANDWIDTH, Drive, Rough
+from forcebound.identification.drive import BANDWIDTH, Drive
 from forcebound.identification.estimators import Bounded, Floats, Point
 from forcebound.identification.experiments import Kick, Pass
+from forcebound.identification.lag import lag_of
 from forcebound.identification.rig import Limits, Rig, Trace, rest
 from forcebound.identification.windows import points_of
 from forcebound.messages.packets import Vector
@@ -24,6 +25,7 @@ FINER = 3  # times the parts of the range: where cogging is looked for
 TURNS = 4  # damping and inertia each need the other
 SETTLED = 2.5  # time constants of the position control, until a speed is even
 PUSHED = 0.8  # share of what friction holds
+WEIGHED, SLOW = 0.4, 0.4  # share of the reach and of the largest speed, with a weight
 MOST_LOAD = 0.8  # share of the friction
 
 
@@ -40,6 +42,10 @@ class Plan:
         repeats: Of each pass.
         parts: Of the range; friction is found in each.
         pushes: Below the friction; for presliding.
+        strokes: With a force that jumps; for the lag.
+        weight: Force of the weight that the user hangs on each axis, in N (N m), for the gain; 0:
+            none.
+        by_hand: Time for which the user moves the device, in s, for the largest speed; 0: none.
     """
 
     reach: float
@@ -49,7 +55,10 @@ class Plan:
     poses: tuple[float, ...] = (-1.0, 0.0, 1.0)
     repeats: int = 2
     parts: int = 8
-    pushes: int = 24
+    pushes: int = 36
+    strokes: int = 24
+    weight: float = 0.0
+    by_hand: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,7 @@ class AxisFound:
         friction_of_parts: Estimate by pose of the other axes and part of the range.
         presliding: z_m, in m (rad).
         resolution: Of the encoder, in m (rad).
+        lag: Of the amplifier, in s; None: it cannot be told, such as with late ticks.
         load: Force that depends on the place (weight, cogging), in N (N m), positive against
             positive motion: its mean; the bound is of the largest, without sign.
         inertia: In kg (kg m^2).
@@ -75,6 +85,7 @@ class AxisFound:
     friction_of_parts: dict[tuple[int, int], float]
     presliding: Bounded
     resolution: Bounded
+    lag: Bounded | None
     load: Bounded
     inertia: float
     decay: float
@@ -93,6 +104,9 @@ class Found:
         write_delay: From reading to the effect of the write, in s: median, and what 999 of 1000
             writes keep.
         interval: Between two writes, in s, alike.
+        gain: What each motor gives over what it is told; empty: not measured.
+        largest_speed: Of a motion by hand, of all axes together, in m/s (rad/s); None: not
+            measured.
     """
 
     axes: tuple[AxisFound, ...]
@@ -100,6 +114,8 @@ class Found:
     duration: float
     write_delay: Bounded
     interval: Bounded
+    gain: tuple[Bounded, ...] = ()
+    largest_speed: Bounded | None = None
 
 
 def identify(
@@ -128,46 +144,71 @@ def identify(
     rig = Rig(device, clock, 1.0 / plan.rate, wide, holds)
     say("at rest: noise of the encoders")
     resting = rest(rig)
-    say("a slow ramp on each axis: does it move, and the right way?")
-    middle = rig.start if middle is None else middle
-    kicks, rough = _first_look(rig, middle, say)
-    drive = Drive(rig, rough)
-    speeds = [_largest_speed(drive, axis, plan) for axis in range(rig.axes)]
-    experiments.centre(drive, middle, speeds)
-    rig.limits = Limits(plan.force, TOO_FAST * max(speeds), BEYOND * plan.reach)
-    half = RANGE * plan.reach
+    kicks, drive, speeds = _first_look(rig, rig.start if middle is None else middle, plan, say)
     passes: list[list[Pass]] = []
     for axis in range(rig.axes):
         say(f"axis {axis + 1}: there and back at several speeds, over its range")
         passes.append(_passes(drive, axis, speeds[axis], plan))
-    losses = [
-        _losses(passes[axis], kicks[axis], rig.start[axis] - half, rig.start[axis] + half, plan)
+    rig.release()  # no force stays on while this is computed
+    half = RANGE * plan.reach
+    span = tuple((start - half, start + half) for start in rig.start)
+    losses = [_losses(*one, plan) for one in zip(passes, kicks, span, strict=True)]
+    drive.take_over(rest(rig, experiments.STOPPING).readings[-1])
+    say("there and back with a force that jumps: does it come late?")
+    strokes = [
+        experiments.strokes(drive, axis, speeds[axis], plan.reach, plan.strokes)
         for axis in range(rig.axes)
     ]
     say("pushes below the friction: how far does it yield?")
     forces = tuple(_below_friction(axis, one) for axis, one in enumerate(losses))
     pushed = experiments.pushes(drive, forces, plan.pushes)
+    gain, largest_speed = _helped(drive, losses, speeds, plan, say)
     rig.release()
     axes = tuple(
         _axis(
-            losses[axis], passes[axis], resting, kicks[axis],
+            losses[axis], passes[axis], strokes[axis], resting, kicks[axis],
             np.array([push.yielded[axis] for push in pushed]), forces[axis],
         )
         for axis in range(rig.axes)
     )  # fmt: skip
     return Found(
         axes,
-        tuple((start - half, start + half) for start in rig.start),
+        span,
         rig.elapsed,
         _largest(rig.delays),
         _largest(rig.intervals),
+        gain,
+        largest_speed,
     )
 
 
+def _helped(
+    drive: Drive,
+    losses: Sequence["_Losses"],
+    speeds: Sequence[float],
+    plan: Plan,
+    say: Callable[[str], None],
+) -> tuple[tuple[Bounded, ...], Bounded | None]:
+    """Gains and largest speed, as far as the user wants and helps; a failure is said."""
+    gains: list[Bounded] = []
+    largest_speed = None
+    try:
+        for axis, one in enumerate(losses if plan.weight else ()):
+            way = WEIGHED * plan.reach, SLOW * speeds[axis]
+            found = helped.gain(drive, axis, plan.weight, one.friction.upper, way, say)
+            gains += [] if found is None else [found]
+        if plan.by_hand:
+            largest_speed = helped.largest_speed(drive.rig, WEIGHED * plan.reach, plan.by_hand, say)
+    except DeviceError as error:
+        say(f"{error}. What was measured before is kept")
+    return tuple(gains) if len(gains) == len(losses) else (), largest_speed
+
+
 def _first_look(
-    rig: Rig, middle: Vector, say: Callable[[str], None]
-) -> tuple[list[list[Kick]], list[Rough]]:
-    """What moves each axis, and how it moves under a short push."""
+    rig: Rig, middle: Vector, plan: Plan, say: Callable[[str], None]
+) -> tuple[list[list[Kick]], Drive, list[float]]:
+    """What short pushes say of each axis, its drive, now in the middle, and its largest speed."""
+    say("a slow ramp on each axis: does it move, and the right way?")
     kicks, rough = [], []
     for axis in range(rig.axes):
         inwards = 1 if middle[axis] >= rig.start[axis] else -1
@@ -180,7 +221,11 @@ def _first_look(
             rest(rig, experiments.STOPPING)
         kicks.append(own)
         rough.append(experiments.rough_of(own, started))
-    return kicks, rough
+    drive = Drive(rig, rough)
+    speeds = [_largest_speed(drive, axis, plan) for axis in range(rig.axes)]
+    experiments.centre(drive, middle, speeds)
+    rig.limits = Limits(plan.force, TOO_FAST * max(speeds), BEYOND * plan.reach)
+    return kicks, drive, speeds
 
 
 def _largest_speed(drive: Drive, axis: int, plan: Plan) -> float:
@@ -222,16 +267,16 @@ class _Losses:
 
 
 def _losses(
-    passes: Sequence[Pass], kicks: Sequence[Kick], low: float, high: float, plan: Plan
+    passes: Sequence[Pass], kicks: Sequence[Kick], span: tuple[float, float], plan: Plan
 ) -> _Losses:
     """Damping and friction of an axis, from its passes.
 
     Raises:
         DeviceError: If it did not move evenly enough.
     """
-    raw = points_of(passes, low, high, 1)
+    raw = points_of(passes, *span, 1)
     raw_slow = points_of(
-        [one for one in passes if one.level < len(plan.levels) - 1], low, high, plan.parts
+        [one for one in passes if one.level < len(plan.levels) - 1], *span, plan.parts
     )
     if len(raw) < 5 or len(raw_slow) < 2 * plan.parts:
         raise DeviceError(
@@ -254,7 +299,7 @@ def _losses(
     least = estimators.below_all(whole, damping.lower, friction.lower)
     friction = Bounded(friction.estimate, least, friction.upper)
     slowest = [one for one in passes if one.level == 0]
-    fine = [one.at_rest(inertia) for one in points_of(slowest, low, high, FINER * plan.parts)]
+    fine = [one.at_rest(inertia) for one in points_of(slowest, *span, FINER * plan.parts)]
     return _Losses(damping, friction, parts, estimators.load(fine), inertia, tuple(whole))
 
 
@@ -277,6 +322,7 @@ def _below_friction(axis: int, losses: _Losses) -> float:
 def _axis(
     losses: _Losses,
     passes: Sequence[Pass],
+    strokes: Sequence[Pass],
     resting: Trace,
     kicks: Sequence[Kick],
     yielded: Floats,
@@ -294,6 +340,7 @@ def _axis(
         friction_of_parts=losses.parts,
         presliding=estimators.presliding(yielded, force, f.estimate, f.upper, resolution.estimate),
         resolution=resolution,
+        lag=lag_of(strokes, b.estimate),
         load=losses.load,
         inertia=losses.inertia,
         decay=float(np.median(decay)),

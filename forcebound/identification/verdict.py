@@ -23,12 +23,15 @@ SPEED, DEPTH = 0.1, 2e-3  # m/s, m
 RESTING = 0.2  # s
 SMALL = 1e-6  # rad, to find the direction in which the tip moves
 
-MORE_IS_BETTER = ("damping", "friction", "saturation")
-
-#: Numbers that only cost; without them the device would have none of that effect.
-IMPERFECTIONS = (
-    "presliding", "resolution", "write_delay", "gain_error", "lag", "weight_error",
-)  # fmt: skip
+#: By how many times a number is better on a better device, and what that is called.
+BETTER = {
+    **dict.fromkeys(("damping", "friction", "saturation"), (1.2, "a fifth more of it")),
+    "largest_speed": (0.8, "a fifth less of it"),
+    **dict.fromkeys(
+        ("presliding", "resolution", "write_delay", "gain_error", "lag", "weight_error"),
+        (0.0, "without it"),
+    ),
+}
 
 
 class _Prescribed:
@@ -114,8 +117,8 @@ class Verdict:
     Attributes:
         stiffness: In N/m.
         gains: By number: how many times stiffer ``certified`` would be if the number had been found
-            without any uncertainty (``measured``), and if the device did not have that imperfection
-            or a fifth more of damping, friction or saturation (``built``).
+            without any uncertainty (``measured``), and on a better device (``built``, see
+            :data:`BETTER`).
         limit: The number with the largest gain of a better device.
     """
 
@@ -148,12 +151,11 @@ def verdict(
     now = shown({})
     base = now or math.inf
     gains: dict[str, dict[str, float]] = {}
-    for name in (*MORE_IS_BETTER, *IMPERFECTIONS):
-        value = getattr(model, name, 0.0)
-        if not np.any(value):
+    for name, (factor, _) in BETTER.items():
+        value = getattr(model, name, None)
+        if value is None or not np.any(value):
             continue
-        best = 0.0 if name in IMPERFECTIONS else _times(value, 1.2)
-        gains[name] = {"built": shown({name: best}) / base}
+        gains[name] = {"built": shown({name: _times(value, factor)}) / base}
         if name in estimates:
             gains[name]["measured"] = shown({name: estimates[name]}) / base
     return Verdict(now, gains, max(gains, key=lambda name: gains[name]["built"]))

@@ -9,7 +9,7 @@ from typing import Annotated
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.path_file import read_numbers
-from forcebound.operators.places import both, distance
+from forcebound.operators.places import StraightWay, straight_way
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -47,30 +47,25 @@ class FollowingHand:
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
-    _places: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
-    _ways: tuple[float, ...] = field(init=False, repr=False, compare=False)  # from the start, in m
+    _ways: tuple[StraightWay, ...] = field(init=False, repr=False, compare=False)
+    _ends: tuple[float, ...] = field(init=False, repr=False, compare=False)  # m, along the path
 
     def __post_init__(self) -> None:
         check_ranges(self)
         places = self._read()
-        if self.repeat:
-            places = (*places, places[0])
-        steps = [distance(one, other) for one, other in pairwise(places)]
-        object.__setattr__(self, "_places", places)
-        object.__setattr__(self, "_ways", tuple(accumulate(steps, initial=0.0)))
+        ways = [straight_way(one, other) for one, other in pairwise((*places, places[0]))]
+        if not self.repeat:
+            ways[-1] = straight_way(places[-1], places[-1])
+        object.__setattr__(self, "_ways", tuple(ways))
+        object.__setattr__(self, "_ends", tuple(accumulate(way.length for way in ways)))
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        way, length = self.speed * max(elapsed, 0.0), self._ways[-1]
+        travel, length = self.speed * max(elapsed, 0.0), self._ends[-1]
         if self.repeat and length > 0.0:
-            way %= length
-        after = bisect_right(self._ways, way)
-        if after == len(self._ways):
-            return self._places[-1]
-        before = after - 1
-        share = (way - self._ways[before]) / (self._ways[after] - self._ways[before])
-        one, other = self._places[before], self._places[after]
-        return tuple([a + share * (b - a) for a, b in both(one, other)])
+            travel %= length
+        number = min(bisect_right(self._ends, travel), len(self._ways) - 1)
+        return self._ways[number].at(travel - (self._ends[number] - self._ways[number].length))
 
     def _read(self) -> tuple[Vector, ...]:
         """Points of equal length."""

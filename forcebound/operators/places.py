@@ -2,7 +2,7 @@
 
 import math
 from itertools import zip_longest
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
@@ -30,31 +30,31 @@ def check_places(hand: Any, *names: str) -> None:
             raise ConfigError(f"{wanted}, got {count}", field=name)
 
 
-def both(one: Vector, other: Vector) -> list[tuple[float, float]]:
-    """Return the coordinates of two vectors side by side; 0 where only one of them has any."""
-    return list(zip_longest(one, other, fillvalue=0.0))
+class StraightWay(NamedTuple):
+    """Straight way from one place to another."""
+
+    start: Vector  # m
+    end: Vector  # m, same shape
+    direction: Vector  # unit vector; zeros if there is no way to go
+    length: float  # m
+
+    def at(self, travel: float) -> Vector:
+        """Return the place after ``travel``, in m, from the start on; then the end."""
+        if travel >= self.length:
+            return self.end
+        return tuple([a + travel * u for a, u in zip(self.start, self.direction, strict=True)])
 
 
-def distance(one: Vector, other: Vector) -> float:
-    """Return how far two places are apart, in m."""
-    return math.hypot(*[b - a for a, b in both(one, other)])
-
-
-def straight(elapsed: float, start: Vector, end: Vector, speed: float) -> Vector:
-    """Return the place, in m, of a point that moves straight from ``start`` and stays at ``end``.
-
-    Args:
-        elapsed: Since it left, in s.
-        start: In m.
-        end: In m.
-        speed: In m/s, > 0.
-    """
-    way, travel = distance(start, end), speed * elapsed
-    if travel >= way:
-        return tuple([b for _, b in both(start, end)])
-    return tuple([a + travel * ((b - a) / way) for a, b in both(start, end)])
+def straight_way(start: Place, end: Place) -> StraightWay:
+    """Return the straight way from one place to another."""
+    pairs = list(zip_longest(coordinates(start), coordinates(end), fillvalue=0.0))
+    length = math.hypot(*[b - a for a, b in pairs])
+    direction = tuple([(b - a) / length if length > 0.0 else 0.0 for a, b in pairs])
+    return StraightWay(
+        tuple([a for a, _ in pairs]), tuple([b for _, b in pairs]), direction, length
+    )
 
 
 def shifted(place: Vector, shift: Vector) -> Vector:
     """Return a place, in m, moved by ``shift``."""
-    return tuple([a + b for a, b in both(place, shift)])
+    return tuple([a + b for a, b in zip_longest(place, shift, fillvalue=0.0)])

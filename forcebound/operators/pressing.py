@@ -1,10 +1,11 @@
 """A hand that approaches at a set speed and then presses towards a point behind the surface."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.operators.places import Place, check_places, coordinates, straight
+from forcebound.operators.places import Place, StraightWay, check_places, straight_way
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -19,7 +20,7 @@ from forcebound.quantities import (
 def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:
     """Return the position, in m, of a point that moves at ``speed`` from ``start`` to ``end``.
 
-    On one axis; the same numbers as :func:`forcebound.operators.places.straight`, for kernels.
+    On one axis; the same numbers as :func:`forcebound.operators.places.straight_way`, for kernels.
     """
     travel = speed * elapsed
     if travel >= abs(end - start):
@@ -53,5 +54,8 @@ class PressingHand:
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        start, end = coordinates(self.start), coordinates(self.end)
-        return straight(elapsed, start, end, self.approach_speed)
+        return self._way.at(self.approach_speed * elapsed)
+
+    @cached_property
+    def _way(self) -> StraightWay:
+        return straight_way(self.start, self.end)

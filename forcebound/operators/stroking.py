@@ -2,16 +2,17 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
 from forcebound.operators.places import (
     Place,
+    StraightWay,
     check_places,
     coordinates,
-    distance,
     shifted,
-    straight,
+    straight_way,
 )
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -56,8 +57,12 @@ class StrokingHand:
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        start, end = coordinates(self.start), coordinates(self.end)
-        since = elapsed - distance(start, end) / self.approach_speed
-        share = math.sin(2.0 * math.pi * self.frequency * max(since, 0.0))
-        way = tuple([share * length for length in coordinates(self.stroke)])
-        return shifted(straight(elapsed, start, end, self.approach_speed), way)
+        travel = self.approach_speed * elapsed
+        since = max(elapsed - self._way.length / self.approach_speed, 0.0)
+        share = math.sin(2.0 * math.pi * self.frequency * since)
+        stroke = tuple([share * length for length in coordinates(self.stroke)])
+        return shifted(self._way.at(travel), stroke)
+
+    @cached_property
+    def _way(self) -> StraightWay:
+        return straight_way(self.start, self.end)

@@ -2,10 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.operators.places import Place, check_places, coordinates, shifted, straight
+from forcebound.operators.places import (
+    Place,
+    StraightWay,
+    check_places,
+    coordinates,
+    shifted,
+    straight_way,
+)
 from forcebound.operators.pressing import pressing_target
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -61,10 +69,13 @@ class TremblingHand:
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
-        start, end = coordinates(self.start), coordinates(self.end)
         phase = 2.0 * math.pi * self.tremor_frequency * elapsed
         tremor = [
             force / self.stiffness * math.sin(phase - 0.5 * math.pi * axis)
             for axis, force in enumerate(coordinates(self.tremor))
         ]
-        return shifted(straight(elapsed, start, end, self.approach_speed), tuple(tremor))
+        return shifted(self._way.at(self.approach_speed * elapsed), tuple(tremor))
+
+    @cached_property
+    def _way(self) -> StraightWay:
+        return straight_way(self.start, self.end)

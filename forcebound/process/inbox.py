@@ -40,7 +40,8 @@ class Inbox:
     Args:
         subscribes: Packets of the node.
         links: Impaired links by topic; a topic that is not here has a perfect link.
-        reject: Called with the reason for each packet that is rejected.
+        reject: Called for each packet that is rejected: with the reason, and what was expected and
+            what came.
         admit: :meth:`forcebound.nodes.Node.admit`, asked before a link or a newer packet decides.
 
     Attributes:
@@ -51,7 +52,7 @@ class Inbox:
         self,
         subscribes: Sequence[type[Packet]],
         links: Mapping[str, Link[Packet]],
-        reject: Callable[[str], None],
+        reject: Callable[[str, str], None],
         admit: Callable[[Packet, str, int], bool],
     ) -> None:
         self.received = {TOPIC_OF[packet]: 0 for packet in subscribes}
@@ -192,4 +193,7 @@ class Inbox:
 
     def _reject(self, error: PacketError | KeyError) -> None:
         # A packet of another class than expected: the decoder gives the reason.
-        self._rejected(error.reason if isinstance(error, PacketError) else "keys")
+        if isinstance(error, PacketError):
+            self._rejected(error.reason, str(error))
+        else:
+            self._rejected("keys", "a packet that this process does not take")

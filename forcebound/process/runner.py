@@ -280,7 +280,7 @@ class Runner:
                 self.answer({"request": "engage"})
                 engages_itself = False
 
-    def _reject(self, reason: str) -> None:
+    def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
         time_ns = time.monotonic_ns()
         if time_ns >= self._next_complaint_ns:
@@ -288,7 +288,7 @@ class Runner:
             rejected = self._node.status()["rejected"]
             counts = ", ".join(f"{count} {why}" for why, count in rejected.items())
             data = {why: str(count) for why, count in rejected.items()}
-            message = f"rejected packets so far: {counts}"
+            message = f"rejected packets so far: {counts}; the last: {why}"
             self.emit("packets_refused", message, data, is_fault=True)
 
 

@@ -1,0 +1,216 @@
+"""Scenes and contacts on the wire, in recordings and in virtual time."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from launch_texts import GOOD, written
+from mcap.reader import make_reader
+from msgspec.structs import replace
+
+from forcebound.config.loader import load
+from forcebound.errors import PacketError
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.codec import MAX_BYTES, MAX_SCENE_BYTES, decode, encode
+from forcebound.messages.packets import (
+    MAX_LENGTH,
+    DeviceState,
+    EnvironmentReply,
+    Packet,
+    Scene,
+    SceneObject,
+)
+from forcebound.recording import Recorder, read
+from forcebound.recording_schema import schema
+
+BALL = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), is_fixed=False)
+BUNNY = SceneObject("bunny", "mesh", file="bunny.stl", digest="0123456789abcdef" * 4)
+PATH = SceneObject("path", "path", points=((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+SCENE = Scene(0, 5, (BALL, BUNNY, PATH), (0.1,))
+STATE = DeviceState(0, 0, 0.0, (0.1,), (0.0,), (0.0,), (0.5, -0.5, 0.5, 0.5), 3)
+REPLY = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0,), "e", (0.01,), (-1.0,))
+
+
+def refusal(message: dict[str, Any]) -> str:
+    with pytest.raises(PacketError) as caught:
+        decode(msgpack.packb(message))
+    assert caught.value.reason == "value"
+    return str(caught.value)
+
+
+def scene_with(**changes: Any) -> dict[str, Any]:
+    """The map of a scene of one ball with changes; None takes a key away."""
+    message: dict[str, Any] = msgpack.unpackb(encode(replace(SCENE, objects=(BALL,))))
+    ball = message["objects"][0] | changes
+    return message | {"objects": [{k: v for k, v in ball.items() if v is not None}]}
+
+
+# --- The wire ------------------------------------------------------------------------------------
+
+
+def test_only_what_is_unusual_of_an_object_is_sent() -> None:
+    message: dict[str, Any] = msgpack.unpackb(encode(replace(SCENE, objects=(PATH,))))
+    assert message["objects"][0].keys() == {"name", "shape", "points"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"name": None}, "missing required field `name`"),
+        ({"radius": 0.1}, "unknown field `radius`"),
+        ({"shape": "cone"}, "objects[0].shape"),
+        ({"position": [0.0, 0.0]}, "objects[0].position must be `array` of length 3"),
+        ({"size": [0.1] * 4}, "objects[0].size"),
+        ({"size": [math.inf]}, "finite numbers"),
+        ({"points": [[0.0, math.nan, 0.0]]}, "finite numbers"),
+        ({"points": [[0.0] * 3] * (MAX_LENGTH + 1)}, "malformed"),
+        ({"digest": "0" * 63}, "objects[0].digest"),
+        ({"name": "a\nb"}, "printable text"),
+        ({"file": "\x1b[2J"}, "printable text"),
+        ({"is_fixed": 1}, "objects[0].is_fixed must be `bool`"),
+    ],
+)
+def test_an_object_that_is_none_is_refused(changes: dict[str, Any], said: str) -> None:
+    if said != "malformed":
+        assert said in refusal(scene_with(**changes))
+        return
+    with pytest.raises(PacketError) as caught:
+        decode(msgpack.packb(scene_with(**changes)))
+    assert caught.value.reason == said
+
+
+def test_a_scene_may_be_longer_than_other_packets_but_not_for_ever() -> None:
+    box = SceneObject("box", "box", (0.1,) * 3, (0.5,) * 4, (0.1,) * 3, is_fixed=False)
+    boxes = tuple(replace(box, name=f"box {place}") for place in range(MAX_LENGTH))
+    data = encode(replace(SCENE, objects=boxes))
+    assert MAX_BYTES < len(data) < MAX_SCENE_BYTES / 2
+    assert decode(data) == decode(data, Scene) == replace(SCENE, objects=boxes)
+    long = encode(replace(SCENE, objects=tuple(replace(b, file="x" * 500) for b in boxes)))
+    for expected in (None, Scene, DeviceState):
+        with pytest.raises(PacketError, match="expected at most"):
+            decode(long, expected)
+    with pytest.raises(PacketError, match=f"at most {MAX_BYTES} bytes"):
+        decode(data, DeviceState)
+    telemetry = msgpack.packb(msgpack.unpackb(encode(STATE)) | {"more": "x" * MAX_BYTES})
+    with pytest.raises(PacketError):
+        decode(telemetry)
+
+
+@pytest.mark.parametrize("key", ["proxy", "normal"])
+def test_a_contact_is_whole(key: str) -> None:
+    message: dict[str, Any] = msgpack.unpackb(encode(REPLY))
+    half = {"proxy": "normal", "normal": "proxy"}[key]
+    assert f"got {half} alone" in refusal(message | {key: None})
+    assert "vectors of one length" in refusal(message | {key: [0.0, 0.0]})
+
+
+# --- Recordings ----------------------------------------------------------------------------------
+
+
+def test_scenes_contacts_and_what_a_device_senses_come_back(tmp_path: Path) -> None:
+    nowhere = replace(STATE, orientation=(math.nan, 0.0, 0.0, 0.0))
+    lost = replace(REPLY, proxy=(math.nan,))
+    sent: list[Packet] = [STATE, nowhere, REPLY, lost, SCENE, replace(SCENE, proxy=None)]
+    with Recorder(tmp_path / "run.mcap", {}) as recorder:
+        for packet in sent:
+            recorder.write(packet)
+    recording = read(tmp_path / "run.mcap")
+    back = [p for topic in ("device_state", "environment_reply", "scene")
+            for p in recording.packets(topic)]  # fmt: skip
+    assert repr(back) == repr(sent)  # repr: not-a-number equals itself
+
+
+def test_the_schema_of_a_scene_describes_its_objects() -> None:
+    objects = schema(Scene)["properties"]["objects"]
+    assert objects["items"]["required"] == ["name", "shape"]
+    described = objects["items"]["properties"]
+    assert described["shape"]["type"] == "string"
+    assert described["orientation"] == {
+        "type": "array",
+        "items": {"type": "number"},
+        "minItems": 4,
+        "maxItems": 4,
+    }
+    # Foxglove takes no arrays of arrays.
+    assert "points" not in described
+
+
+# --- Virtual time --------------------------------------------------------------------------------
+
+FLOOR = """\
+from dataclasses import dataclass
+
+from forcebound.messages.packets import Contact, SceneObject
+from forcebound.quantities import Stiffness
+
+
+@dataclass(frozen=True)
+class Floor:
+    stiffness: Stiffness = 1000.0
+
+    def open(self, axes):
+        return OpenFloor(self.stiffness, axes)
+
+
+class OpenFloor:
+    def __init__(self, stiffness, axes):
+        self.stiffness, self.place = stiffness, (0.0,) * axes
+
+    def force(self, position, velocity, elapsed):
+        self.place = position
+        return (self.stiffness * max(0.0, position[0] - 0.01), *[0.0] * (len(position) - 1))
+
+    def contact(self):
+        others = self.place[1:]
+        inside = self.place[0] > 0.01
+        return Contact((0.01, *others), (-1.0, *[0.0] * len(others))) if inside else None
+
+    def scene(self):
+        return (SceneObject("floor", "plane", (0.01, 0.0, 0.0)),)
+
+    def close(self):
+        pass
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    columns: Any
+    recorded: Path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("floor")
+    written(folder, FLOOR, "floor.py")
+    config = load(written(folder, GOOD.replace("kind: wall", "kind: floor.py")))
+    without = run_virtual(config, 1.0).columns
+    run_virtual(config, 1.0, folder / "run.mcap")
+    return Run(without, folder / "run.mcap")
+
+
+def test_a_run_in_virtual_time_knows_its_contacts_with_and_without_a_recording(run: Run) -> None:
+    columns = run.columns
+    assert columns.is_told[:-2].all()  # queries take 2 ms
+    inside = ~np.isnan(columns.proxy[:, 0])
+    assert 0 < inside.sum() < len(inside)
+    assert (columns.proxy[inside] == 0.01).all()
+    assert (columns.normal[inside] == -1.0).all()
+    recorded = read(run.recorded).telemetry
+    assert np.array_equal(recorded.proxy, columns.proxy, equal_nan=True)
+    assert np.array_equal(recorded.position, columns.position)
+
+
+def test_a_recorded_scene_follows_the_proxy(run: Run) -> None:
+    scenes = [p for p in read(run.recorded).packets("scene") if isinstance(p, Scene)]
+    assert [scene.proxy for scene in scenes[:2]] == [None, (0.01,)]
+    assert {scene.objects[0].shape for scene in scenes} == {"plane"}
+    with run.recorded.open("rb") as file:
+        written_scenes = [m for _, c, m in make_reader(file).iter_messages() if c.topic == "/scene"]
+    assert len(written_scenes) == len(scenes)
+    assert json.loads(written_scenes[0].data)["objects"][0]["name"] == "floor"

@@ -1,0 +1,109 @@
+"""Orientation and buttons: from a device that senses them to the environment's query."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from builders import MS
+from fakes import DISSIPATION, FakeDevice
+
+from forcebound.controllers.direct import DirectController
+from forcebound.devices.contract import check
+from forcebound.devices.guard import GuardedDevice
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import DeviceError
+from forcebound.messages.packets import DeviceState, EnvironmentQuery
+from forcebound.nodes.controller import ControllerNode
+from forcebound.nodes.device import DeviceNode
+from forcebound.nodes.servo import ServoSettings
+from forcebound.operators import Operator
+
+TURNED = (math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5))
+
+
+class Stylus(FakeDevice):
+    """A device that senses how it is held."""
+
+    def __init__(self, orientation: Any = TURNED, buttons: Any = 0b101) -> None:
+        super().__init__(axes=3)
+        self.orientation = lambda: orientation
+        self.buttons = lambda: buttons
+
+
+def first_state(device: Any) -> DeviceState:
+    node = DeviceNode(device, DISSIPATION, ServoSettings(law="none", engage_time=0.0))
+    (state,) = node.step(0, [])
+    assert isinstance(state, DeviceState)
+    return state
+
+
+def test_a_state_tells_what_the_device_senses_and_the_query_passes_it_on() -> None:
+    state = first_state(Stylus())
+    assert (state.orientation, state.buttons) == (TURNED, 0b101)
+    (query,) = ControllerNode(DirectController()).step(MS, [state])
+    assert isinstance(query, EnvironmentQuery)
+    assert (query.orientation, query.buttons) == (TURNED, 0b101)
+
+
+def test_a_device_that_senses_neither_tells_neither() -> None:
+    for device in (FakeDevice(), GuardedDevice(FakeDevice())):
+        state = first_state(device)
+        assert (state.orientation, state.buttons) == (None, None)
+
+
+def test_a_guarded_device_tells_them_as_plain_numbers() -> None:
+    state = first_state(GuardedDevice(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
+    assert (state.orientation, state.buttons) == ((0.0, 1.0, 0.0, 0.0), 1)
+    assert type(state.buttons) is int
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"orientation": (1.0, 0.0, 0.0)}, "orientation"),
+    ({"orientation": (1.0, 1.0, 0.0, 0.0)}, "4 numbers of length 1"),
+    ({"orientation": (math.nan, 0.0, 0.0, 0.0)}, "4 numbers of length 1"),
+    ({"buttons": -1}, "a bit for each button"),
+    ({"buttons": 2**63}, "a bit for each button"),
+    ({"buttons": "left"}, "buttons"),
+]
+
+
+@pytest.mark.parametrize(("sensed", "said"), WRONG)
+def test_what_no_device_can_sense_is_a_device_error(sensed: dict[str, Any], said: str) -> None:
+    with pytest.raises(DeviceError, match=said):
+        first_state(GuardedDevice(Stylus(**sensed)))
+
+
+@dataclass(frozen=True)
+class SensingPhantom(PhantomPremium15):
+    """A simulated device with a stylus."""
+
+    told_orientation: Any = TURNED
+    told_buttons: Any = 0
+
+    def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
+        return SensingDevice(self, operator, hold_limit)
+
+
+class SensingDevice(SimulatedDevice):
+    def __init__(self, model: SensingPhantom, operator: Operator | None, hold_limit: float) -> None:
+        super().__init__(model, operator, hold_limit)
+        self._model = model
+
+    def orientation(self) -> Any:
+        return self._model.told_orientation
+
+    def buttons(self) -> Any:
+        return self._model.told_buttons
+
+
+def test_the_contract_asks_for_what_a_device_senses() -> None:
+    kept = check(SensingPhantom(), ticks=5)
+    assert kept.violations == ()
+    assert {"orientation", "buttons"} <= kept.held.keys()
+    assert not {"orientation", "buttons"} & check(PhantomPremium15(), ticks=5).held.keys()
+    for sensed, _ in WRONG:
+        ((name, value),) = sensed.items()
+        told: dict[str, Any] = {f"told_{name}": value}
+        assert not check(SensingPhantom(**told), ticks=5).held[name]
