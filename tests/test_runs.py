@@ -89,7 +89,7 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
     with pytest.raises(ConfigError) as caught:
         find(None, [tmp_path])
     head, *lines = str(caught.value).splitlines()
-    assert head == "several graphs run; name one with --run DIR, of"
+    assert head == "several graphs run; name one with --run GRAPH, of"
     assert lines == [
         f"  {first}  (stiff_wall law:=none, process {os.getpid()})",
         f"  {second}  (stress.yaml, process {os.getpid()})",
