@@ -54,9 +54,9 @@ class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     """One thing that a display may draw.
 
     ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its own
-    x, y and z; of a cylinder its radius, and its length along its own z; of the others nothing. A
-    plane passes through ``position``, its own z is its outward normal. The points of a path are
-    joined in their order.
+    x, y and z; of a cylinder its radius, and its length along its own z; of a mesh the length of
+    its file's unit; of the others nothing. A plane passes through ``position``, its own z is its
+    outward normal. The points of a path are joined in their order.
     """
 
     name: _Name  # no other object of the scene has it

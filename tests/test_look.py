@@ -127,4 +127,4 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         graph.wait_until_released()
     refused = CliRunner().invoke(main, ["hz", "--run", "stiff_wall"])
     assert refused.exit_code == 2
-    assert "nor the launch file, of a running graph" in refused.stderr
+    assert "is not the run directory of a running graph, nor its launch file" in refused.stderr

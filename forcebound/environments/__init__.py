@@ -148,6 +148,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "damper": "forcebound.environments.damper:Damper",
         "mass_spring": "forcebound.environments.mass_spring:MassSpring",
         "bodies": "forcebound.environments.bodies:Bodies",
+        "mesh": "forcebound.environments.mesh:TriangleMesh",
         "active_wall": "forcebound.environments.adversary:ActiveWall",
         "negative_damper": "forcebound.environments.adversary:NegativeDamper",
         "random_force": "forcebound.environments.adversary:RandomForce",

@@ -12,6 +12,7 @@ Source of the wide nodes: I. Wald, C. Benthin, S. Boulos, Getting rid of packets
 single-ray traversal using multi-branching BVHs, IEEE Symposium on Interactive Ray Tracing, 2008.
 """
 
+import copy
 import math
 from typing import Any
 
@@ -35,7 +36,7 @@ _STACK = WIDTH * MAX_DEPTH
 class TriangleTree:
     """Triangles that answer where they are; see the module.
 
-    It keeps the place of its last answer, so it serves one thread.
+    It keeps the place of its last answer, so it serves one user.
 
     Args:
         corners: Of the triangles, in m, shape (n, 3, 3), n at least 1; rounded to single precision.
@@ -57,6 +58,12 @@ class TriangleTree:
         self.scratch = np.zeros((3, _STACK))
         self._closest, self._first_contact = jit(closest), jit(first_contact)
         self._last = 0
+
+    def own(self) -> "TriangleTree":
+        """Return the same tree with memory of its own of the last answer."""
+        other = copy.copy(self)
+        other.scratch, other._last = self.scratch.copy(), 0
+        return other
 
     @property
     def size(self) -> float:

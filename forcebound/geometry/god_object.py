@@ -21,6 +21,7 @@ SIGGRAPH 1997; M. Ortega, S. Redon, S. Coquillart, A six degree-of-freedom god-o
 haptic display of rigid bodies with surface properties, IEEE TVCG 13(3), 2007.
 """
 
+import copy
 import math
 from typing import Any
 
@@ -34,13 +35,26 @@ from forcebound.geometry.bounding_volumes import (
     push_children_near,
     triangles_of_leaf,
 )
+from forcebound.geometry.mesh_file import Mesh
 from forcebound.geometry.planes import closest_legal
 from forcebound.geometry.triangles import Triangles, corner, is_over
-from forcebound.geometry.vectors import Vector3, along, cross, dot, norm, scale, sub, unit
+from forcebound.geometry.vectors import (
+    Quaternion,
+    Vector3,
+    along,
+    cross,
+    dot,
+    norm,
+    rotate,
+    scale,
+    sub,
+    unit,
+)
 
 CLEARANCE = 1e-7  # of the mesh's size
 PLANES = 8  # of a sweep at most
 SWEEPS = 64  # of a question at most; what is left is done in the next
+SHADED = 0.5  # least cosine between a normal and its smoothed one
 STILL = 1e-3  # of the clearance: a shorter move is none
 FAR = 1e3  # sizes of the mesh; a goal beyond is taken to be there
 
@@ -68,6 +82,12 @@ class MeshSolid:
         start = (float(tree.highest[0]) + tree.size, 0.0, 0.0)
         self.slide(start, start)  # compiles
         self.distance(start)
+
+    def own(self) -> "MeshSolid":
+        """Return the same solid with scratch memory of its own, as each user needs it."""
+        other = copy.copy(self)
+        other.tree, other._planes = self.tree.own(), self._planes.copy()
+        return other
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy towards the goal; see :class:`forcebound.geometry.proxy.Solid`."""
@@ -119,7 +139,14 @@ class MeshSolid:
         )
 
 
-SHADED = 0.5  # least cosine between a normal and its smoothed one
+def placed(mesh: Mesh, position: Vector3, orientation: Quaternion) -> MeshSolid:
+    """Return a mesh, turned by a unit quaternion and then moved (m), as a solid."""
+    import numpy as np
+
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    axes = np.array([rotate(orientation, axis) for axis in (x, y, z)])
+    tree = TriangleTree(mesh.corners @ axes + position)
+    return MeshSolid(tree, mesh.is_closed, mesh.normals @ axes)
 
 
 def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:

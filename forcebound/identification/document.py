@@ -224,7 +224,7 @@ def write(path: Path, document: Mapping[str, Any], command: str) -> None:
 
     yaml = YAML()  # the kind that keeps the order
     yaml.default_flow_style = None
-    yaml.width = 110
+    yaml.width = 200  # a line for each number
     text = StringIO()
     yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
     use = f"`device: {{include: {path.name}}}` in a launch file"

@@ -19,7 +19,7 @@ from forcebound.telemetry import TelemetryColumns
 
 DURATION = 5.0  # s, how long a running graph is watched
 CLASSES = 12  # of a histogram
-LEAST = 0.01  # ms, width of a histogram of equal delays
+LEAST = 0.12  # ms, width of a histogram of equal delays
 
 
 @dataclass(frozen=True)

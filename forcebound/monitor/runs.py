@@ -64,7 +64,7 @@ def find(
     if document is None:
         others = f"these are:{_list(known)}" if known else "none runs"
         raise ConfigError(
-            f"{run} is not the run directory, nor the launch file, of a running graph; {others}"
+            f"{run} is not the run directory of a running graph, nor its launch file; {others}"
         )
     if of_graph and not document.is_graph:
         raise ConfigError(f"in {run} runs an environment alone, and no graph")

@@ -1,0 +1,123 @@
+"""The environment of a mesh: forces, contact, scene, live parameters, and a mesh with a hole."""
+
+import dataclasses
+import hashlib
+import math
+from pathlib import Path
+from random import Random
+
+import meshes
+import pytest
+import trimesh
+
+from forcebound.config.loader import load
+from forcebound.environments import change_environment, open_environment
+from forcebound.environments.contract import check
+from forcebound.environments.mesh import RABBIT, TriangleMesh
+from forcebound.errors import ConfigError
+from forcebound.geometry.proxy import Surface
+from forcebound.launch.virtual import run_virtual
+
+STILL = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> TriangleMesh:
+    """A box with its face towards the hand at x = 0.01 m."""
+    path = tmp_path_factory.mktemp("meshes") / "box.stl"
+    trimesh.Trimesh(*meshes.box(0.05, 0.04, 0.03), process=False).export(path)
+    return TriangleMesh(path, position=(0.06, 0.0, 0.0), orientation=(1.0, 0.0, 0.0, 0.0))
+
+
+def test_the_force_is_stiffness_times_depth_along_the_normal(box: TriangleMesh) -> None:
+    opened = box.open(3)
+    assert opened.force((0.0, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
+    assert opened.contact() is None
+    assert opened.force((0.012, 0.01, 0.0), STILL, 0.1) == pytest.approx((2.0, 0, 0), abs=1e-3)
+    contact = opened.contact()
+    assert contact is not None
+    assert contact.proxy == pytest.approx((0.010, 0.01, 0.0), abs=1e-6)
+    assert contact.normal == pytest.approx((-1.0, 0.0, 0.0), abs=1e-4)
+
+
+def test_the_force_turns_with_the_mesh(box: TriangleMesh) -> None:
+    quarter = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # about z: x becomes y
+    turned = dataclasses.replace(box, orientation=quarter, position=STILL)
+    opened = open_environment(turned, 3)
+    opened.force((0.0, -0.06, 0.0), STILL, 0.0)
+    assert opened.force((0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
+
+
+def test_a_device_that_begins_inside_is_let_out_without_a_force(box: TriangleMesh) -> None:
+    opened = open_environment(box, 3)
+    for x in (0.05, 0.03, 0.011, 0.009):
+        assert opened.force((x, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
+    assert opened.force((0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
+    opened = open_environment(box, 3)
+    opened.force((0.0, 0.0, 0.0), STILL, 0.0)
+    opened.force((0.07, 0.0, 0.0), STILL, 0.0)  # beyond the middle: the proxy is still in front
+    stiffer = dataclasses.replace(box, stiffness=2000.0, damping=1.0)
+    assert change_environment(opened, stiffer, 3) is opened
+    assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
+    moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0))
+    change_environment(opened, moved, 3)
+    assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
+
+
+def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
+    path = tmp_path / "ball.ply"
+    trimesh.Trimesh(*meshes.sphere(0.05, 2), process=False).export(path)
+    tilts = []
+    for shading in (False, True):
+        opened = open_environment(
+            TriangleMesh(path, position=STILL, surface=Surface(force_shading=shading)), 3
+        )
+        opened.force((0.06, 0.0, 0.0), STILL, 0.0)
+        worst = 0.0
+        for k in range(60):
+            angle = 0.02 * k
+            x, y = 0.047 * math.cos(angle), 0.047 * math.sin(angle)
+            force = opened.force((x, y, 0.004), STILL, 0.0)
+            outward = math.hypot(x, y, 0.004)
+            along = -(force[0] * x + force[1] * y + force[2] * 0.004) / outward
+            worst = max(worst, math.acos(min(1.0, along / math.hypot(*force))))
+        tilts.append(worst)
+    assert tilts[1] < 0.3 * tilts[0]
+
+
+def test_the_scene_names_the_file_and_its_digest() -> None:
+    (rabbit,) = TriangleMesh().open(3).scene()
+    assert rabbit.shape == "mesh"
+    assert rabbit.file == str(RABBIT)
+    assert rabbit.digest == hashlib.sha256(RABBIT.read_bytes()).hexdigest()
+    assert RABBIT.stat().st_size < 300_000
+
+
+def test_a_mesh_with_a_hole_gives_numbers_inside_and_out(tmp_path: Path) -> None:
+    path = tmp_path / "open.ply"
+    vertices, faces = meshes.box()
+    trimesh.Trimesh(vertices, faces[1:], process=False).export(path)
+    open_box = TriangleMesh(path, may_be_open=True, position=STILL, orientation=(1.0, 0, 0, 0))
+    assert check(open_box, rounds=20).violations == ()
+    opened, random = open_environment(open_box, 3), Random(1)
+    for _ in range(2000):
+        x, y, z = (random.uniform(-0.08, 0.08) for _ in range(3))
+        assert all(map(math.isfinite, opened.force((x, y, z), STILL, 1.0)))
+    with pytest.raises(ConfigError, match="is not closed"):
+        open_environment(dataclasses.replace(open_box, may_be_open=False), 3)
+
+
+def test_stroking_a_torn_mesh_under_the_certified_law_stays_passive(tmp_path: Path) -> None:
+    path = tmp_path / "torn.ply"
+    rabbit = trimesh.load_mesh(RABBIT, process=False)
+    torn = trimesh.Trimesh(rabbit.vertices, rabbit.faces[::3], process=False)  # more hole than mesh
+    torn.export(path)
+    config = load("touch_mesh", [f"mesh:={path}", "delay:=3 ms", "stiffness:=10 N/mm"])
+    assert isinstance(config.environment.model, TriangleMesh)
+    model = dataclasses.replace(config.environment.model, may_be_open=True)
+    environment = dataclasses.replace(config.environment, model=model)
+    outcome = run_virtual(dataclasses.replace(config, environment=environment, duration=1.5))
+    assert outcome.summary["true_energy_min_j"] >= -1e-9
