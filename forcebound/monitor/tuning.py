@@ -32,7 +32,12 @@ from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
 from forcebound.quantities import Range, parse_quantity
 
-PATHS = ("trace", "distribution_file")  # ends of the names of parameters that are files
+PATHS = (
+    "trace",
+    "distribution_file",
+    ".file",
+    ".texture",
+)  # ends of the names of parameters that are files
 
 DOWN = ("stopped", "ended")  # states of a node that is not restarted by its launcher
 
