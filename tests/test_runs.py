@@ -69,7 +69,7 @@ def test_a_run_of_somebody_else_is_not_looked_into(
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
     assert not running([tmp_path])
-    with pytest.raises(ConfigError, match="not the run directory of a running graph.*; none runs"):
+    with pytest.raises(ConfigError, match=r"not the run directory .*; none runs"):
         find(run_dir, [tmp_path])
 
 
