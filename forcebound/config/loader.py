@@ -49,6 +49,7 @@ from forcebound.config.user_parts import (
     find_class,
     find_law,
     user_files,
+    warn_cautions,
     warn_far,
     warn_uncertified,
 )
@@ -93,6 +94,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     config = _build(filled, problems, asks=not files)
     warn_uncertified(config)
     warn_far(config)
+    warn_cautions(config)
     return config
 
 
