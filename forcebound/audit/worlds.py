@@ -136,6 +136,8 @@ def _fixtures(n: Numbers) -> EnvironmentModel:
 
 OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 
+BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
+
 WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     "active_wall": lambda n: _environment(
         "active_wall", stiffness=n["stiffness"], damping=-100.0 * n["share_1"], position=0.0
@@ -190,6 +192,13 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         position=(0.0, 0.0, 0.0),
         orientation=(1.0, 0.2, 0.1, 0.3),
     ),
+    "bodies": lambda n: _environment(
+        "bodies",
+        file=BOXES,
+        stiffness=n["stiffness"],
+        damping=20.0 * n["share_1"],
+        probe_mass=_between(1e-3, 0.1, n["share_2"]),
+    ),
     "velocity_pusher": lambda n: _environment("velocity_pusher", magnitude=30.0 * n["share_1"]),
 }
 
@@ -203,6 +212,19 @@ def _controller(kind: str, **values: Any) -> ControllerModel:
 CONTROLLERS: dict[str, Callable[[Numbers], ControllerModel]] = {
     "direct": lambda n: _controller("direct"),
     "local_model": lambda n: _controller("local_model", power=_between(1e-3, 1e3, n["share_4"])),
+    "scaled": lambda n: _controller(
+        "scaled",
+        motion_scale=_between(0.1, 10.0, n["share_3"]),
+        force_scale=_between(0.1, 10.0, n["share_4"]),
+        border=0.01,
+        border_rate=_between(0.1, 100.0, n["share_2"]),
+    ),
+    "virtual_coupling": lambda n: _controller(
+        "virtual_coupling",
+        stiffness=_between(10.0, 1e4, n["share_3"]),
+        damping=_between(1e-3, 10.0, n["share_4"]),
+        mass=max(n["share_2"] - 0.5, 0.0),
+    ),
 }
 
 
