@@ -40,7 +40,7 @@ had to step in.
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
@@ -53,9 +53,8 @@ from forcebound.devices.stated_joints import (
     DampingOfJoints,
     TorqueOfJoints,
 )
-from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import Line
+from forcebound.hardware.line import QUIET, Line
 from forcebound.hardware.odrive_lines import (
     DECIMALS,
     WATCHDOG_EXPIRED,
@@ -67,13 +66,13 @@ from forcebound.hardware.odrive_lines import (
 )
 from forcebound.hardware.odrive_requests import Exchange, Requests
 from forcebound.hardware.odrive_start import (
-    SETTLING,
     Switch,
     check_firmware,
     set_up,
     switched_off,
     zero_torque,
 )
+from forcebound.hardware.serial_device import SerialDevice
 from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
@@ -110,6 +109,7 @@ class ODrive(SerialJoints):
         baud: Bits a second, for a UART; null: USB, which has no such limit.
     """
 
+    board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
     damping: DampingOfJoints = 1e-3  # assumed
@@ -137,19 +137,8 @@ class ODrive(SerialJoints):
     def knob(self) -> Knob:
         """Return the simulated knob with this geometry, and an encoder as fine as this needs."""
         encoder = tuple([0.5 * step for step in per_axis(self.resolution, self.joints)])
-        return Knob(
-            joints=self.joints,
-            lever=self.lever,
-            inertia=self.inertia,
-            damping=self.damping,
-            friction=self.friction,
-            resolution=encoder,
-            presliding=self.presliding,
-            gain_error=self.gain_error,
-            lag=self.lag,
-            substep=self.substep,
-            truth=self.truth,
-        )
+        numbers = {**self.simulated_joints(), "resolution": encoder}
+        return Knob(**numbers, joints=self.joints, lever=self.lever)
 
     def mechanism(self) -> dict[str, Any]:
         """Return what an emulator simulates, plain JSON in SI units."""
@@ -167,13 +156,14 @@ class ODrive(SerialJoints):
             raise
 
 
-class OpenODrive:
+class OpenODrive(SerialDevice):
     """Motors on an ODrive, from open to close; see :class:`forcebound.devices.Device`.
 
     Args:
         model: Its parameters.
         line: To its board.
         hold_limit: Longest time between two writes, in s.
+        clock: Monotonic, in ns.
 
     Attributes:
         kinematics: Of the knobs.
@@ -183,24 +173,27 @@ class OpenODrive:
             model states, or is too slow for ticks of this length.
     """
 
-    def __init__(self, model: ODrive, line: Line, hold_limit: float) -> None:
-        self._model, self._line = model, line
+    def __init__(
+        self,
+        model: ODrive,
+        line: Line,
+        hold_limit: float,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(line, clock)
+        self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
-        self._fresh: Vector = self._zero  # angles of the last write, rad
-        self._came_ns = self._quickest_ns = 0  # of the last write, and of all reads
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
-        self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.knob().kinematics()
         self._requests.tell(b"\n" + zero_torque(model.joints))
-        time.sleep(SETTLING)
-        line.port.drain()  # what a former user has left
+        line.port.drain(QUIET)  # what a former user has left
         check_firmware(self._requests)
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
@@ -215,11 +208,6 @@ class OpenODrive:
         """Number of motors."""
         return self._model.joints
 
-    def engage(self, time_ns: int) -> None:
-        """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
-        if self._line.truth is not None:
-            self._line.truth.engage(time_ns)
-
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
@@ -232,7 +220,7 @@ class OpenODrive:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
         if not self._switch.is_on:
             self._switch.go_on()
-            self._effect_ns = time.monotonic_ns()
+            self._effect_ns = self._clock()
             return self._zero
         magnitude = math.hypot(*force)
         if not magnitude < math.inf:
@@ -245,7 +233,7 @@ class OpenODrive:
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
         *turns, said = exchange.said
-        self._came_ns, self._fresh = time.monotonic_ns(), _angles(turns)
+        self._came_ns, self._angles = self._clock(), _angles(turns)
         error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
@@ -259,23 +247,6 @@ class OpenODrive:
             )
         self._held = force
         return force
-
-    def stamps(self) -> tuple[int, int]:
-        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._read_ns, max(self._effect_ns, self._read_ns)
-
-    def fresh_reading(self) -> Vector | None:
-        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
-        is_fresh = time.monotonic_ns() - self._came_ns <= self._quickest_ns
-        return self._fresh if is_fresh else None
-
-    def latch_jitter(self) -> int:
-        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._jitter_ns
-
-    def truth(self) -> Truth | None:
-        """Return the ground truth of an emulated device; None for a real one."""
-        return None if self._line.truth is None else self._line.truth.read()
 
     def close(self) -> None:
         """Write zero torque, switch off, release the port; see ``Device``."""

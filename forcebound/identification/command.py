@@ -38,6 +38,11 @@ FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
 PATIENCE = 2.0  # s, watchdog limit: some minutes on a busy machine have longer stalls than a run
 CHANGED = 0.2  # a number that differs by a larger share has changed
+#: What is found beside the numbers of a device, in the same section of the file.
+FURTHER = {
+    "lag": "of the slowest amplifier, in s; a guarding watchdog states none that may be 0",
+    "gain": "of each motor, over what it is told",
+}
 WARNING = (
     "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
     " either side of the middle, with at most {force:.3g} {unit}. Put it in the middle, take"
@@ -306,6 +311,16 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     for name, one in content["identified"]["numbers"].items():
         text.append(f"{name:<13} stated {_shown(one['stated'])}, found {_shown(one['found'])}")
         text.append(f"{'':<13} {one['method']}")
+    for name, what in FURTHER.items():
+        one = content["identified"].get(name)
+        if one is not None:
+            least, most = _shown(one["lower"]), _shown(one["upper"])
+            text.append(
+                f"{name:<13} found {_shown(one['found'])}; at least {least}, at most {most}"
+            )
+            text.append(f"{'':<13} {what}")
+    if "lag" not in content["identified"]:
+        text.append("lag           not told: too many late ticks; it stays as the device states it")
     judged = content["verdict"]
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")
