@@ -153,8 +153,8 @@ class ControllerNode(Node):
                 return
         if not all(map(isfinite, reply.force)):
             # A controller would keep it in its state for ever. The device rejects and counts it.
-            force = reply.force
-            packets.append(self._command(reply.device_seq, reply.device_time_ns, force, time_ns))
+            echo = (reply.device_seq, reply.device_time_ns)
+            packets.append(self._command(*echo, reply.force, time_ns))
             return
         if not all(map(isfinite, (*(reply.proxy or ()), *(reply.normal or ())))):
             self.reject("not_finite")
