@@ -134,7 +134,7 @@ def draw(seed: int) -> Case:
         "random": True,
         "seed": seed,
     }
-    stated: dict[str, Any] = {"substep": SUBSTEP, "write_delay": delay}
+    stated: dict[str, Any] = {"substep": SUBSTEP, "write_delay": delay, "watchdog": "reporting"}
     if axes == 2:
         arm = FiveBar(inertia=inertia, truth=TrueJoints(**truth), **stated)
         return Case(arm, ARM, None)

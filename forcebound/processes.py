@@ -4,6 +4,7 @@ import signal
 from dataclasses import dataclass
 
 LAUNCHER = "launcher"  # starts and ends the others; it is not one of them
+LOST = 75  # exit status of a device process that has lost its device and may have it again
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Process:
 # In the order in which they start. The device is ended first, so that the force is zero before the
 # nodes on which it depends are gone; the recorder last, so that it has everything. These two have
 # something to finish at the launcher's death (zero force; the recording), the others have not.
-# Without device or recorder there is nothing to go on with: they are not restarted.
+# Without device or recorder there is nothing to go on with: they are not restarted. A device with
+# ``on_loss: wait`` is, when the user says that it is in order.
 PROCESSES: dict[str, Process] = {
     "environment": Process(30, 1, True, signal.SIGKILL, 35),
     "controller": Process(40, 1, True, signal.SIGKILL, 33),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Self
@@ -19,7 +20,8 @@ class TelemetryColumns:
     """The telemetry of a run, one array per field; ``n`` samples, oldest first.
 
     ``None`` in a packet is NaN here (-1 in ``device_seq``). Contacts are those of the state of the
-    same tick, whenever the environment answered it.
+    same tick, whenever the environment answered it. A device that was lost and returned begins its
+    counts anew; here they go on.
     """
 
     time: NDArray[np.float64]  # (n,), s since the first sample with an engaged force
@@ -73,13 +75,28 @@ class TelemetryColumns:
         time_ns = integers([p.time_ns for p in packets])
         engagement = floats([p.engagement for p in packets])
         start = int(np.argmax(engagement > 0.0)) if packets else 0
-        told = {reply.device_seq: reply.contact for reply in replies if len(reply.force) == axes}
-        contacts = [told.get(p.seq) or Contact(nothing, nothing) for p in packets]
+        time = (time_ns - time_ns[start]) * 1e-9 if packets else floats([])
+        seq = integers([p.seq for p in packets])
+        returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
+        life = np.searchsorted(returns, np.arange(len(packets)), "right")
+        ticks = _before(seq + 1, returns)
+        seq = seq + ticks[life]
+        answered = integers([-1 if p.device_seq is None else p.device_seq for p in packets])
+        elapsed = floats([p.elapsed for p in packets])
+        misses = integers([p.deadline_misses for p in packets])
+        ends = [packets[end - 1].rejected for end in (*returns.tolist(), len(packets)) if end]
+        lives = np.searchsorted(time_ns[returns - 1], integers([r.device_time_ns for r in replies]))
+        told = {
+            reply.device_seq + before: reply.contact
+            for reply, before in zip(replies, ticks[lives].tolist(), strict=True)
+            if len(reply.force) == axes
+        }
+        contacts = [told.get(tick) or Contact(nothing, nothing) for tick in seq.tolist()]
         return cls(
-            time=(time_ns - time_ns[start]) * 1e-9 if packets else floats([]),
+            time=time,
             time_ns=time_ns,
-            seq=integers([p.seq for p in packets]),
-            elapsed=floats([p.elapsed for p in packets]),
+            seq=seq,
+            elapsed=np.where(life > 0, elapsed[start : start + 1] + time, elapsed),
             position=vectors([p.position for p in packets]),
             commanded_force=vectors([p.commanded_force for p in packets]),
             applied_force=vectors([p.applied_force for p in packets]),
@@ -89,13 +106,13 @@ class TelemetryColumns:
             true_position=vectors([p.true_position or nothing for p in packets]),
             hand_force=vectors([p.hand_force or nothing for p in packets]),
             engagement=engagement,
-            device_seq=integers([-1 if p.device_seq is None else p.device_seq for p in packets]),
+            device_seq=np.where(answered < 0, answered, answered + ticks[life]),
             loop_delay=floats([p.loop_delay for p in packets]),
-            deadline_misses=integers([p.deadline_misses for p in packets]),
-            is_told=np.array([p.seq in told for p in packets], dtype=np.bool_),
+            deadline_misses=misses + _before(misses, returns)[life],
+            is_told=np.array([tick in told for tick in seq.tolist()], dtype=np.bool_),
             proxy=vectors([contact.proxy for contact in contacts]),
             normal=vectors([contact.normal for contact in contacts]),
-            rejected=dict(packets[-1].rejected) if packets else {},
+            rejected=dict(sum(map(Counter, ends), Counter())),
         )
 
     def slice(self, chosen: NDArray[np.bool_]) -> Self:
@@ -106,3 +123,10 @@ class TelemetryColumns:
             if field.name != "rejected"
         }
         return replace(self, **columns)
+
+
+def _before(counts: NDArray[np.int64], returns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return what was counted before each life of a device; one begins at each of ``returns``."""
+    import numpy as np
+
+    return np.concatenate(([0], np.cumsum(counts[returns - 1], dtype=np.int64)))

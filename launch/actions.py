@@ -4,6 +4,10 @@ import signal
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from forcebound.processes import LOST
+
+DEVICE_LOST = "device_lost"  # the event
+
 
 @dataclass(frozen=True)
 class Reported:
@@ -45,7 +49,14 @@ class StartRequested:
     node: str
 
 
-Event: TypeAlias = Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested
+@dataclass(frozen=True)
+class Resumed:
+    """The user says that a lost device is in order, and in its home pose."""
+
+
+Event: TypeAlias = (
+    Reported | Engaged | Ended | Interrupted | StopRequested | StartRequested | Resumed
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ class Start:
 class Announce:
     """Publish an event of a process."""
 
-    event: str  # "process_ended", "process_started", "environment_awaited"
+    event: str  # "process_ended", "process_started", "environment_awaited", DEVICE_LOST
     node: str
     message: str
     is_fault: bool = False
@@ -90,6 +101,8 @@ Action: TypeAlias = Engage | Terminate | Kill | Start | Announce
 
 def describe_status(status: int) -> str:
     """Return an exit status, or minus the number of a signal, in words."""
+    if status == LOST:
+        return "a lost device"
     if status >= 0:
         return f"exit status {status}"
     try:

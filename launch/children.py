@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from forcebound.ending import end
 from forcebound.files import printable
 from forcebound.process import SignalPipe
 from forcebound.processes import PROCESSES
@@ -78,13 +79,7 @@ class Child:
 
     def end(self) -> None:
         """End the process if it still runs, and close its stream."""
-        if self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(LAST_CHANCE)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
+        end(self.process, LAST_CHANCE)
         assert self.process.stdout is not None
         self.process.stdout.close()
 

@@ -8,8 +8,9 @@
 
 While RUNNING, and only then, the end of a controller or an environment does not end the run: it is
 restarted (:mod:`forcebound.launch.restarts`), with zero force meanwhile. They may also be stopped
-and started on request; a node stopped on request stays stopped until a start request. None of this
-delays the end of the run.
+and started on request; a node stopped on request stays stopped until a start request. A device
+that is lost and may wait (exit status ``LOST``) is started again when the user says that it is in
+order, and only then; its force engages anew. None of this delays the end of the run.
 
 Stopping goes group by group (:mod:`forcebound.processes`): the device first, the recorder last. A
 process that does not stop in time is killed. Only the first failure is reported.
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from forcebound.launch.actions import (
+    DEVICE_LOST,
     Action,
     Announce,
     Ended,
@@ -30,6 +32,7 @@ from forcebound.launch.actions import (
     Interrupted,
     Kill,
     Reported,
+    Resumed,
     Start,
     StartRequested,
     StopRequested,
@@ -37,7 +40,12 @@ from forcebound.launch.actions import (
     describe_status,
 )
 from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
-from forcebound.processes import PROCESSES, RESTARTED, STOP_GROUPS
+from forcebound.processes import LOST, PROCESSES, RESTARTED, STOP_GROUPS
+
+ADVICE = (
+    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then press"
+    " Enter here, or say `forcebound device resume`. Ctrl-C ends the run"
+)
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,8 @@ class Lifecycle:
         phase: Present phase.
         failure: First failure; None without one.
         interrupted: Whether the run was ended on request.
+        is_lost: Whether the device is lost, and the run waits for the user's word.
+        is_returning: Whether it was started again, and its force does not engage yet.
         restarts: Restarts done and planned.
     """
 
@@ -108,7 +118,15 @@ class Lifecycle:
         self._killed: set[str] = set()
         self._held: set[str] = set()  # stopped on request, not to be restarted
         self._leaving: dict[str, int] = {}  # stopping on request; killed at this time, in ns
+        self.is_lost = False
+        self.is_returning = False
         self.restarts = Restarts()
+
+    @property
+    def is_engaging(self) -> bool:
+        """Whether the device is ready, and is to confirm that the force engages."""
+        returned = self.is_returning and self._waiting["device"] == ()
+        return self.phase is Phase.ENGAGING or (self.phase is Phase.RUNNING and returned)
 
     @property
     def deadline_ns(self) -> int | None:
@@ -132,6 +150,8 @@ class Lifecycle:
             return "starting" if self._waiting[node] is None else "running"
         if node in self.restarts.due_ns:
             return "restarting"
+        if node == "device" and self.is_lost:
+            return "lost"
         return "stopped" if node in self._held else "ended"
 
     def refusal(self, node: str) -> str | None:
@@ -168,6 +188,10 @@ class Lifecycle:
                 return self._on_stop_request(time_ns, node)
             case StartRequested(node) if self.refusal(node) is None:
                 return self._on_start_request(node)
+            case Resumed() if self.is_lost and self.phase is Phase.RUNNING:
+                return self._on_resume()
+            case Engaged() if self.phase is Phase.RUNNING:
+                self.is_returning = False
             case Engaged() if self.phase is Phase.ENGAGING:
                 self.phase = Phase.RUNNING
                 duration_ns = self._duration_ns
@@ -189,7 +213,8 @@ class Lifecycle:
         if self._phase_end_ns is not None and time_ns >= self._phase_end_ns:
             return self._on_deadline(time_ns)
         if self.phase is Phase.RUNNING:
-            return [*self._kill_late(time_ns), *self._start_due(time_ns)]
+            engaging = [Engage()] if event == Reported("device", ()) and self.is_returning else []
+            return [*engaging, *self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
 
     def _awaits_remote(self) -> bool:
@@ -239,6 +264,15 @@ class Lifecycle:
         self._fail(f"{node} ended unexpectedly {often}, the last time with {words}", node)
         return [death, *self._stop(time_ns)]
 
+    def _on_loss(self) -> list[Action]:
+        self.is_lost, self.is_returning = True, False
+        return [Announce(DEVICE_LOST, "device", ADVICE, is_fault=True)]
+
+    def _on_resume(self) -> list[Action]:
+        self.is_lost, self.is_returning = False, True
+        self.restarts.counts["device"] += 1
+        return self._start("device")
+
     def _on_departure(self, node: str, status: int, is_early: bool) -> list[Action]:
         """Take the end of a node that was stopped; start it if that was requested meanwhile."""
         words = describe_status(status)
@@ -260,6 +294,8 @@ class Lifecycle:
             if node in self._leaving:
                 return self._on_departure(node, status, is_early)
             return self._on_death(time_ns, node, status)
+        if self.phase is Phase.RUNNING and status == LOST:
+            return self._on_loss()
         if node in self._leaving:
             pass  # the run ended first
         elif stopping and is_early and -status in (signal.SIGTERM, signal.SIGKILL):

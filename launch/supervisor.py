@@ -8,7 +8,8 @@ No process survives the launcher: each gets a signal from the kernel when the la
 reaches only the launcher, which then stops them in order.
 
 The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
-``configure``, ``stop_node`` and ``start_node``. It publishes events like every process.
+``configure``, ``stop_node``, ``start_node`` and ``resume_device``. It publishes events like every
+process.
 """
 
 import selectors
@@ -23,6 +24,7 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import RunError
 from forcebound.launch.actions import (
+    DEVICE_LOST,
     Action,
     Announce,
     Ended,
@@ -32,12 +34,14 @@ from forcebound.launch.actions import (
     Interrupted,
     Kill,
     Reported,
+    Resumed,
     Start,
     StartRequested,
     StopRequested,
     Terminate,
 )
 from forcebound.launch.children import Child, Signals, name_begins, show_on_stderr
+from forcebound.launch.confirmation import Confirmation
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
@@ -118,6 +122,7 @@ class Supervisor:
             control = network.control_server(control_endpoint(self._run_dir, LAUNCHER))
             signals = stack.enter_context(Signals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
+            self._confirmation = Confirmation(self._selector)
             for descriptor in (signals.descriptor, control.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
@@ -158,6 +163,8 @@ class Supervisor:
             events: list[Event | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
+            if self._confirmation.take():
+                events.append(Resumed())
             awaited = self._awaited(lifecycle)
             for event in events or [None]:
                 advance(event)
@@ -203,7 +210,8 @@ class Supervisor:
     def _timeout(self, lifecycle: Lifecycle, now_ns: int) -> float | None:
         if self._not_started or self._has_requests:
             return 0.0
-        if lifecycle.phase in (Phase.STARTING, Phase.ENGAGING) or self._awaited(lifecycle):
+        is_starting = lifecycle.phase in (Phase.STARTING, Phase.ENGAGING)
+        if is_starting or lifecycle.is_returning or self._awaited(lifecycle):
             return REQUEST_INTERVAL_NS * 1e-9
         ends_ns = [] if lifecycle.deadline_ns is None else [lifecycle.deadline_ns]
         if self._script and lifecycle.phase is Phase.RUNNING and self._began_ns is not None:
@@ -214,8 +222,10 @@ class Supervisor:
         if lifecycle.phase is Phase.STARTING:
             for name in lifecycle.not_ready:
                 self._clients[name].ask({"request": "status"})
-        elif lifecycle.phase is Phase.ENGAGING:
+        elif lifecycle.is_engaging:
             self._clients["device"].ask({"request": "engage"})
+        elif lifecycle.is_returning:
+            self._clients["device"].ask({"request": "status"})
         for name in self._awaited(lifecycle):
             self._clients[name].ask({"request": "status"})
 
@@ -236,13 +246,17 @@ class Supervisor:
             if refusal is not None:
                 return {"error": refusal}
             advance(StopRequested(node) if wanted == "stop_node" else StartRequested(node))
+        elif wanted == "resume_device":
+            if not lifecycle.is_lost:
+                return {"error": f"the device is not lost: it is {lifecycle.state('device')}"}
+            advance(Resumed())
         elif wanted == "configure":
             if node not in self._clients:
                 return {"error": f"the launcher of this graph does not run {node!r}"}
             # This request waits for a suspended node; one of the client's own ends with it.
             self._clients[node].ask({key: request[key] for key in request if key != "node"})
         elif wanted != "status":
-            known = "status, configure, stop_node, start_node"
+            known = "status, configure, stop_node, start_node, resume_device"
             return {"error": f"unknown request {wanted!r}; known: {known}"}
         return {
             "phase": lifecycle.phase.name.lower(),
@@ -292,6 +306,8 @@ class Supervisor:
             case Terminate(name):
                 self._children[name].process.terminate()
             case Start(name):
+                if name == "device":
+                    self._confirmation.withdraw()
                 self._restart(name)
             case Announce():
                 self._announce(action)
@@ -302,6 +318,8 @@ class Supervisor:
             time.monotonic_ns(), action.event, action.message, data, is_fault=action.is_fault
         )
         self._publish(encode(event))
+        if action.event == DEVICE_LOST:
+            self._confirmation.ask()
 
     def _announce_changes(self, node: str) -> None:
         """Publish the changed parameters that a restarted node has read."""

@@ -41,7 +41,7 @@ from forcebound.launch.run_lock import is_held, shared
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.processes import PROCESSES
+from forcebound.processes import LOST, PROCESSES
 
 _logger = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ def run_node(
         try:
             if _has_launcher(run):  # it may have ended before the line above
                 config = restore(read_launch_document(run_dir), CODE_OF_PROCESS[kind])
-                _run(kind, config, run, run_dir, stop, engages_itself=False)
+                return _run_or_lose(kind, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
         except Exception:
@@ -96,6 +96,20 @@ def run_node(
             if not _has_launcher(run):
                 shutil.rmtree(run_dir, ignore_errors=True)
         return 0
+
+
+def _run_or_lose(
+    kind: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
+) -> int:
+    """Run one process; return ``LOST`` for a device that failed and may wait for its user."""
+    try:
+        _run(kind, config, run, run_dir, stop, engages_itself=False)
+    except DeviceError as failure:
+        if getattr(config.device.model, "on_loss", "end") != "wait":
+            raise
+        _logger.error("%s", failure)
+        return LOST
+    return 0
 
 
 def _loaded(file: Path, arguments: Sequence[str]) -> GraphConfig:

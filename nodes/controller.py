@@ -49,6 +49,7 @@ class ControllerNode(Node):
         self, controller: Controller, lease_ns: int = LEASE_NS, dead_lease_ns: int | None = None
     ) -> None:
         self._controller = controller
+        self._notices = getattr(controller, "notices", None)
         self._queries = 0
         self._commands = 0
         self.events = EventLog("controller")
@@ -112,11 +113,15 @@ class ControllerNode(Node):
         try:
             force = self._controller.on_state(state, time_ns)
             position, velocity = self._controller.query(state)
+            told = () if self._notices is None else self._notices()
+            notices = [(str(event), str(message)) for event, message in told]
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
         if force is not None:
             packets.append(self._command(state.seq, state.time_ns, force, time_ns))
+        for event, message in notices:
+            packets.append(self.events.emit(time_ns, event, message, is_fault=True))
         seq = self._queries
         self._queries += 1
         packets.append(

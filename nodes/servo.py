@@ -100,6 +100,8 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         ConfigError: If the numbers are out of range or do not go together.
     """
     stated = {name: getattr(model, name, None) for name in STATED}
+    if stated["watchdog_limit"] == "auto":
+        stated["watchdog_limit"] = getattr(model, "auto_watchdog_limit", None)
     dissipation = Dissipation(
         damping=model.damping,
         friction=model.friction,

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from builders import MS
@@ -300,9 +300,9 @@ def test_a_silent_watchdog_drops_the_force_and_reports_nothing() -> None:
     assert device.cut() is None
 
 
-@pytest.mark.parametrize(("limit", "held"), [(None, 50e-3), (20e-3, 20e-3)])
+@pytest.mark.parametrize(("limit", "held"), [("auto", 50e-3), (20e-3, 20e-3)])
 def test_without_a_watchdog_a_force_stays_on_until_the_hardware_ends_it(
-    limit: float | None, held: float
+    limit: float | Literal["auto"], held: float
 ) -> None:
     device = pushed(replace(FREE, watchdog="none", watchdog_limit=limit), hold_limit=2e-3)
     assert device.truth().velocity[0] == pytest.approx(10 * held)

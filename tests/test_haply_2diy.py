@@ -138,7 +138,8 @@ def test_a_reply_that_takes_its_time_makes_the_reading_that_uncertain(board: Scr
     board.round_trip_ns = 3_000_000
     device.read(0)
     assert device.latch_jitter() == 2_920_000
-    assert device.late_replies == 1
+    assert device.replies.late == 1
+    assert device.replies.longest_ns == 3_000_000
 
 
 def test_the_angles_of_a_write_are_fresh_for_as_long_as_an_exchange_takes(

@@ -7,7 +7,10 @@ from typing import NamedTuple
 import pytest
 
 from forcebound.errors import DeviceError
+from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.line import Line
+from forcebound.hardware.odrive import ODrive
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 
 pytestmark = pytest.mark.live
 FORCE, ZERO = b"force...", b"no force"
@@ -58,6 +61,18 @@ def test_a_line_that_is_closed_leaves_zero_force() -> None:
     assert os.read(board, 100) == FORCE + ZERO
     os.close(slave)
     os.close(board)
+
+
+@pytest.mark.parametrize("model", [Haply2DIY, ODrive])
+def test_a_force_may_last_longer_with_an_emulator_than_at_a_port(
+    model: type[Haply2DIY | ODrive],
+) -> None:
+    def limits(device: Haply2DIY | ODrive) -> tuple[float, float]:
+        return device.longest_force, dissipation_of(device, ServoSettings()).watchdog_limit
+
+    assert limits(model(port="auto")) == (0.02, 0.02)
+    assert limits(model()) == (0.1, 0.1)
+    assert limits(model(watchdog_limit=0.03)) == (0.03, 0.03)
 
 
 def test_a_port_that_is_not_there_leaves_nothing_open() -> None:

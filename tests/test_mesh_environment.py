@@ -115,9 +115,9 @@ def test_stroking_a_torn_mesh_under_the_certified_law_stays_passive(tmp_path: Pa
     rabbit = trimesh.load_mesh(RABBIT, process=False)
     torn = trimesh.Trimesh(rabbit.vertices, rabbit.faces[::3], process=False)  # more hole than mesh
     torn.export(path)
-    config = load("touch_mesh", [f"mesh:={path}", "delay:=3 ms", "stiffness:=10 N/mm"])
+    config = load("touch_mesh", ["delay:=3 ms", "stiffness:=10 N/mm"])
     assert isinstance(config.environment.model, TriangleMesh)
-    model = dataclasses.replace(config.environment.model, may_be_open=True)
+    model = dataclasses.replace(config.environment.model, file=path, may_be_open=True)
     environment = dataclasses.replace(config.environment, model=model)
     outcome = run_virtual(dataclasses.replace(config, environment=environment, duration=1.5))
     assert outcome.summary["true_energy_min_j"] >= -1e-9

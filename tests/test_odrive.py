@@ -1,6 +1,7 @@
 """The ODrive driver against the emulated board, message by message."""
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -41,7 +42,7 @@ class FakePort:
     def read_lines(self, count: int, deadline_ns: int) -> bytes:
         return self.drain()
 
-    def drain(self) -> bytes:
+    def drain(self, quiet: float = 0.0) -> bytes:
         data, self.unread = self.unread, b""
         return data
 
@@ -75,14 +76,16 @@ class FakeLine:
 
 
 def opened(
-    board: ODriveBoard | None = None, **changed: float | None
+    board: ODriveBoard | None = None,
+    clock: Callable[[], int] = time.monotonic_ns,
+    **changed: float | None,
 ) -> tuple[OpenODrive, ODriveBoard, Any]:
     """A driver on a fake line, its motors off."""
     board = board or ODriveBoard(1)
     line: Any = FakeLine(board)
     numbers: dict[str, Any] = dict(changed)
-    model = replace(ODrive(joints=len(board.angles)), **numbers)
-    return OpenODrive(model, line, HOLD), board, line
+    model = replace(ODrive(joints=len(board.angles), port="auto"), **numbers)
+    return OpenODrive(model, line, HOLD, clock), board, line
 
 
 def write_often(device: OpenODrive, force: Vector) -> None:
@@ -91,9 +94,11 @@ def write_often(device: OpenODrive, force: Vector) -> None:
 
 
 def switched_on(
-    board: ODriveBoard | None = None, **changed: float | None
+    board: ODriveBoard | None = None,
+    clock: Callable[[], int] = time.monotonic_ns,
+    **changed: float | None,
 ) -> tuple[OpenODrive, ODriveBoard, Any]:
-    device, board, line = opened(board, **changed)
+    device, board, line = opened(board, clock, **changed)
     for _ in range(2 * device.axes + 2):
         assert device.write(0, (0.0,) * device.axes) == (0.0,) * device.axes
     return device, board, line
@@ -195,19 +200,16 @@ def test_a_reading_is_stamped_early_and_a_force_late() -> None:
     assert device.latch_jitter() >= 125_000
 
 
-def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_read_takes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    device, board, line = switched_on(ODriveBoard(2))
-    clock = SimpleNamespace(monotonic_ns=lambda: 1_000_000)
-    monkeypatch.setattr("forcebound.hardware.odrive.time", clock)
+def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_read_takes() -> None:
+    now = SimpleNamespace(ns=1_000_000)
+    device, board, line = switched_on(ODriveBoard(2), lambda: now.ns)
     device.read(0)
     board.angles = (0.5, -1.25)
     device.write(0, (0.1, 0.1))
     sent = len(line.port.written)
     assert device.fresh_reading() == pytest.approx((0.5, -1.25), abs=math.tau * 5e-7)
     assert len(line.port.written) == sent
-    clock.monotonic_ns = lambda: 1_000_000_000
+    now.ns = 1_000_000_000
     assert device.fresh_reading() is None
 
 

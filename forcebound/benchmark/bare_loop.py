@@ -22,7 +22,8 @@ from typing import TypeAlias
 
 import zmq
 
-from forcebound.benchmark.workers import READY, TIMEOUT_NS, WARMUP, Stopwatch, enter_contestant
+from forcebound.benchmark.paced import pace
+from forcebound.benchmark.workers import READY, TIMEOUT_NS, enter_contestant
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -32,7 +33,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
-from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
+from forcebound.realtime import Settings, enter, freeze_garbage
 
 Send: TypeAlias = Callable[[bytes], object]
 Receive: TypeAlias = Callable[[], bytes]
@@ -110,25 +111,17 @@ def _drive(states: Send, commands: Receive, period_ns: int, count: int) -> None:
         if time.monotonic() > deadline:
             sys.exit("the bare loop did not close: one of its processes is missing")
         number += 1
-    times_ns: list[int] = []
-    missed, watch = 0, Stopwatch()
-    next_ns = time.monotonic_ns() + period_ns
-    for index in range(-WARMUP, count):
-        if index == 0:
-            times_ns.clear()
-            missed, watch = 0, Stopwatch()
-        wait_until(next_ns, _SPIN_NS)
+
+    def exchange() -> int | None:
+        nonlocal number
         number += 1
         tick = _TICK.pack(number)
         sent_ns = time.monotonic_ns()
         states(tick)
         arrived_ns = _answer(tick, commands)
-        if arrived_ns is not None:
-            times_ns.append(arrived_ns - sent_ns)
-        if arrived_ns is None or arrived_ns - sent_ns > period_ns:
-            missed += 1
-        next_ns += period_ns * max(1, 1 + (time.monotonic_ns() - next_ns) // period_ns)
-    watch.write_times(times_ns, missed)
+        return None if arrived_ns is None else arrived_ns - sent_ns
+
+    pace(exchange, _SPIN_NS, period_ns, count)
 
 
 def main(role: str, folder: str, core: int, policy: str, period_ns: int, count: int) -> None:

@@ -1,8 +1,10 @@
 """Contestants of the device benchmark: round trips and ticks at the port of an emulated ODrive.
 
 ``driver`` asks the driver for a reading; ``bare`` does what is least with pyserial: it writes the
-same bytes and reads as many as the reply has; ``tick`` runs ticks of the device node, which is
-answered as in :mod:`forcebound.benchmark.servo_tick`::
+same bytes and reads as many as the reply has; ``line`` sends them to ``echo``, a pseudo-terminal
+with nothing behind it that returns them at once, in the class and on the core of an emulator;
+``tick`` runs ticks of the device node, which is answered as in
+:mod:`forcebound.benchmark.servo_tick`::
 
     python -m forcebound.benchmark.device_line ROLE PORT FOLDER CORE POLICY PERIOD_NS COUNT
 """
@@ -10,37 +12,23 @@ answered as in :mod:`forcebound.benchmark.servo_tick`::
 import os
 import sys
 import time
+import tty
 from collections.abc import Callable
 from pathlib import Path
 
 import serial
 
+from forcebound.benchmark.paced import pace, timed
 from forcebound.benchmark.servo_tick import measure
-from forcebound.benchmark.workers import WARMUP, Stopwatch, enter_contestant
+from forcebound.benchmark.workers import enter_contestant
+from forcebound.emulators.program import be_punctual
 from forcebound.hardware.odrive import ODrive
 from forcebound.hardware.odrive_lines import request
-from forcebound.realtime import Settings, enter, freeze_garbage, wait_until
+from forcebound.realtime import Settings, enter, freeze_garbage
 
 TIMEOUT = 1.0  # s
-
-
-def pace(exchange: Callable[[], object], spin_ns: int, period_ns: int, count: int) -> None:
-    """Measure ``count`` exchanges, one a period, and write them to standard output."""
-    times_ns: list[int] = []
-    missed, watch = 0, Stopwatch()
-    next_ns = time.monotonic_ns() + period_ns
-    for index in range(-WARMUP, count):
-        if index == 0:
-            times_ns.clear()
-            missed, watch = 0, Stopwatch()
-        begun_ns = wait_until(next_ns, spin_ns)
-        exchange()
-        ended_ns = time.monotonic_ns()
-        times_ns.append(ended_ns - begun_ns)
-        late = max(ended_ns - next_ns, 0) // period_ns
-        missed += late
-        next_ns += period_ns * (1 + late)
-    watch.write_times(times_ns, missed)
+CHUNK = 4096  # bytes; more than a pseudo-terminal keeps
+REPLY_WAIT = 0.8  # of the launch files of serial devices
 
 
 def bare_exchange(port: str) -> Callable[[], bytes]:
@@ -63,24 +51,46 @@ def bare_exchange(port: str) -> Callable[[], bytes]:
     return exchange
 
 
+def line_exchange(port: str) -> Callable[[], bytes]:
+    """Return an exchange of the same bytes with an :func:`echo`."""
+    descriptor, message = os.open(port, os.O_RDWR | os.O_NOCTTY), request("f 0")
+
+    def exchange() -> bytes:
+        os.write(descriptor, message)
+        return os.read(descriptor, CHUNK)
+
+    return exchange
+
+
+def echo(port: str) -> None:
+    """Return what comes through a pseudo-terminal at ``port``, at once, until killed."""
+    be_punctual()
+    descriptor, end = os.openpty()
+    tty.setraw(end)
+    os.symlink(os.ttyname(end), port)
+    while True:
+        os.write(descriptor, os.read(descriptor, CHUNK))
+
+
 def main(role: str, port: str, folder: Path, settings: Settings, timing: tuple[int, int]) -> None:
     """Run one contestant; ``timing``: period, in ns, and number of exchanges."""
     enter_contestant()
+    if role == "echo":
+        echo(port)
     model = ODrive(port=port, watchdog_limit=2.0 * TIMEOUT)  # a round may be disturbed
     if role == "tick":
-        measure(model, None, folder, settings, *timing)
+        measure(model, None, folder, settings, *timing, REPLY_WAIT)
         os._exit(0)  # without waiting for the sockets
-    if role == "bare":
-        exchange: Callable[[], object] = bare_exchange(port)
-    else:
+    if role == "driver":
         device = model.open(None, TIMEOUT)
 
         def exchange() -> object:
             return device.read(0)
-
+    else:
+        exchange = {"bare": bare_exchange, "line": line_exchange}[role](port)
     enter(settings, "device")
     freeze_garbage()
-    pace(exchange, settings.spin_ns, *timing)
+    pace(timed(exchange), settings.spin_ns, *timing)
     if role == "driver":
         device.close()
 

@@ -105,9 +105,10 @@ def measure(
     settings: Settings,
     period_ns: int,
     count: int,
+    reply_wait: float = ServoSettings.reply_wait,
 ) -> None:
     """Open a device and run ticks of its node; see :func:`drive`."""
-    servo = ServoSettings(rate=1e9 / period_ns)
+    servo = ServoSettings(rate=1e9 / period_ns, reply_wait=reply_wait)
     device = model.open(operator, servo.opening_hold)
     node = DeviceNode(device, dissipation_of(model, servo), servo)
     enter(settings, "device")

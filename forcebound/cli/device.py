@@ -1,15 +1,23 @@
 """Commands about devices on serial ports."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import click
 
-from forcebound.cli.common import json_option, print_json, print_rows, reports_errors, show
+from forcebound.cli.common import (
+    json_option,
+    print_json,
+    print_rows,
+    reports_errors,
+    run_option,
+    show,
+)
 
 
 @click.group("device")
 def device_group() -> None:
-    """Look for devices on serial ports."""
+    """Look for devices on serial ports; let a graph go on with one that was lost."""
 
 
 @device_group.command("list")
@@ -37,3 +45,18 @@ def list_devices(as_json: bool) -> None:
         print_rows(("port", "seems to be", "serial number", "description", "may be opened"), rows)
     else:
         show("no serial port has a device; plug it in, or try `forcebound emulate haply_2diy`")
+
+
+@device_group.command("resume", short_help="Let a graph go on with a device that was lost.")
+@run_option
+@reports_errors
+def resume(run_dir: Path | None) -> None:
+    """Let a running graph open its lost device again (on_loss: wait).
+
+    First plug it in, switch it on, and hold it in its home pose.
+    """
+    from forcebound.monitor.control import resume_device
+    from forcebound.monitor.runs import find
+
+    resume_device(find(run_dir, of_graph=True))
+    show("the device is back; its force engages")

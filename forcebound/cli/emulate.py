@@ -49,10 +49,10 @@ def emulate(
     from forcebound.emulators.faults import parse_fault
 
     wanted = [parse_fault(text) for text in faults]
+    link = program.default_link(kind) if link is None else link.absolute()
     if values is not None:
         mechanism, operator = program.given_values(values.read())
     else:
         mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
-    link = program.default_link(kind) if link is None else link.absolute()
-    show(f"in another terminal: `forcebound launch {KINDS[kind]} device:={link}`")
+        show(f"in another terminal: `forcebound launch {KINDS[kind]} device:={link}`")
     program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)

@@ -240,6 +240,12 @@ def _absolute(value: Any, written: Value) -> Any:
     """A path of a launch file starts from the folder of the file that has it."""
     if isinstance(value, Path) and written.place.line:
         return (Path(written.place.name).parent / value).absolute()
+    if isinstance(value, tuple) and isinstance(written.content, tuple):
+        return tuple(map(_absolute, value, written.content))
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        inner = {n: _absolute(getattr(value, n), one) for n, one in written.entries.items()}
+        changed = {n: one for n, one in inner.items() if one is not getattr(value, n)}
+        return dataclasses.replace(value, **changed) if changed else value
     return value
 
 

@@ -49,6 +49,7 @@ from forcebound.config.user_parts import (
     find_class,
     find_law,
     user_files,
+    warn_cautions,
     warn_far,
     warn_uncertified,
 )
@@ -93,6 +94,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     config = _build(filled, problems, asks=not files)
     warn_uncertified(config)
     warn_far(config)
+    warn_cautions(config)
     return config
 
 
@@ -331,7 +333,20 @@ def _environment(section: Section) -> EnvironmentConfig | None:
     model = _model(section, fields_of(EnvironmentConfig, BESIDE_MODEL))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
     has_trace = made is not None and _has_trace(section, "compute_trace", made.computation)
-    return made if has_trace else None
+    return made if has_trace and _has_files(section, model) else None
+
+
+def _has_files(section: Section, model: Any) -> bool:
+    """Whether the files that a model names will do, if it can tell; if not, a problem is noted."""
+    try:
+        getattr(model, "check_files", lambda: None)()
+    except ConfigError as error:
+        at = section.value
+        for name in (error.field or "").split("."):
+            at = at.entries.get(name, at)
+        section.add(str(error), at)
+        return False
+    return True
 
 
 def _links(section: Section) -> dict[str, Impairment]:

@@ -5,7 +5,7 @@ A parameter is named by its place in a launch file: ``links.environment_query.de
 """
 
 import difflib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from forcebound.config.fields import fields_of
@@ -32,8 +32,15 @@ def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
         for topic, link in links.items()
         for name, value in link.items()
     }
-    environment = document["environment"]
-    return found | {f"environment.{n}": v for n, v in environment.items() if n != "kind"}
+    environment = {n: v for n, v in document["environment"].items() if n != "kind"}
+    return found | dict(_leaves("environment", environment))
+
+
+def _leaves(place: str, section: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Names and values of a section and of the sections within it."""
+    for name, value in section.items():
+        full = f"{place}.{name}"
+        yield from _leaves(full, value) if isinstance(value, Mapping) else ((full, value),)
 
 
 def differences(

@@ -124,18 +124,20 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
         ConfigError: If there is no such parameter, or a file that one names is gone.
     """
     links, environment = dict(config.links), config.environment
-    new: dict[str, dict[str, Any]] = {}
-    for name, value in settings.items():
-        place, _, entry = name.rpartition(".")
-        new.setdefault(place, {})[entry] = value
+    of_environment = environment_document(environment)
+    of_links: dict[str, Any] = {}
     try:
-        for place, entries in new.items():
-            if place == "environment":
-                environment = _environment(environment_document(environment) | entries)
-            else:
-                topic = place.removeprefix("links.")
-                link = plain(links.get(topic, Impairment())) | entries
-                links[topic] = _restored(Impairment, link)
+        for name, value in settings.items():
+            section, *path, entry = name.split(".")
+            place = of_environment if section == "environment" else of_links
+            for step in path:
+                place = place.setdefault(step, {})
+            place[entry] = value
+        if any(name.startswith("environment.") for name in settings):
+            environment = _environment(of_environment)
+        for topic, entries in of_links.items():
+            link = plain(links.get(topic, Impairment())) | entries
+            links[topic] = _restored(Impairment, link)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
     return replace(config, links=links, environment=environment)

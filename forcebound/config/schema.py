@@ -24,6 +24,7 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.phases import PhaseHead
+from forcebound.geometry.proxy import Surface
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
 from forcebound.nodes.late_ticks import LateTicks
@@ -160,6 +161,7 @@ def _lines() -> Iterator[str]:
         elif section == "environment":
             yield from _table(EnvironmentConfig, "Beside the keys of its kind:", BESIDE_MODEL)
             yield from _inner(EnvironmentConfig, BESIDE_MODEL)
+            yield from ("", "### `surface`", *_table(Surface))
         for name in sorted(table):
             yield from ("", f"### `kind: {name}`", *_table(table[name]))
             yield from _inner(table[name])
@@ -214,6 +216,8 @@ def _shown(default: Any) -> str:
         return "none"
     if isinstance(default, bool):
         return str(default).lower()
+    if any(map(dataclasses.is_dataclass, default if isinstance(default, tuple) else (default,))):
+        return "built in"
     return f"{default:g}" if isinstance(default, float) else str(default) or "empty"
 
 

@@ -17,7 +17,7 @@ from forcebound.config.fields import Section, check_fields
 from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
 from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
-from forcebound.controllers import ControllerModel
+from forcebound.controllers import Cautious, ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
@@ -168,6 +168,21 @@ def check_controller(model: ControllerModel, axes: int, section: Section) -> Non
         for force in forces:
             if force is not None:
                 _check_vector(force, axes, "N")
+
+
+def warn_cautions(config: GraphConfig) -> None:
+    """Log what the controller has to say about its parameters on this device."""
+    if not isinstance(config.controller, Cautious):
+        return
+    servo = config.device.servo
+    damping = dissipation_of(config.device.model, servo).least_damping
+    period = servo.period_ns * 1e-9
+    try:
+        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
+    except Exception as error:
+        raise ConfigError(f"controller: cautions: {describe_user_error(error)}") from error
+    for caution in cautions:
+        _logger.warning("controller: %s", caution)
 
 
 def _check_vector(vector: Vector, axes: int, unit: str) -> None:

@@ -30,7 +30,7 @@ from forcebound.controllers.vectors import across, dot
 from forcebound.messages.packets import Vector
 
 NO_FORCE = 1e-9  # N; less is none
-PAIR_WAY = 1e-4  # m along u between the two answers of a pair
+PAIR_WAY = 1e-4  # m; of a hand
 PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
 SOFTEST = 1.0  # N/m; less cannot be told from a constant force
@@ -77,14 +77,16 @@ class PlaneEstimator:
     Args:
         forgetting: Weight of the information before at each new pair, 0 to 1.
         stiffest: Largest stiffness believed, in N/m.
+        pair_way: Way along u between the two answers of a pair, in m.
 
     Attributes:
         plane: The newest; None until the first contact.
     """
 
-    def __init__(self, forgetting: float, stiffest: float) -> None:
+    def __init__(self, forgetting: float, stiffest: float, pair_way: float = PAIR_WAY) -> None:
         self._forgetting = forgetting
         self._stiffest = stiffest
+        self._pair_way = pair_way
         self.plane: Plane | None = None
         self._free: Asked | None = None  # the last answer without contact
         self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
@@ -134,7 +136,7 @@ class PlaneEstimator:
             return
         before, pressed_before = self._first
         way = dot(asked.position, inwards) - dot(before.position, inwards)
-        if abs(way) < PAIR_WAY:
+        if abs(way) < self._pair_way:
             if asked.time_ns - before.time_ns > PAIR_NS:
                 self._first = asked, pressed
             return

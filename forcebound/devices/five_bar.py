@@ -29,6 +29,12 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Inertia, Length, Torque
 
+SOURCES: Mapping[str, Source] = {
+    "damping": "assumed",
+    "friction": "assumed",
+    "resolution": "data sheet",
+    "saturation": "data sheet",
+}
 #: Sine of the angle between the distal links below which the tip cannot be held: 6 degrees.
 LEAST_SINE = 0.1
 
@@ -70,34 +76,35 @@ def five_bar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiveBar(SimulatedArm):
-    """Parameters of the simulated five-bar, of the class of the Haply 2DIY and the Pantograph.
+class FiveBarNumbers:
+    """What is stated of a five-bar of the class of the Haply 2DIY and the Pantograph.
 
     Attributes:
-        proximal: Length of the links at the motors.
-        distal: Length of the links at the tip.
-        base: Distance of the motors.
         origin: Where the tip is at 0 m, from the middle between the motors.
     """
 
     inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed
     damping: DampingOfJoints = 1e-3  # assumed; 0.2 N s/m at a lever of 0.07 m
     friction: TorqueOfJoints = 4e-3  # assumed; 0.06 N there
-    resolution: AngleOfJoints = 2.0 * math.pi / 4880  # data sheet
+    resolution: AngleOfJoints = math.tau / 4880  # data sheet, version 3; version 2 is finer
     saturation: Annotated[Torque, POSITIVE] = 0.123  # the firmware's clamp
+    origin: tuple[Length, Length] = (0.0, 0.105)
+    sources: Mapping[str, Source] = field(default_factory=lambda: SOURCES, hash=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiveBar(FiveBarNumbers, SimulatedArm):
+    """Parameters of the simulated five-bar, of the class of the Haply 2DIY and the Pantograph.
+
+    Attributes:
+        proximal: Length of the links at the motors.
+        distal: Length of the links at the tip.
+        base: Distance of the motors.
+    """
+
     proximal: Annotated[Length, POSITIVE] = 0.07
     distal: Annotated[Length, POSITIVE] = 0.09
     base: Annotated[Length, NOT_NEGATIVE] = 0.038
-    origin: tuple[Length, Length] = (0.0, 0.105)
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: {
-            "damping": "assumed",
-            "friction": "assumed",
-            "resolution": "data sheet",
-            "saturation": "data sheet",
-        },
-        hash=False,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

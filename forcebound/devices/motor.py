@@ -47,11 +47,11 @@ class Motor:
         self._fixed_hold: float | None = None
         if stated.watchdog == "none":
             limit = stated.watchdog_limit
-            self._fixed_hold = math.inf if limit is None else limit
+            self._fixed_hold = math.inf if limit == "auto" else limit
         self.guards = stated.watchdog == "guarding"
         self._guard_ns = round(1e9 * stated.guard_period)
-        longest = LONGEST_GUARDED if stated.watchdog_limit is None else stated.watchdog_limit
-        self._longest_ns = round(1e9 * longest)
+        limit = stated.watchdog_limit
+        self._longest_ns = round(1e9 * (LONGEST_GUARDED if limit == "auto" else limit))
         # When it begins to act, for how long, what the motor is told, and what was written.
         self._waiting: deque[tuple[int, int, Vector, Vector]] = deque()
         self._drop_ns = self._last_ns = NEVER

@@ -52,7 +52,7 @@ class StatedImperfections:
             reports when and where, one that does not report, or none.
         watchdog_tolerance: The watchdog drops the force within this share of the hold limit.
         watchdog_limit: Without a watchdog that keeps the hold limit: age at which the hardware
-            drops a force after all; null: never, or after 100 ms if it is guarded.
+            drops a force after all; auto: never, or after 100 ms if it is guarded.
         guard_period: A guarding watchdog looks so often at the readings.
         sources: By name of a number: measured, data sheet or assumed; for reports.
     """
@@ -63,7 +63,7 @@ class StatedImperfections:
     largest_speed: Annotated[Speed, POSITIVE] | None = None
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
-    watchdog_limit: Annotated[Time, POSITIVE] | None = None
+    watchdog_limit: Annotated[Time, POSITIVE] | Literal["auto"] = "auto"
     guard_period: Annotated[Time, POSITIVE] = 50e-6
     sources: Mapping[str, Source] = field(default_factory=dict, hash=False)
 

@@ -36,7 +36,7 @@ class Mechanism:
             saturation=LARGEST_TORQUE,
             write_delay=0.0,
             watchdog="none",
-            watchdog_limit=None,
+            watchdog_limit="auto",
         )
         self._hand = CarryingHand(operator or NoHand(), home)
         self._device = SimulatedDevice(free, self._hand, 1.0)

@@ -236,34 +236,37 @@ class ODriveBoard:
         for axis in self._axes:
             axis.values["error"] = 0
 
-    def _find(self, name: str) -> tuple[dict[str, Value], str, _Axis | None] | None:
-        """Return the values among which a property is, its name there, and its axis."""
-        found = re.fullmatch(r"axis(\d+)\.(.+)", name)
-        if found is None:
-            return (self._values, name, None) if name in self._values else None
-        number, own = int(found[1]), found[2]
-        if number >= len(self._axes) or own not in AXIS_VALUES:
-            return None
-        return self._axes[number].values, own, self._axes[number]
+    def _find(self, command: str) -> tuple[dict[str, Value], str, _Axis | None] | str:
+        """Return the values among which a property is, its name there, its axis; or what it says.
 
-    def _read(self, command: str) -> str:
+        Args:
+            command: Begins with a letter and the name of the property.
+        """
         words = command[1:].split()
         if not words:
             return "invalid command format"
-        found = self._find(words[0])
+        name = words[0]
+        found = re.fullmatch(r"axis(\d+)\.(.+)", name)
         if found is None:
+            return (self._values, name, None) if name in self._values else "invalid property"
+        number, own = int(found[1]), found[2]
+        if number >= len(self._axes) or own not in AXIS_VALUES:
             return "invalid property"
+        return self._axes[number].values, own, self._axes[number]
+
+    def _read(self, command: str) -> str:
+        found = self._find(command)
+        if isinstance(found, str):
+            return found
         value = found[0][found[1]]
         return (f"{value:f}" if isinstance(value, float) else str(int(value)))[:LONGEST_VALUE]
 
     def _write(self, command: str, time_ns: int) -> str | None:
-        words = command[1:].split()
-        if not words:
-            return "invalid command format"
-        found = self._find(words[0])
-        if found is None:
-            return "invalid property"
+        found = self._find(command)
+        if isinstance(found, str):
+            return found
         values, name, axis = found
+        words = command[1:].split()
         form = NUMBER if isinstance(values[name], float) else r"[-+]?\d+"
         given = re.match(form, words[1] if len(words) > 1 else "", re.IGNORECASE)
         if name in READ_ONLY or given is None:

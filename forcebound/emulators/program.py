@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -51,8 +52,10 @@ def run(
     with Stop() as stop, PseudoPort(link) as port:
         emulated = assembler(kind)(values, operator)
         emulation = Emulation(emulated, Faults(faults), port.truth, latency)
-        say(f"an emulated {kind} at {link}; Ctrl-C ends it")
         realtime.freeze_garbage()
+        emulation.start(time.monotonic_ns())
+        port.show()
+        say(f"an emulated {kind} at {link}; Ctrl-C ends it")  # a driver that starts it waits for it
         serve(emulation, port, stop, until_unused)
     say(
         f"{emulation.replies} replies; lowest energy {emulation.lowest_energy:.3g} J;"

@@ -103,8 +103,8 @@ def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool
     """Let an emulation go on in real time at a port, until a stop or the port's end.
 
     Args:
-        emulation: What answers.
-        port: Its link is made here.
+        emulation: What answers, started.
+        port: Shown.
         stop: Ends it.
         until_unused: Whether it ends, too, when its user has closed the port, or none has come.
 
@@ -112,8 +112,6 @@ def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool
         DeviceError: If the hand has moved the tip to where the arm cannot be held.
     """
     start_ns = time.monotonic_ns()
-    emulation.start(start_ns)
-    port.show()
     while not stop.requested:
         _wait(emulation, port, stop)
         data = port.read()

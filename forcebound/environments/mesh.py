@@ -60,12 +60,13 @@ class TriangleMesh:
             raise ConfigError("orientation must be a rotation, got 0, 0, 0, 0", field="orientation")
 
     def check_files(self) -> None:
-        """Read the mesh.
+        """Read the mesh and the texture.
 
         Raises:
-            ConfigError: If it will not do.
+            ConfigError: If one will not do.
         """
         self._mesh()
+        self.surface.check_files()
 
     def solid(self) -> "MeshSolid":
         """Return what the proxy slides on.

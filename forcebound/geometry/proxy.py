@@ -79,7 +79,7 @@ class Solid(Protocol):
 class Surface:
     """How a surface feels; everything is off by default.
 
-    Args:
+    Attributes:
         friction: Coefficient of Coulomb friction while the tip slides.
         static_friction: Coefficient until it begins to slide; at least ``friction``, which it is
             where nothing is said.
@@ -114,6 +114,24 @@ class Surface:
                 f" {self.static_friction:g}: what sticks holds at least as well as what slides",
                 field="static_friction",
             )
+
+    def check_files(self) -> None:
+        """Read the texture, if there is one.
+
+        Raises:
+            ConfigError: If it is no height map.
+        """
+        self.relief()
+
+    def relief(self) -> Texture | None:
+        """Return the texture, ready for the first question.
+
+        Raises:
+            ConfigError: If it is no height map.
+        """
+        if self.texture is None:
+            return None
+        return Texture.read(self.texture, self.texture_height, self.texture_size)
 
     @property
     def sticking(self) -> float:
@@ -155,12 +173,8 @@ class HapticSurface:
 
     def change(self, solid: Solid, surface: Surface, stiffness: float, damping: float) -> None:
         """Go on with other parameters; a proxy that a solid was moved over comes to its surface."""
-        texture = (
-            Texture.read(surface.texture, surface.texture_height, surface.texture_size)
-            if surface.texture is not None
-            else None
-        )
-        self._solid, self._surface, self._texture = solid, surface, texture
+        self._texture = surface.relief()
+        self._solid, self._surface = solid, surface
         self._stiffness, self._damping = stiffness, damping
         if self._proxy is not None and solid.distance(self._proxy) < 0.0:
             place, _ = solid.closest(self._proxy)
@@ -221,6 +235,7 @@ class HapticSurface:
         """Where a sliding proxy comes to rest: T is ``friction`` times N, or all that there is."""
         assert self._proxy is not None
         touch, reach = smooth, friction
+        most = norm(sub(self._proxy, device)) * (1.0 + SAME)
         for _ in range(ROUNDS):
             depth = dot(sub(touch.proxy, device), touch.normal)
             behind = tangential(sub(self._proxy, device), touch.normal)
@@ -229,7 +244,8 @@ class HapticSurface:
                 break
             goal = along(device, behind, min(reach * depth / length, 1.0))
             proxy, normal = self._solid.slide(self._proxy, goal)
-            if normal is None:  # so far beside a small solid that it is not under the surface
+            away = norm(sub(proxy, device))
+            if normal is None or away > most:  # so deep in a small solid that it would go round it
                 reach *= 0.5
                 continue
             moved = norm(sub(proxy, touch.proxy))

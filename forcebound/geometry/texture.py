@@ -119,14 +119,14 @@ def _read(path: Path, changed: float) -> Any:
         raw = _from_array(path) if path.suffix == ".npy" else _from_picture(path)
     except OSError as error:
         raise ConfigError(
-            f"cannot read the height map {path}: {reason(error)}; {advice}", field="texture"
+            f"cannot read the height map {path}: {reason(error)}; {advice}", field="surface.texture"
         ) from error
     if raw.ndim != 2 or not 0 < raw.size <= MOST or not np.isfinite(raw).all():
         raise ConfigError(
             f"the height map {path} has the shape {raw.shape}"
             + ("" if np.isfinite(raw).all() else " and entries that are no finite numbers")
             + f"; {advice}, {MOST:,} at most, all finite",
-            field="texture",
+            field="surface.texture",
         )
     lowest, highest = float(raw.min()), float(raw.max())
     span = highest - lowest
@@ -153,5 +153,5 @@ def _from_picture(path: Path) -> Any:
         raise ConfigError(
             f"the height map {path} is no picture ({type(error).__name__}): save it as .png, or as"
             " a numpy array in a .npy file",
-            field="texture",
+            field="surface.texture",
         ) from error

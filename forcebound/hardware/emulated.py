@@ -2,15 +2,16 @@
 
 import json
 import os
+import select
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from forcebound.devices.truth_file import SUFFIX, TruthFile, truth_beside
+from forcebound.ending import end
 from forcebound.errors import DeviceError
 from forcebound.folders import runtime_folder
 from forcebound.operators import OPERATORS, Operator
@@ -19,7 +20,6 @@ from forcebound.parts.plain import plain
 __all__ = ["Emulated", "TruthFile", "start", "truth_beside"]
 
 PATIENCE = 60.0  # s; a cold start on a busy machine compiles the mechanism
-LOOK = 0.01  # s, between two looks for the link
 GRACE = 5.0  # s, to end by itself
 
 
@@ -42,13 +42,10 @@ class Emulated:
 
     def close(self) -> None:
         """End it."""
-        self._process.terminate()
-        try:
-            self._process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        _errors(self._process).close()
+        end(self._process, GRACE)
+        for stream in (self._process.stdout, self._process.stderr):
+            assert stream is not None
+            stream.close()
 
 
 def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) -> Emulated:
@@ -70,7 +67,7 @@ def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) ->
     process = subprocess.Popen(
         [*command, "--link", str(link), "--until-unused", "--values", "-"],
         stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C in the terminal is not for the board
     )
@@ -80,7 +77,7 @@ def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) ->
         given.write(json.dumps({"mechanism": dict(mechanism), "operator": hand}).encode())
     emulated = Emulated(process, link)
     try:
-        _wait_for(link, process)
+        _wait_for(process)
     except BaseException:
         emulated.close()
         raise
@@ -95,17 +92,12 @@ def _kind(operator: Operator) -> str:
     return kind
 
 
-def _errors(process: "subprocess.Popen[bytes]") -> IO[bytes]:
+def _wait_for(process: "subprocess.Popen[bytes]") -> None:
+    """Wait for the emulator's first line, which it says when its link is there."""
+    assert process.stdout is not None
     assert process.stderr is not None
-    return process.stderr
-
-
-def _wait_for(link: Path, process: "subprocess.Popen[bytes]") -> None:
-    end = time.monotonic() + PATIENCE
-    while not link.is_symlink():
-        if process.poll() is not None:
-            said = _errors(process).read().decode(errors="replace").strip()
-            raise DeviceError(f"the emulator does not start: {said}")
-        if time.monotonic() > end:
-            raise DeviceError(f"the emulator has not started within {PATIENCE:.0f} s")
-        time.sleep(LOOK)
+    if not select.select((process.stdout,), (), (), PATIENCE)[0]:
+        raise DeviceError(f"the emulator has not started within {PATIENCE:.0f} s")
+    if not process.stdout.readline():  # it has ended
+        said = process.stderr.read().decode(errors="replace").strip()
+        raise DeviceError(f"the emulator does not start: {said}")

@@ -44,16 +44,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from forcebound.devices.five_bar import FiveBar
+from forcebound.devices.five_bar import SOURCES, FiveBar, FiveBarNumbers
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.stated import Source
-from forcebound.devices.stated_joints import (
-    AngleOfJoints,
-    DampingOfJoints,
-    StatedJoints,
-    TorqueOfJoints,
-)
-from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
@@ -64,18 +57,18 @@ from forcebound.hardware.hapi import (
     parse_reply,
     setup_message,
 )
-from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.line import Line
+from forcebound.hardware.replies import Replies
+from forcebound.hardware.serial_device import SerialDevice
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
 from forcebound.quantities import (
     POSITIVE,
     AngularSpeed,
-    Inertia,
-    Length,
     Range,
     Time,
-    Torque,
 )
 
 KIND = "haply_2diy"
@@ -89,7 +82,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Haply2DIY(StatedJoints):
+class Haply2DIY(FiveBarNumbers, SerialJoints):
     """Parameters of a Haply 2DIY, versions 2 and 3, on a hAPI board.
 
     Its damping, friction and inertia are not published: ``forcebound identify`` measures them. The
@@ -98,37 +91,17 @@ class Haply2DIY(StatedJoints):
     Attributes:
         version: Of the hardware; version 2 has both motors on one axis.
         address: Of the device on its board.
-        watchdog_limit: Within it a force ends that the device process does not renew: a guardian
-            process sees to it. A board that is silent for half of it is lost.
-        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
-        origin: Where the tip is at 0 m, from the middle between the motors.
-        reply_within: A reply later than this is counted as late.
     """
 
+    board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
-    damping: DampingOfJoints = 1e-3  # assumed
-    friction: TorqueOfJoints = 4e-3  # assumed
-    resolution: AngleOfJoints = math.tau / 4880  # data sheet, version 3; version 2 is finer
-    saturation: Annotated[Torque, POSITIVE] = LARGEST_TORQUE
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, POSITIVE] = 0.02
     version: Literal[2, 3] = 3
     address: Annotated[int, Range(at_least=1, at_most=254)] = 5
-    port: str = EMULATED
-    origin: tuple[Length, Length] = (0.0, 0.105)
-    reply_within: Annotated[Time, POSITIVE] = 3e-4
     sources: Mapping[str, Source] = field(
-        default_factory=lambda: {
-            "damping": "assumed",
-            "friction": "assumed",
-            "resolution": "data sheet",
-            "saturation": "data sheet",
-            "largest_speed": "assumed",
-        },
+        default_factory=lambda: {**SOURCES, "largest_speed": "assumed"},
         hash=False,
     )
 
@@ -139,19 +112,7 @@ class Haply2DIY(StatedJoints):
     def five_bar(self) -> FiveBar:
         """Return the simulated arm with this geometry, whose kinematics is that of the device."""
         base = WIRINGS[self.version].base
-        return FiveBar(
-            inertia=self.inertia,
-            damping=self.damping,
-            friction=self.friction,
-            resolution=self.resolution,
-            presliding=self.presliding,
-            gain_error=self.gain_error,
-            lag=self.lag,
-            substep=self.substep,
-            truth=self.truth,
-            base=base,
-            origin=self.origin,
-        )
+        return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
@@ -170,7 +131,7 @@ class Haply2DIY(StatedJoints):
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         """Return the device, set up in its home pose; see ``DeviceModel``."""
         zero = exchange_message(self.address, (0.0, 0.0))
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator)
         try:
             return OpenHaply(self, line)
         except BaseException:
@@ -178,7 +139,7 @@ class Haply2DIY(StatedJoints):
             raise
 
 
-class OpenHaply:
+class OpenHaply(SerialDevice):
     """A Haply 2DIY, from open to close; see :class:`forcebound.devices.Device`.
 
     Args:
@@ -189,7 +150,6 @@ class OpenHaply:
     Attributes:
         kinematics: Of the arm.
         replies: That have come since it was opened.
-        late_replies: Those later than the model's ``reply_within``.
 
     Raises:
         DeviceError: If the board does not answer as a hAPI board does.
@@ -198,14 +158,12 @@ class OpenHaply:
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        self._model, self._line, self._clock = model, line, clock
+        super().__init__(line, clock)
+        self._model = model
         self._wiring = WIRINGS[model.version]
-        self._late_ns = round(model.reply_within * 1e9)
+        self.replies = Replies(model.reply_within)
         self._quickest_ns = round(FIRST * 1e9)
         self._torque: Vector = (0.0, 0.0)  # on the wire
-        self._came_ns = 0  # when the last write's reply had come
-        self._read_ns = self._effect_ns = self._jitter_ns = 0
-        self.replies = self.late_replies = 0
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal
         self.kinematics: ArmKinematics = five_bar.kinematics()
@@ -223,7 +181,7 @@ class OpenHaply:
             raise found
         for _ in range(FIRST_EXCHANGES):
             self._exchange()
-        self.late_replies = 0
+        self.replies.restart()
         tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
 
@@ -231,11 +189,6 @@ class OpenHaply:
     def axes(self) -> int:
         """Number of joints."""
         return 2
-
-    def engage(self, time_ns: int) -> None:
-        """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
-        if self._line.truth is not None:
-            self._line.truth.engage(time_ns)
 
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
@@ -255,31 +208,10 @@ class OpenHaply:
         self._effect_ns = self._came_ns - self._quickest_ns
         return tuple([held_torque(torque) for torque in wanted])
 
-    def stamps(self) -> tuple[int, int]:
-        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._read_ns, max(self._effect_ns, self._read_ns)
-
-    def fresh_reading(self) -> Vector | None:
-        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
-        is_fresh = self._clock() - self._came_ns <= self._quickest_ns
-        return self._angles if is_fresh else None
-
-    def latch_jitter(self) -> int:
-        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._jitter_ns
-
-    def truth(self) -> Truth | None:
-        """Return the ground truth of an emulated device; None for a real one."""
-        return None if self._line.truth is None else self._line.truth.read()
-
     def close(self) -> None:
         """Write zero torque and release the port; see :class:`forcebound.devices.Device`."""
         self._line.close()
-        if self.replies:
-            share = self.late_replies / self.replies
-            limit = 1e3 * self._model.reply_within
-            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
-            _logger.info(message, self.replies, 100.0 * share, limit)
+        self.replies.log(_logger)
 
     def _exchange(self, patience: float | None = None) -> tuple[int, int, Vector]:
         """Send the torque; return when, when the reply had come, and its angles, in rad."""
@@ -301,8 +233,7 @@ class OpenHaply:
         except DeviceError as failure:
             line.fail(failure)
             raise
-        self.replies += 1
-        self.late_replies += came_ns - sent_ns > self._late_ns
+        self.replies.note(came_ns - sent_ns)
         self._quickest_ns = min(self._quickest_ns, came_ns - sent_ns)
         return sent_ns, came_ns, angles
 

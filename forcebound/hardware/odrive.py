@@ -40,10 +40,10 @@ had to step in.
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
@@ -51,12 +51,10 @@ from forcebound.devices.stated import Source, per_axis
 from forcebound.devices.stated_joints import (
     AngleOfJoints,
     DampingOfJoints,
-    StatedJoints,
     TorqueOfJoints,
 )
-from forcebound.devices.truth import Truth
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import EMULATED, Line
+from forcebound.hardware.line import QUIET, Line
 from forcebound.hardware.odrive_lines import (
     DECIMALS,
     WATCHDOG_EXPIRED,
@@ -68,20 +66,20 @@ from forcebound.hardware.odrive_lines import (
 )
 from forcebound.hardware.odrive_requests import Exchange, Requests
 from forcebound.hardware.odrive_start import (
-    SETTLING,
     Switch,
     check_firmware,
     set_up,
     switched_off,
     zero_torque,
 )
+from forcebound.hardware.serial_device import SerialDevice
+from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
 from forcebound.quantities import (
     POSITIVE,
     AngularSpeed,
-    Inertia,
     Length,
     Range,
     Time,
@@ -98,7 +96,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ODrive(StatedJoints):
+class ODrive(SerialJoints):
     """Parameters of motors on an ODrive, each a knob.
 
     Motor and encoder must be calibrated before, with the maker's tool. Damping and friction are
@@ -108,28 +106,21 @@ class ODrive(StatedJoints):
         resolution: Of the positions that the board reports: two counts of the encoder, or more.
         joints: Number of motors, from axis 0 up.
         lever: From the axle of a motor to the hand.
-        port: Path of the serial port, auto, the serial number of its USB device, or emulated.
         baud: Bits a second, for a UART; null: USB, which has no such limit.
-        watchdog_limit: Age at which the board's watchdog switches a motor off; it is told so.
-        reply_within: A reply later than this is counted as late.
     """
 
+    board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
-    inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     damping: DampingOfJoints = 1e-3  # assumed
     friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
     saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
-    watchdog: Literal["none"] = "none"
-    watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] = 0.02
     joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
     lever: Annotated[Length, POSITIVE] = 0.04
-    port: str = EMULATED
     baud: Annotated[int, Range(at_least=9600)] | None = None
-    reply_within: Annotated[Time, POSITIVE] = 3e-4
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
             ("damping", "friction", "inertia", "resolution", "saturation", "largest_speed"),
@@ -146,19 +137,8 @@ class ODrive(StatedJoints):
     def knob(self) -> Knob:
         """Return the simulated knob with this geometry, and an encoder as fine as this needs."""
         encoder = tuple([0.5 * step for step in per_axis(self.resolution, self.joints)])
-        return Knob(
-            joints=self.joints,
-            lever=self.lever,
-            inertia=self.inertia,
-            damping=self.damping,
-            friction=self.friction,
-            resolution=encoder,
-            presliding=self.presliding,
-            gain_error=self.gain_error,
-            lag=self.lag,
-            substep=self.substep,
-            truth=self.truth,
-        )
+        numbers = {**self.simulated_joints(), "resolution": encoder}
+        return Knob(**numbers, joints=self.joints, lever=self.lever)
 
     def mechanism(self) -> dict[str, Any]:
         """Return what an emulator simulates, plain JSON in SI units."""
@@ -168,7 +148,7 @@ class ODrive(StatedJoints):
         """Return the device, its motors off until the first writes; see ``DeviceModel``."""
         zero = b"\n" + zero_torque(self.joints)  # the first ends a line that was cut short
         baud = self.baud or 115_200
-        line = Line(KIND, self.port, zero, self.watchdog_limit, self.mechanism(), operator, baud)
+        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator, baud)
         try:
             return OpenODrive(self, line, hold_limit)
         except BaseException:
@@ -176,13 +156,14 @@ class ODrive(StatedJoints):
             raise
 
 
-class OpenODrive:
+class OpenODrive(SerialDevice):
     """Motors on an ODrive, from open to close; see :class:`forcebound.devices.Device`.
 
     Args:
         model: Its parameters.
         line: To its board.
         hold_limit: Longest time between two writes, in s.
+        clock: Monotonic, in ns.
 
     Attributes:
         kinematics: Of the knobs.
@@ -192,41 +173,40 @@ class OpenODrive:
             model states, or is too slow for ticks of this length.
     """
 
-    def __init__(self, model: ODrive, line: Line, hold_limit: float) -> None:
-        self._model, self._line = model, line
+    def __init__(
+        self,
+        model: ODrive,
+        line: Line,
+        hold_limit: float,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(line, clock)
+        self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
         self._held = self._zero
-        self._fresh: Vector = self._zero  # angles of the last write, rad
-        self._came_ns = self._quickest_ns = 0  # of the last write, and of all reads
         self._ask_positions = b"".join(request(f"f {axis}") for axis in joints)
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
-        self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
-        self._switch = Switch(self._requests, model.joints, model.watchdog_limit)
+        self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.knob().kinematics()
         self._requests.tell(b"\n" + zero_torque(model.joints))
-        time.sleep(SETTLING)
-        line.port.drain()  # what a former user has left
+        line.port.drain(QUIET)  # what a former user has left
         check_firmware(self._requests)
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
         for _ in range(FIRST_EXCHANGES):
             tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
-        self._requests.patience, self._requests.late_replies = line.silence, 0
+        self._requests.patience = line.silence
+        self._requests.replies.restart()
 
     @property
     def axes(self) -> int:
         """Number of motors."""
         return self._model.joints
-
-    def engage(self, time_ns: int) -> None:
-        """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""
-        if self._line.truth is not None:
-            self._line.truth.engage(time_ns)
 
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
@@ -240,7 +220,7 @@ class OpenODrive:
         """Hold torques, in N m, or less; see :class:`forcebound.devices.Device`."""
         if not self._switch.is_on:
             self._switch.go_on()
-            self._effect_ns = time.monotonic_ns()
+            self._effect_ns = self._clock()
             return self._zero
         magnitude = math.hypot(*force)
         if not magnitude < math.inf:
@@ -253,7 +233,7 @@ class OpenODrive:
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS
         *turns, said = exchange.said
-        self._came_ns, self._fresh = time.monotonic_ns(), _angles(turns)
+        self._came_ns, self._angles = self._clock(), _angles(turns)
         error = int(said)
         if error == WATCHDOG_EXPIRED and not any(self._held):
             self._switch.begin()  # after a pause without force
@@ -268,34 +248,13 @@ class OpenODrive:
         self._held = force
         return force
 
-    def stamps(self) -> tuple[int, int]:
-        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._read_ns, max(self._effect_ns, self._read_ns)
-
-    def fresh_reading(self) -> Vector | None:
-        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
-        is_fresh = time.monotonic_ns() - self._came_ns <= self._quickest_ns
-        return self._fresh if is_fresh else None
-
-    def latch_jitter(self) -> int:
-        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
-        return self._jitter_ns
-
-    def truth(self) -> Truth | None:
-        """Return the ground truth of an emulated device; None for a real one."""
-        return None if self._line.truth is None else self._line.truth.read()
-
     def close(self) -> None:
         """Write zero torque, switch off, release the port; see ``Device``."""
-        joints, requests = self._model.joints, self._requests
+        joints = self._model.joints
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        if requests.replies:
-            share = 100.0 * requests.late_replies / requests.replies
-            limit = 1e3 * self._model.reply_within
-            message = "%d replies of the board, %.2f %% of them later than %.2g ms"
-            _logger.info(message, requests.replies, share, limit)
+        self._requests.replies.log(_logger)
 
     def _ask(self) -> Exchange[float]:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)

@@ -7,6 +7,7 @@ from typing import Generic, NamedTuple, NoReturn, TypeVar
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import answer, number, request
+from forcebound.hardware.replies import Replies
 
 PATIENCE = 0.5  # s, with a board that has not been given a force yet
 
@@ -31,16 +32,14 @@ class Requests:
 
     Attributes:
         patience: A board that is silent for longer is lost, in s.
-        replies: That have come.
-        late_replies: Those that were late.
+        replies: To the messages.
     """
 
     def __init__(self, line: Line, reply_within: float) -> None:
         self._line = line
-        self._late_ns = round(reply_within * 1e9)
         self._quickest_ns: dict[str, int] = {}
         self.patience = max(PATIENCE, line.silence)
-        self.replies = self.late_replies = 0
+        self.replies = Replies(reply_within)
 
     def exchange(
         self,
@@ -71,8 +70,7 @@ class Requests:
             said = [parse(answer(one)) for one in self._lines(data, count)]
         except DeviceError as failure:
             self.end(failure)
-        self.replies += count
-        self.late_replies += took_ns > self._late_ns
+        self.replies.note(took_ns)
         quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
         self._quickest_ns[kind] = quickest_ns
         return Exchange(sent_ns, quickest_ns, took_ns - quickest_ns, said)

@@ -16,7 +16,6 @@ from forcebound.hardware.odrive_lines import (
 from forcebound.hardware.odrive_requests import Requests
 
 FIRMWARES = ((0, 5), (0, 0))  # the other is what a build out of a folder without git says
-SETTLING = 0.02  # s; replies to what a former user has left
 SWITCHING_NS = 1_000_000_000  # for the motors to be on
 WATCHDOG_MARGIN = 0.001  # s, between the board's watchdog and the limit that is stated
 

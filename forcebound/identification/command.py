@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.hardware.line import EMULATED
 from forcebound.identification import document as device_file
 from forcebound.identification.clock import Clock, RealClock, VirtualClock
 from forcebound.identification.picture import draw
@@ -35,7 +36,13 @@ REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
 FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
+PATIENCE = 2.0  # s, watchdog limit: some minutes on a busy machine have longer stalls than a run
 CHANGED = 0.2  # a number that differs by a larger share has changed
+#: What is found beside the numbers of a device, in the same section of the file.
+FURTHER = {
+    "lag": "of the slowest amplifier, in s; a guarding watchdog states none that may be 0",
+    "gain": "of each motor, over what it is told",
+}
 WARNING = (
     "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
     " either side of the middle, with at most {force:.3g} {unit}. Put it in the middle, take"
@@ -151,7 +158,7 @@ def measure(
         DeviceError: As :func:`forcebound.identification.procedure.identify`.
     """
     model: DeviceModel = target.model
-    device = model.open(None, HOLD / target.rate)
+    device = _patient(model).open(None, HOLD / target.rate)
     try:
         kinematics = getattr(device, "kinematics", None)
         chosen = plan(kinematics is not None)
@@ -167,6 +174,16 @@ def measure(
         device.close()
     start = tuple(0.5 * (low + high) for low, high in found.measured_range)
     return Session(found, start, kinematics, serial, is_virtual)
+
+
+def _patient(model: Any) -> Any:
+    """Return the model, patient with an emulator, whose stalls are those of a busy machine.
+
+    No law runs, so no force is planned for that time, and nobody holds the device.
+    """
+    if getattr(model, "port", None) != EMULATED or model.watchdog_limit != "auto":
+        return model
+    return replace(model, watchdog_limit=PATIENCE)
 
 
 @contextmanager
@@ -294,6 +311,16 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     for name, one in content["identified"]["numbers"].items():
         text.append(f"{name:<13} stated {_shown(one['stated'])}, found {_shown(one['found'])}")
         text.append(f"{'':<13} {one['method']}")
+    for name, what in FURTHER.items():
+        one = content["identified"].get(name)
+        if one is not None:
+            least, most = _shown(one["lower"]), _shown(one["upper"])
+            text.append(
+                f"{name:<13} found {_shown(one['found'])}; at least {least}, at most {most}"
+            )
+            text.append(f"{'':<13} {what}")
+    if "lag" not in content["identified"]:
+        text.append("lag           not told: too many late ticks; it stays as the device states it")
     judged = content["verdict"]
     shown = judged["stiffness"] / 1e3
     text.append(f"a wall of the law certified, pressed by 2 mm: at most {shown:.3g} N/mm")

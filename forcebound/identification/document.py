@@ -165,6 +165,8 @@ def document_of(
     bounds, estimates = bounds_of(model, found), estimates_of(model, found)
     for name in (*bounds, "sources"):
         device[name] = told[name]
+    if serial and "serial_number" in usual:
+        device["serial_number"] = serial
     numbers = {
         name: {"found": _plain(estimates[name]), "stated": told[name], "method": METHODS[name]}
         for name in bounds
@@ -224,7 +226,7 @@ def write(path: Path, document: Mapping[str, Any], command: str) -> None:
 
     yaml = YAML()  # the kind that keeps the order
     yaml.default_flow_style = None
-    yaml.width = 110
+    yaml.width = 200  # a line for each number
     text = StringIO()
     yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
     use = f"`device: {{include: {path.name}}}` in a launch file"

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from forcebound.identification.rig import Controller, Rig, Trace, rest
 from forcebound.messages.packets import Vector
@@ -44,12 +45,12 @@ class Way:
     speed: float
     acceleration: float
 
-    @property
+    @cached_property
     def top_speed(self) -> float:
         """Speed that is reached, in m/s."""
         return min(self.speed, math.sqrt(abs(self.end - self.start) * self.acceleration))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """In s."""
         top = self.top_speed
@@ -57,7 +58,7 @@ class Way:
             return 0.0
         return abs(self.end - self.start) / top + top / self.acceleration
 
-    @property
+    @cached_property
     def rise(self) -> float:
         """Time until the speed is even, in s."""
         return self.top_speed / self.acceleration

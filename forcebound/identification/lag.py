@@ -26,11 +26,15 @@ from forcebound.identification.experiments import Pass
 
 FEWEST = 40  # ticks of a stroke
 FIRST_GUESS, CHANGE, LARGEST = 1e-4, 1e-6, 0.02  # s
+LATE = 2.0  # periods between two readings; a stroke with more is not used
+WIDEST = 1e-4, 0.1  # s, and share of the lag: a wider bound says nothing of the amplifier
 ROUNDS, CONVERGED = 10, 1e-8  # s
 
 
 def lag_of(strokes: Sequence[Pass], damping: float) -> Bounded | None:
-    """Return the lag of the motor of an axis, in s; None if too few strokes can be used.
+    """Return the lag of the motor of an axis, in s; None if it cannot be told.
+
+    That is so where late ticks leave too few strokes, or the strokes differ too much.
 
     Args:
         strokes: Passes of one axis with a force that jumps.
@@ -42,6 +46,8 @@ def lag_of(strokes: Sequence[Pass], damping: float) -> Bounded | None:
     mean = float(found.mean())
     error = student(found.size - 1) * float(found.std(ddof=1)) / math.sqrt(found.size)
     error += UNMODELLED * abs(mean)
+    if error > WIDEST[0] + WIDEST[1] * abs(mean):
+        return None
     return Bounded(mean, mean - error, mean + error)
 
 
@@ -50,6 +56,9 @@ def _lag_of_stroke(stroke: Pass, damping: float) -> float | None:
     elapsed = trace.read - trace.read[0]
     ticks = np.flatnonzero([stroke.way.is_even(t) for t in elapsed.tolist()])
     if ticks.size < FEWEST or trace.late[: ticks[-1]].any():
+        return None
+    gaps = np.diff(trace.read[: ticks[-1]])
+    if gaps.max() > LATE * np.median(gaps):
         return None
     time, place = trace.read[ticks], trace.readings[ticks, axis]
     forces = trace.forces[:, axis]

@@ -9,7 +9,10 @@ from matplotlib.figure import Figure
 from forcebound.analysis.plots import save
 from forcebound.identification.procedure import AxisFound, Found
 
-FOUND, STATED, PARTS = "#0072B2", "#D55E00", "#56B4E9"  # Okabe and Ito
+FOUND, STATED = "#0072B2", "#D55E00"  # Okabe and Ito
+ROOM = 1.2  # times the largest value: where an axis ends
+#: How a unit is shown, and how many of it that is.
+SHOWN = {"m": ("mm", 1e3), "rad": ("rad", 1.0), "N": ("N", 1.0), "N m": ("mN m", 1e3)}
 
 
 def draw(found: Found, units: tuple[str, str], title: str, path: Path) -> None:
@@ -34,34 +37,40 @@ def draw(found: Found, units: tuple[str, str], title: str, path: Path) -> None:
 
 
 def _draw_loss(axes: Axes, found: AxisFound, units: tuple[str, str], number: int) -> None:
-    place, force = units
+    place, (force, scale) = units[0], SHOWN[units[1]]
     b, f = found.damping, found.friction
+    speeds = np.array([0.0, 1.05 * max(one.speed for one in found.passes)])
     axes.plot(
-        [one.speed for one in found.passes], [one.loss for one in found.passes], "o",
+        [one.speed for one in found.passes], [scale * one.loss for one in found.passes], "o",
         color=FOUND, markersize=4, label="passes, there and back",
     )  # fmt: skip
-    speeds = np.array([0.0, 1.05 * max(one.speed for one in found.passes)])
-    axes.plot(speeds, f.estimate + b.estimate * speeds, color=FOUND, linewidth=1)
-    axes.plot(speeds, f.lower + b.lower * speeds, "--", color=STATED, label="stated: a lower bound")
+    line = scale * (f.estimate + b.estimate * speeds)
+    axes.plot(speeds, line, color=FOUND, linewidth=1, label="found: friction and damping")
+    stated = scale * (f.lower + b.lower * speeds)
+    axes.plot(speeds, stated, "--", color=STATED, label="a lower bound of both")
     axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, ROOM * float(line[-1]))
     axes.set_xlabel(f"speed ({place}/s)")
     axes.set_ylabel(f"axis {number + 1}: loss ({force})")
-    axes.legend(frameon=False, fontsize="small")
+    axes.legend(frameon=False, fontsize="small", loc="lower right")
 
 
 def _draw_range(
     axes: Axes, found: AxisFound, span: tuple[float, float], units: tuple[str, str]
 ) -> None:
-    place, force = units
-    parts = 1 + max(part for _, part in found.friction_of_parts)
-    edges = np.linspace(*span, parts + 1)
-    for pose in sorted({pose for pose, _ in found.friction_of_parts}):
-        own = [found.friction_of_parts.get((pose, part), np.nan) for part in range(parts)]
-        label = "friction, by pose of the other axes" if pose == 0 else None
-        axes.stairs(own, edges, baseline=None, color=PARTS, label=label)
-    axes.axhline(found.friction.lower, linestyle="--", color=STATED, label="stated: a lower bound")
-    axes.set_ylim(bottom=0.0)
+    (place, length), (force, scale) = SHOWN[units[0]], SHOWN[units[1]]
+    cells = found.friction_of_parts
+    parts = 1 + max(part for _, part in cells)
+    poses = sorted({pose for pose, _ in cells})
+    several = ", by pose of the other axes" if len(poses) > 1 else ""
+    edges = length * np.linspace(*span, parts + 1)
+    for pose in poses:
+        own = [scale * cells.get((pose, part), np.nan) for part in range(parts)]
+        label = f"found in each part{several}" if pose == poses[0] else None
+        axes.stairs(own, edges, baseline=None, color=FOUND, label=label)
+    stated = scale * found.friction.lower
+    axes.axhline(stated, linestyle="--", color=STATED, label="a lower bound of all")
+    axes.set_ylim(0.0, ROOM * scale * max(cells.values()))
     axes.set_xlabel(f"place ({place})")
     axes.set_ylabel(f"friction ({force})")
     axes.legend(frameon=False, fontsize="small", loc="lower left")

@@ -55,7 +55,7 @@ class Plan:
     poses: tuple[float, ...] = (-1.0, 0.0, 1.0)
     repeats: int = 2
     parts: int = 8
-    pushes: int = 24
+    pushes: int = 36
     strokes: int = 24
     weight: float = 0.0
     by_hand: float = 0.0
@@ -71,7 +71,7 @@ class AxisFound:
         friction_of_parts: Estimate by pose of the other axes and part of the range.
         presliding: z_m, in m (rad).
         resolution: Of the encoder, in m (rad).
-        lag: Of the amplifier, in s; None: too few ticks were punctual.
+        lag: Of the amplifier, in s; None: it cannot be told, such as with late ticks.
         load: Force that depends on the place (weight, cogging), in N (N m), positive against
             positive motion: its mean; the bound is of the largest, without sign.
         inertia: In kg (kg m^2).

@@ -17,6 +17,7 @@ Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 Controller: TypeAlias = Callable[[float, Vector], Vector]
 
 LATE = 1.25  # periods; beyond, a watchdog may have dropped the force
+STALLED = 10.0  # ms; a force that was meant for a tick moves an axis far meanwhile
 SPEED_TICKS = 8  # over which the speed is watched
 
 
@@ -139,6 +140,9 @@ class Rig:
     def _check(self, time_ns: int, reading: Vector) -> None:
         limits = self.limits
         before_ns, before = self._past[0]
+        late = 1e3 * ((time_ns - before_ns) * 1e-9 - len(self._past) * self.period)
+        busy = f". This machine was {late:.0f} ms late just then: see `forcebound doctor`"
+        why = busy if late > STALLED else ""
         self._past = [*self._past[1 - SPEED_TICKS :], (time_ns, reading)]
         seconds = max((time_ns - before_ns) * 1e-9, self.period)
         for axis, (now, then, start) in enumerate(zip(reading, before, self.start, strict=True)):
@@ -146,13 +150,13 @@ class Rig:
             if not speed <= limits.speed:
                 raise DeviceError(
                     f"axis {axis + 1} moves at {speed:.3g} per second, more than the limit of"
-                    f" {limits.speed:.3g}: is it held, or does something push it? Let go of it"
+                    f" {limits.speed:.3g}: is it held, or does something push it? Let go of it{why}"
                 )
             if not abs(now - start) <= limits.reach:
                 raise DeviceError(
                     f"axis {axis + 1} is {abs(now - start):.3g} away from where it began, more than"
                     f" the limit of {limits.reach:.3g}: start in the middle of the workspace, or"
-                    " choose a larger --reach"
+                    f" choose a larger --reach{why}"
                 )
 
     def _trace(self, rows: list[tuple[int, int, Vector, Vector]]) -> Trace:

@@ -91,6 +91,16 @@ def start_node(run_dir: Path, node: str) -> None:
     _change_state(run_dir, "start_node", node, "running", START_TIMEOUT)
 
 
+def resume_device(run_dir: Path) -> None:
+    """Say that a lost device is in order; return when it answers. Errors are as of the others.
+
+    Raises:
+        ConfigError: If the device is not lost.
+        RunError: If it cannot be opened, or the launcher does not answer.
+    """
+    _change_state(run_dir, "resume_device", "device", "running", START_TIMEOUT)
+
+
 def _change_state(run_dir: Path, request: str, node: str, wanted: str, timeout: float) -> None:
     answer = ask_launcher(run_dir, {"request": request, "node": node})
     end = time.monotonic() + timeout
@@ -98,6 +108,8 @@ def _change_state(run_dir: Path, request: str, node: str, wanted: str, timeout: 
         state = str(answer["nodes"][node]["state"])
         if state == wanted:
             return
+        if state == "lost":
+            raise RunError(f"{node} is still lost; the launcher's log says why. Then try again")
         if answer["phase"] != "running":
             raise RunError(f"the run has ended meanwhile; {node} is {state}")
         if time.monotonic() > end:

@@ -60,6 +60,8 @@ def _processes(seen: Observations) -> Iterator[Finding]:
         data = {"node": name, "state": process.state, "restarts": process.restarts or None}
         if process.state == "starting":
             yield Finding("note", "process_starting", name, data)
+        elif process.state == "lost":
+            yield Finding("problem", "device_lost", name, data)
         elif process.state in ("restarting", "ended"):
             yield Finding("problem", "process_dead", name, data)
         elif process.state in ("stopped", "stopping"):

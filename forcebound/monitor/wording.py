@@ -53,6 +53,10 @@ FINDINGS: dict[str, Text] = {
     ),
     "process_starting": Text(f"is starting{_RESTARTED}", "wait a second and ask again"),
     "process_dead": Text(f"has ended, its state is {{state}}{_RESTARTED}", _LOG),
+    "device_lost": Text(
+        "is lost: zero force; plug it in, switch it on, hold it in its home pose",
+        command="forcebound device resume",
+    ),
     "process_stopped": Text("is {state} on request", command="forcebound start {node}"),
     "restarts": Text("was restarted {restarts} times in this run", _LOG),
     "hop_broken": Text(

@@ -1,0 +1,167 @@
+"""Solids that are told by a distance: the proxy on them.
+
+A *field* is a pair of compiled functions of some data and a point: the distance to the surface
+(negative inside, nowhere more than the true one), and its gradient. The proxy is moved in rounds.
+In each it sees the solid as the plane that the field has where the proxy is, and marches towards
+the closest place behind no plane; what it runs into on the way becomes another plane, until nothing
+is in the way. So in a corner of two solids both hold it. Marching goes in steps of the distance,
+which nothing can hide in (sphere tracing: J. C. Hart, Sphere tracing, The Visual Computer 12,
+1996), and dips at most ``DIP`` below a hollow surface; the rounds bring it up again.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from forcebound.compiled import jit
+from forcebound.geometry.planes import closest_legal
+from forcebound.geometry.vectors import Vector3, add, along, dot, norm, scale, sub, unit
+
+Data: TypeAlias = Any  # what a field's functions know of the solid
+Distance: TypeAlias = Callable[[Data, Vector3], float]
+Gradient: TypeAlias = Callable[[Data, Vector3], Vector3]
+Slide: TypeAlias = Callable[[Data, Vector3, Vector3], tuple[bool, Vector3, Vector3]]
+
+DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner plates are not felt
+STEPS = 512  # of a march at most along surfaces: a longer way has longer steps
+CUTS = 8  # planes of one round
+MOVES = 200  # of the proxy in one answer, over all rounds
+LEGAL = 1e-9  # m, depth that counts as none
+STILL = 1e-10  # m, a move that counts as none
+
+
+class Field(NamedTuple):
+    """The functions of a solid; compiled into the kernels that move its proxy."""
+
+    distance: Distance
+    gradient: Gradient
+
+
+@cache
+def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector3, Vector3]]]:
+    """Return the compiled moves of a proxy on a field: ``slide`` and ``closest``."""
+    distance, gradient = field
+
+    def narrow(data: Data, outside: Vector3, inside: Vector3) -> Vector3:
+        """A place close behind the surface that lies between two places."""
+        for _ in range(12):
+            middle = scale(add(outside, inside), 0.5)
+            if distance(data, middle) < -LEGAL:
+                inside = middle
+            else:
+                outside = middle
+        return inside
+
+    def march(data: Data, start: Vector3, end: Vector3) -> tuple[bool, Vector3, Vector3, float]:
+        """Whether something is in the way; the last legal place; the obstacle; how far it is."""
+        way = sub(end, start)
+        length = norm(way)
+        direction = scale(way, 1.0 / length) if length > 0.0 else way
+        smallest = max(DIP, length / STEPS)
+        gone, here, legal = 0.0, start, start
+        while True:
+            free = distance(data, here)
+            if free < -DIP:
+                return True, legal, narrow(data, legal, here), free
+            if free >= -LEGAL:
+                legal = here
+            if not gone < length:
+                return False, end, end, free
+            gone = min(gone + max(free, smallest), length)
+            here = along(start, direction, gone) if gone < length else end
+
+    def add_plane(data: Data, planes: Any, count: int, point: Vector3) -> None:
+        """Set row ``count`` to the plane of the field at a point."""
+        slope = gradient(data, point)
+        steepness = norm(slope)
+        normal = scale(slope, 1.0 / steepness) if steepness > 0.0 else (0.0, 0.0, 0.0)
+        away = distance(data, point) / steepness if steepness > 0.0 else 0.0
+        planes[count, 0], planes[count, 1], planes[count, 2] = normal
+        planes[count, 3] = dot(normal, point) - away
+
+    def settle(data: Data, point: Vector3) -> tuple[bool, Vector3]:
+        """Bring a point that is a little inside to the surface; whether that was possible."""
+        for _ in range(8):
+            depth = -distance(data, point)
+            if depth <= LEGAL:
+                return True, point
+            slope = gradient(data, point)
+            steepness = norm(slope)
+            if steepness == 0.0:
+                break
+            point = along(point, slope, (depth + 0.5 * LEGAL) / (steepness * steepness))
+        return False, point
+
+    def slide(data: Data, proxy: Vector3, goal: Vector3) -> tuple[bool, Vector3, Vector3]:
+        planes = np.empty((CUTS, 4))
+        place, before, target, count = proxy, proxy, goal, 0
+        for move in range(MOVES):
+            is_blocked, place, obstacle, free = march(data, place, target)
+            if not is_blocked:  # arrived: the solid is seen anew from here
+                if move == 0 and free >= 0.0:
+                    return False, goal, (0.0, 0.0, 0.0)
+                if free >= -LEGAL and norm(sub(place, before)) < STILL:
+                    break
+                before, count = place, 0
+            elif count == CUTS:
+                count = 0
+            add_plane(data, planes, count, obstacle)
+            count += 1
+            found, target = closest_legal(goal, planes, count, 1e-12)
+            if not found:
+                break
+        is_legal, place = settle(data, place)
+        if not is_legal:
+            place = proxy
+        return norm(sub(place, goal)) > LEGAL, place, unit(sub(place, goal))
+
+    def closest(data: Data, point: Vector3) -> tuple[Vector3, Vector3]:
+        """The closest point of the surface, by Newton's steps along the gradient; its normal."""
+        for _ in range(20):
+            slope = gradient(data, point)
+            steepness = norm(slope)
+            away = distance(data, point)
+            if steepness == 0.0 or abs(away) <= LEGAL:
+                break
+            point = along(point, slope, -away / (steepness * steepness))
+        return point, unit(gradient(data, point))
+
+    return jit(slide), jit(closest)
+
+
+class ImplicitSolid:
+    """A solid of a field, compiled when it is made; see :class:`forcebound.geometry.proxy.Solid`.
+
+    Args:
+        field: Its functions.
+        data: What they know of it.
+    """
+
+    def __init__(self, field: Field, data: Data) -> None:
+        self._data = data
+        self._slide, self._closest = kernels(field)
+        self._distance, self._gradient = jit(field.distance), jit(field.gradient)
+        origin = (0.0, 0.0, 0.0)
+        self._slide(data, origin, origin)
+        self._closest(data, origin)
+        self.shade(origin, origin)
+        self.distance(origin)
+
+    def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
+        """Move the proxy towards the goal as far as nothing is entered."""
+        is_touching, place, normal = self._slide(self._data, proxy, goal)
+        return (place, normal) if is_touching else (goal, None)
+
+    def distance(self, point: Vector3) -> float:
+        """Return the distance to the surface, or less; negative: inside."""
+        return self._distance(self._data, point)
+
+    def closest(self, point: Vector3) -> tuple[Vector3, Vector3]:
+        """Return the closest point of the surface, and the outward normal there."""
+        return self._closest(self._data, point)
+
+    def shade(self, point: Vector3, normal: Vector3) -> Vector3:
+        """Return the field's own gradient, which is smoother than the contact's normal."""
+        return unit(self._gradient(self._data, point))

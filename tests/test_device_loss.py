@@ -1,0 +1,190 @@
+"""A device that is lost and returns: only when the user says so, and with a force that is new."""
+
+import math
+import os
+import selectors
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from builders import telemetry_packet
+from live_graph import LiveGraph, live_graph
+from test_emulators_live import program
+from test_lifecycle import running
+from waiting import until
+
+from forcebound.devices.truth_file import SUFFIX, TruthFile
+from forcebound.launch.actions import (
+    DEVICE_LOST,
+    Announce,
+    Ended,
+    Engage,
+    Engaged,
+    Interrupted,
+    Reported,
+    Resumed,
+    Start,
+    Terminate,
+)
+from forcebound.launch.confirmation import Confirmation
+from forcebound.launch.lifecycle import ADVICE, Phase
+from forcebound.messages.packets import Telemetry
+from forcebound.processes import LOST
+from forcebound.telemetry import TelemetryColumns
+
+HOME = (0.0, -0.0693)  # m, of the tip
+NEAR = 2e-3  # m; friction keeps a hand from its aim
+
+ADVISED = Announce(DEVICE_LOST, "device", ADVICE, is_fault=True)
+STARTED = Announce("process_started", "device", "device was restarted")
+
+
+def test_a_lost_device_waits_for_the_word_and_engages_anew() -> None:
+    lifecycle = running()
+    assert lifecycle.advance(500, Ended("device", LOST)) == [ADVISED]
+    assert (lifecycle.phase, lifecycle.state("device")) == (Phase.RUNNING, "lost")
+    assert lifecycle.advance(600) == []
+    assert lifecycle.advance(700, Resumed()) == [Start("device"), STARTED]
+    assert lifecycle.restarts.counts == {"device": 1}
+    assert lifecycle.advance(701, Reported("device", ("force_command",))) == []
+    assert lifecycle.is_returning
+    assert not lifecycle.is_engaging
+    assert lifecycle.advance(702, Reported("device", ())) == [Engage()]
+    assert lifecycle.is_engaging
+    assert lifecycle.advance(703, Engaged()) == []
+    assert not lifecycle.is_returning
+    assert lifecycle.state("device") == "running"
+
+
+def test_a_device_that_cannot_be_opened_again_is_lost_again() -> None:
+    lifecycle = running()
+    lifecycle.advance(500, Ended("device", LOST))
+    lifecycle.advance(501, Resumed())
+    assert lifecycle.advance(502, Ended("device", LOST)) == [ADVISED]
+    assert lifecycle.advance(503, Resumed()) == [Start("device"), STARTED]
+
+
+def test_the_word_means_nothing_while_no_device_is_lost() -> None:
+    assert running().advance(500, Resumed()) == []
+
+
+def test_a_device_that_was_killed_or_crashed_ends_the_run() -> None:
+    for status in (-signal.SIGKILL, 1):
+        lifecycle = running()
+        lifecycle.advance(500, Ended("device", status))
+        assert lifecycle.phase is Phase.STOPPING
+        assert lifecycle.failure is not None
+
+
+def test_a_run_without_its_device_ends_as_others_do() -> None:
+    lifecycle = running()
+    lifecycle.advance(500, Ended("device", LOST))
+    actions = lifecycle.advance(501, Interrupted())
+    assert actions == [Terminate("controller"), Terminate("environment")]
+
+
+def test_in_a_pipe_nobody_is_asked_to_press_enter() -> None:
+    reader, writer = os.pipe()
+    with selectors.DefaultSelector() as selector:
+        confirmation = Confirmation(selector, reader)
+        confirmation.ask()
+        assert not selector.get_map()
+        confirmation.withdraw()
+        assert not confirmation.take()
+    os.close(reader)
+    os.close(writer)
+
+
+def test_counts_go_on_when_a_device_returns() -> None:
+    def packet(seq: int, time_ns: int, engagement: float, misses: int) -> Telemetry:
+        return telemetry_packet(
+            seq,
+            time_ns=time_ns,
+            elapsed=seq * 1e-9,
+            engagement=engagement,
+            device_seq=seq - 1 if seq else None,
+            deadline_misses=misses,
+            rejected={"too_old": misses},
+        )
+
+    lives = [(0, 0, 0.0, 0), (1, 10, 1.0, 3), (0, 50, 0.0, 0), (1, 60, 1.0, 2), (0, 90, 1.0, 0)]
+    columns = TelemetryColumns.from_packets([packet(*life) for life in lives])
+    assert columns.seq.tolist() == [0, 1, 2, 3, 4]
+    assert columns.device_seq.tolist() == [-1, 0, -1, 2, -1]
+    assert columns.deadline_misses.tolist() == [0, 3, 3, 5, 5]
+    assert columns.rejected == {"too_old": 5}
+    assert columns.elapsed == pytest.approx([0.0, 1e-9, 41e-9, 51e-9, 81e-9])
+
+
+def wait_for_loss(graph: LiveGraph) -> None:
+    graph.until(lambda: graph.node("device")["state"] == "lost", "the loss")
+
+
+def put_home(link: Path) -> None:
+    """Wait for the emulated hand to have the arm in its home pose, as a user would hold it."""
+    truth = TruthFile(Path(f"{link}{SUFFIX}"))
+
+    def is_home() -> bool:
+        found = truth.look()
+        return found is not None and math.dist(found.truth.position, HOME) < NEAR
+
+    until(is_home, "the home pose")
+    truth.close()
+
+
+def resume(graph: LiveGraph) -> None:
+    """Say that the device is in order, and wait until its force is wholly engaged."""
+    said = graph.order("device", "resume")
+    assert said.returncode == 0, said.stderr
+    graph.wait_for_telemetry(lambda t: t.engagement == 1.0, "an engaged force")
+
+
+@pytest.mark.live
+def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
+    tmp_path: Path,
+) -> None:
+    link = tmp_path / "board"
+    words = (f"device:={link}", "on_loss:=wait", "watchdog_limit:=400 ms")
+    with live_graph_at(link, words) as (graph, board):
+        wait_for_loss(graph)
+        put_home(link)
+        resume(graph)
+        board.send_signal(signal.SIGSTOP)
+        wait_for_loss(graph)
+        board.send_signal(signal.SIGCONT)
+        put_home(link)
+        resume(graph)
+        board.kill()
+        wait_for_loss(graph)
+        too_soon = graph.order("device", "resume")
+        assert too_soon.returncode == 1
+        assert "still lost" in too_soon.stderr
+        with program(link):
+            until(link.exists, "the port")
+            resume(graph)
+            ended = graph.end()
+    assert ended.exit_status == 0
+    assert ended.faults[DEVICE_LOST] == 4
+    packets = [p for p in ended.recording.packets("telemetry") if isinstance(p, Telemetry)]
+    begins = [after for before, after in pairwise(packets) if after.seq < before.seq]
+    assert len(begins) == 3
+    for begin in begins:
+        assert begin.engagement == 0.0
+        assert not any(begin.applied_force)
+    assert ended.columns.true_energy.min() >= 0.0
+
+
+@contextmanager
+def live_graph_at(
+    link: Path, words: tuple[str, ...]
+) -> Iterator[tuple[LiveGraph, "subprocess.Popen[str]"]]:
+    """Start a board whose first fault is a reply cut short, and a graph on it."""
+    with program(link, "--fault", "short") as board:
+        until(link.exists, "the port")
+        with live_graph("haply_2diy", *words, is_alone=False) as graph:
+            graph.until(lambda: list(graph.runtime.glob("*/control-launcher")), "the launcher")
+            yield graph, board

@@ -1,0 +1,104 @@
+"""The worlds with a surface in launch files: runs in virtual time, parameters, bad input."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forcebound.config.loader import change, load
+from forcebound.config.parameters import parameters
+from forcebound.config.resolved import restore, to_document, with_parameters
+from forcebound.errors import ConfigError
+from forcebound.launch.virtual import run_virtual
+
+SURFACE = 'environment: { kind: solid, surface: { texture: "relief.npy" } }'
+
+
+def _file(folder: Path, environment: str) -> Path:
+    path = folder / "mine.yaml"
+    path.write_text(f"forcebound: 1\ninclude: three_axes.yaml\n{environment}\n")
+    return path
+
+
+def test_a_hand_comes_to_rest_on_the_sphere_with_penetration_force_over_stiffness() -> None:
+    result = run_virtual(load("touch_sphere"), 3.0)
+    samples = result.columns
+    assert samples.true_energy.min() >= 0.0
+    assert result.summary["at_rest"]
+    centre, radius, stiffness = np.array([0.05, 0.0, 0.0]), 0.04, 1000.0
+    place, force = samples.position[-1], samples.applied_force[-1]
+    out = (place - centre) / np.linalg.norm(place - centre)
+    depth = radius - float(np.linalg.norm(place - centre))
+    assert depth > 0.001
+    # The encoder's steps of 0.03 mm are 0.03 N.
+    assert force == pytest.approx(-stiffness * depth * out, abs=0.03)
+
+
+def test_strokes_with_friction_are_passive_and_show_the_angle() -> None:
+    result = run_virtual(load("sliding_friction", ["law:=certified"]), 4.0)
+    samples = result.columns
+    assert samples.true_energy.min() >= 0.0
+    commanded = samples.commanded_force[1000:]
+    slopes = np.hypot(commanded[:, 1], commanded[:, 2]) / commanded[:, 0]
+    assert slopes.max() == pytest.approx(0.6, rel=0.03)  # the static cone, met within a tick
+    assert np.median(slopes) == pytest.approx(0.4, rel=1e-6)
+
+
+def test_parameters_within_a_section_have_names_of_their_own() -> None:
+    config = load("sliding_friction")
+    known = parameters(config)
+    assert known["environment.surface.friction"] == 0.4
+    assert "environment.surface" not in known
+    assert len(known["environment.shapes"]) == 1
+    new = change(config, {"environment.surface.friction": 0.3, "environment.stiffness": "2 N/mm"})
+    assert parameters(new)["environment.surface.friction"] == 0.3
+    assert parameters(new)["environment.surface.static_friction"] == 0.6
+    same = with_parameters(
+        config, {"environment.surface.friction": 0.3, "environment.stiffness": 2000.0}
+    )
+    assert same == new
+    assert restore(to_document(new)) == new
+
+
+def test_a_wrong_parameter_within_a_section_is_told() -> None:
+    config = load("sliding_friction")
+    with pytest.raises(ConfigError, match=r"static_friction must be at least friction, 0\.9"):
+        change(config, {"environment.surface.friction": 0.9})
+    with pytest.raises(ConfigError, match=r"did you mean 'environment\.surface\.friction'"):
+        change(config, {"environment.surface.fricton": 0.9})
+
+
+def test_a_texture_beside_the_launch_file_is_found_and_checked(tmp_path: Path) -> None:
+    path = _file(tmp_path, SURFACE)
+    with pytest.raises(ConfigError, match=r"mine\.yaml:3:\d+: cannot read the height map .*relief"):
+        load(path)
+    np.save(tmp_path / "relief.npy", np.zeros((4, 4)))
+    config = load(path)
+    assert parameters(config)["environment.surface.texture"] == str(tmp_path / "relief.npy")
+    assert run_virtual(config, 0.1).summary["samples"] > 50
+
+
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        ("{ kind: solid, shapes: [] }", r":3:\d+: shapes must list 1 to 64 shapes, got 0"),
+        (
+            "{ kind: solid, shapes: [{ shape: sphere, radius: 0 mm }] }",
+            r":3:\d+: .*radius: must be > 0 m",
+        ),
+        (
+            "{ kind: solid, shapes: [{ shape: sphere, radius: 1 mm, is_removed: true }] }",
+            r":3:\d+: nothing is left of the shapes",
+        ),
+        (
+            "{ kind: solid, surface: { friction: 0.5, static_friction: 0.4 } }",
+            r":3:\d+: .*static_friction must be at least friction, 0\.5, got 0\.4",
+        ),
+        ("{ kind: solid, shapes: [{ shape: cube }] }", r":3:\d+: .*plane.*sphere"),
+    ],
+)
+def test_what_makes_no_world_is_told_with_its_line(
+    tmp_path: Path, environment: str, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        load(_file(tmp_path, f"environment: {environment}"))
