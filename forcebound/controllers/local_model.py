@@ -152,7 +152,7 @@ class OpenLocalModel:
         asked = self._exchange.take(reply, time_ns)
         if asked is not None:
             self._answer = reply.force
-            self._estimator.take(asked, reply.force, reply.normal)
+            self._estimator.take(asked, reply.force, reply.contact)
 
     def close(self) -> None:
         """Do nothing: it holds no resource."""

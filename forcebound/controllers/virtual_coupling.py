@@ -152,7 +152,7 @@ class OpenVirtualCoupling:
         known = self._estimator.plane
         is_behind = known is not None and known.depth(asked.position) > 0.0
         self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
-        self._estimator.take(asked, reply.force, reply.normal)
+        self._estimator.take(asked, reply.force, reply.contact)
         self._plane = None if self._missing >= GONE else self._estimator.plane
 
     def close(self) -> None:
