@@ -85,7 +85,9 @@ def test_an_object_that_is_none_is_refused(changes: dict[str, Any], said: str) -
 
 
 def test_a_scene_may_be_longer_than_other_packets_but_not_for_ever() -> None:
-    box = SceneObject("box", "box", (0.1,) * 3, (0.5,) * 4, (0.1,) * 3, is_fixed=False)
+    box = SceneObject(
+        "box", "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5, 0.5), (0.1,) * 3, is_fixed=False
+    )
     boxes = tuple(replace(box, name=f"box {place}") for place in range(MAX_LENGTH))
     data = encode(replace(SCENE, objects=boxes))
     assert MAX_BYTES < len(data) < MAX_SCENE_BYTES / 2
