@@ -6,7 +6,10 @@ environment it is connected with.
 
 import logging
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, ClassVar
+
+from msgspec.structs import replace
 
 from forcebound.controllers import Controller
 from forcebound.messages.packets import (
@@ -49,6 +52,7 @@ class ControllerNode(Node):
         self, controller: Controller, lease_ns: int = LEASE_NS, dead_lease_ns: int | None = None
     ) -> None:
         self._controller = controller
+        self._notices = getattr(controller, "notices", None)
         self._queries = 0
         self._commands = 0
         self.events = EventLog("controller")
@@ -112,11 +116,15 @@ class ControllerNode(Node):
         try:
             force = self._controller.on_state(state, time_ns)
             position, velocity = self._controller.query(state)
+            told = () if self._notices is None else self._notices()
+            notices = [(str(event), str(message)) for event, message in told]
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
         if force is not None:
             packets.append(self._command(state.seq, state.time_ns, force, time_ns))
+        for event, message in notices:
+            packets.append(self.events.emit(time_ns, event, message, is_fault=True))
         seq = self._queries
         self._queries += 1
         packets.append(
@@ -143,6 +151,14 @@ class ControllerNode(Node):
             if reply.environment != lease.holder:
                 self.reject("second_environment")
                 return
+        if not all(map(isfinite, reply.force)):
+            # A controller would keep it in its state for ever. The device rejects and counts it.
+            echo = (reply.device_seq, reply.device_time_ns)
+            packets.append(self._command(*echo, reply.force, time_ns))
+            return
+        if not all(map(isfinite, (*(reply.proxy or ()), *(reply.normal or ())))):
+            self.reject("not_finite")
+            reply = replace(reply, proxy=None, normal=None)
         try:
             force = self._controller.on_reply(reply, time_ns)
         except Exception as error:

@@ -3,10 +3,10 @@
 import pytest
 
 from forcebound.config.loader import load
+from forcebound.controllers.passivity import colgate_schenkel
 from forcebound.launch.virtual import run_virtual
 from forcebound.sweep.limits import (
     abbott_okamura,
-    colgate_schenkel,
     diolaiti,
     encoder,
     limit_of,

@@ -69,11 +69,12 @@ def tally(task: PathTask) -> Worst:
     """Run a task and return the worst result."""
     results = results_of(task)
     return reduce(
-        _worse, (Worst(1, one.share_left < TIGHT, one.margin, one.case.name) for one in results)
+        worse, (Worst(1, one.share_left < TIGHT, one.margin, one.case.name) for one in results)
     )
 
 
-def _worse(own: Worst, other: Worst) -> Worst:
+def worse(own: Worst, other: Worst) -> Worst:
+    """Return the runs of both, and the lower energy of the two."""
     lower = other if other.margin < own.margin else own
     return Worst(own.runs + other.runs, own.tight + other.tight, *lower[2:])
 
@@ -144,7 +145,7 @@ def run_certificates(
     for task, part in in_order(tally, tasks, workers, progress):
         kind = "random" if task.sensor is None else "search"
         key = (task.law, task.certificate, task.is_stated, kind)
-        worst[key] = _worse(worst[key], part) if key in worst else part
+        worst[key] = worse(worst[key], part) if key in worst else part
     rows = [_row(law, one, worst) for one in certificates for law in laws]
     return {"runs": sum(task.runs for task in tasks), "seed": seed, "certificates": rows}
 
@@ -172,7 +173,7 @@ def _numbers(
     }
     if not kinds:
         return None
-    both = reduce(_worse, kinds.values())
+    both = reduce(worse, kinds.values())
     return {
         "runs": both.runs,
         "margin_min_j": both.margin,

@@ -18,6 +18,10 @@ from forcebound.audit.report import draw_run, page
 from forcebound.audit.run import replay
 from forcebound.audit.search import optimiser
 from forcebound.audit.sensitivity import run_sensitivity
+from forcebound.audit.world_campaign import run_worlds
+from forcebound.audit.world_report import page as world_page
+from forcebound.audit.world_run import SECONDS, replay_world
+from forcebound.audit.worlds import WATCHDOGS
 from forcebound.bounding import LAWS
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, read_text, reason
@@ -47,10 +51,7 @@ def run(
     Raises:
         ConfigError: If there is nothing to run, or a law or a certificate is not known.
     """
-    if out is not None and out.suffix != ".md":
-        raise ConfigError(f"the page must end in .md, got {out.name!r}")
-    if out is not None:
-        check_writable(out, "the page")
+    _check_page(out)
     if searched:
         optimiser()  # its absence would show only after the random runs
     document: dict[str, Any] = {"runs": 0}
@@ -62,12 +63,23 @@ def run(
         chosen = "".join(f" --law {law}" for law in laws)
         chosen += "".join(f" --certificate {certificate}" for certificate in certificates)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
-        try:
-            text = page(document, f"{command} --out {out}") + _written_by_hand(out)
-            out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"cannot write the page {out}: {reason(error)}") from error
+        _write(out, page(document, f"{command} --out {out}") + _written_by_hand(out))
     return document
+
+
+def _check_page(out: Path | None) -> None:
+    if out is None:
+        return
+    if out.suffix != ".md":
+        raise ConfigError(f"the page must end in .md, got {out.name!r}")
+    check_writable(out, "the page")
+
+
+def _write(out: Path, text: str) -> None:
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write the page {out}: {reason(error)}") from error
 
 
 def _written_by_hand(out: Path) -> str:
@@ -97,6 +109,8 @@ def run_again(law: str, case: str, seconds: float | None, picture: Path | None) 
     """
     if picture is not None:
         check_picture(picture)
+    if "/" in case:
+        return _run_world_again(law, case, seconds, picture)
     if ":" in case:
         return _run_path_again(law, case, seconds, picture)
     result, trace = replay(law, case, seconds or 2.0)
@@ -127,6 +141,51 @@ def _run_path_again(
         **result.case.numbers,
         **with_units(result.case),
     }
+    return document
+
+
+def _run_world_again(
+    law: str, case: str, seconds: float | None, picture: Path | None
+) -> dict[str, Any]:
+    if picture is not None:
+        raise ConfigError("a run against a world is not drawn: omit --out")
+    result = replay_world(law, case, seconds or SECONDS)
+    document = result._asdict()
+    document["case"] = {
+        "name": result.case.name,
+        "seed": result.case.seed,
+        **result.case.numbers,
+        "axes": result.case.axes,
+        "watchdog": WATCHDOGS[int(result.case.numbers["watchdog"])],
+    }
+    return document
+
+
+def run_in_worlds(
+    laws: Sequence[str],
+    worlds: Sequence[str],
+    controllers: Sequence[str],
+    runs: int,
+    searched: int,
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+) -> dict[str, Any]:
+    """Run the campaign against worlds and write its page; arguments as on the command line.
+
+    Raises:
+        ConfigError: If there is nothing to run, a name is not known, or the page cannot be written.
+    """
+    _check_page(out)
+    if searched:
+        optimiser()
+    with progress_bar("audit of the worlds") as show:
+        document = run_worlds(laws, worlds, controllers, runs, searched, seed, workers, show)
+    if out is not None:
+        names = {"law": laws, "world": worlds, "controller": controllers}
+        chosen = "".join(f" --{what} {name}" for what, given in names.items() for name in given)
+        command = f"forcebound audit worlds --runs {runs} --search {searched} --seed {seed}{chosen}"
+        _write(out, world_page(document, f"{command} --out {out}"))
     return document
 
 

@@ -102,8 +102,8 @@ run_option = click.option(
     "--run",
     "run_dir",
     type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Run directory (needed if several graphs run).",
+    metavar="GRAPH",
+    help="Launch file or run directory of the graph (needed if several run).",
 )
 
 

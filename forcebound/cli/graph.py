@@ -1,7 +1,7 @@
 """Commands that monitor and change a running graph."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from forcebound.cli.common import (
     file_option,
     json_option,
     print_json,
+    print_rows,
     reports_errors,
     run_option,
     show,
@@ -21,6 +22,7 @@ from forcebound.files import printable
 if TYPE_CHECKING:
     from forcebound.monitor.findings import Finding
 
+BAR = 40  # characters, of the longest bar of a histogram
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
@@ -60,10 +62,13 @@ def start(node_name: str, run_dir: Path | None) -> None:
 @click.argument("run", required=False, metavar="[RUN]", type=click.Path(path_type=Path))
 @file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")
+@click.option("--links", is_flag=True, help="Of each link of a running graph, too.")
 @json_option
 @reports_errors
-def delay(run: Path | None, output: Path | None, duration: float | None, as_json: bool) -> None:
-    """Show the loop delay of RUN, a recording or a run directory. Default: the running graph."""
+def delay(
+    run: Path | None, output: Path | None, duration: float | None, links: bool, as_json: bool
+) -> None:
+    """Show the loop delay of RUN, a recording or a running graph. Default: the running graph."""
     from forcebound.config.traces import as_link_trace
     from forcebound.monitor.delay import measure
     from forcebound.network.trace import check_output
@@ -76,15 +81,50 @@ def delay(run: Path | None, output: Path | None, duration: float | None, as_json
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
     document = {**measured.summary, "trace": None if output is None else str(output)}
+    if links:
+        document["links_ms"] = _delays_of_links(run, duration)
     if as_json:
         print_json(document)
         return
     for name, value in document["loop_delay_ms"].items():
-        show(f"loop delay {name:<4}{'-' if value is None else f'{value:.2f} ms':>10}")
+        label = name.replace("_", ".")
+        show(f"loop delay {label:<6}{'-' if value is None else f'{value:.2f} ms':>10}")
+    _show_histogram(document["histogram"])
     why = "lost, or overtaken by a newer answer"
     show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
+    if links:
+        _show_delays(document["links_ms"])
     if output is not None:
         show(f"trace: {output}")
+
+
+def _delays_of_links(run: Path | None, duration: float | None) -> Mapping[str, Any]:
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import DURATION, measure_hops
+
+    run_dir = find(run, of_graph=True, option="`forcebound delay GRAPH`")
+    return measure_hops(run_dir, DURATION if duration is None else duration)
+
+
+def _show_delays(links: Mapping[str, Mapping[str, Any]]) -> None:
+    from forcebound.monitor.streams import SHARES
+
+    def text(value: float | None) -> str:
+        return "–" if value is None else f"{value:.3f} ms"
+
+    head = ("from sending on", *(name.replace("_", ".") for name in SHARES), "ticks")
+    rows = [
+        (name, *(text(one[share]) for share in SHARES), str(one["count"]))
+        for name, one in links.items()
+    ]
+    print_rows(head, rows)
+
+
+def _show_histogram(classes: Sequence[Mapping[str, float]]) -> None:
+    most = max((row["count"] for row in classes), default=1)
+    for row in classes:
+        bar = "█" * round(BAR * row["count"] / most)
+        show(f"{row['from_ms']:>8.2f} ms {row['count']:>7} {bar}")
 
 
 @click.group()

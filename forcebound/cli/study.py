@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -33,7 +34,10 @@ workers_option = click.option(
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop, device, delay or sweep) against its reference implementation."""
+    """Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
+
+    Most are measured beside a reference implementation.
+    """
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:
@@ -124,6 +128,49 @@ def replay(law: str, case: str, duration: float | None, out: Path | None, as_jso
         return
     for line in replay_lines(document):
         show(line)
+
+
+@audit.command(short_help="Attack the laws through worlds, in two and three axes.")
+@click.option(
+    "--runs",
+    type=click.IntRange(min=0),
+    default=100,
+    show_default=True,
+    help="Random runs of each law with each world and controller.",
+)
+@click.option(
+    "--search",
+    "searched",
+    type=click.IntRange(min=0),
+    default=100,
+    show_default=True,
+    help="Runs of each in a CMA-ES search for the lowest energy.",
+)
+@click.option("--law", "laws", multiple=True, help="Only this law; repeatable.")
+@click.option("--world", "worlds", multiple=True, help="Only this world; repeatable.")
+@click.option("--controller", "controllers", multiple=True, help="Only this one; repeatable.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the runs."
+)
+@workers_option
+@file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
+@json_option
+@reports_errors
+def worlds(as_json: bool, **campaign: Any) -> None:
+    """Attack the certified laws through every world and controller; status 1 if one leaks.
+
+    The law none meets some of the random cases, to show what the attacks can do.
+    """
+    from forcebound.audit.command import run_in_worlds
+    from forcebound.audit.world_report import lines
+
+    document = run_in_worlds(**campaign)
+    if as_json:
+        print_json(document)
+    else:
+        for line in lines(document):
+            show(line)
+    sys.exit(0 if all(row["holds"] for row in document["worlds"]) else 1)
 
 
 @audit.command(short_help="Show what a wrong number of a device costs.")

@@ -49,6 +49,7 @@ from forcebound.config.user_parts import (
     find_class,
     find_law,
     user_files,
+    warn_cautions,
     warn_far,
     warn_uncertified,
 )
@@ -93,6 +94,7 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     config = _build(filled, problems, asks=not files)
     warn_uncertified(config)
     warn_far(config)
+    warn_cautions(config)
     return config
 
 
@@ -275,7 +277,7 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
     axes = device.model.axes
     if made["operator"]:
         check_path(made["operator"], axes, sections["operator"])
-    if environment:
+    if environment and not getattr(controller, "answers_states", False):
         _check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])

@@ -17,7 +17,7 @@ from forcebound.config.fields import Section, check_fields
 from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
 from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
-from forcebound.controllers import ControllerModel
+from forcebound.controllers import Cautious, ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
@@ -138,18 +138,20 @@ def check_environment(model: EnvironmentModel, axes: int, section: Section) -> N
         return
     still = (0.0,) * axes
     with (
-        _noting(section, f"force({still}, {still}, 0.0), contact() or scene()"),
+        _noting(section, f"force({still}, {still}, 0.0)"),
         closing(open_environment(model, axes)) as opened,
     ):
         _check_vector(opened.force(still, still, 0.0), axes, "N")
         contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
-        told = None if contact is None else contact()
-        if told is not None:
-            proxy, normal = told
-            _check_vector(proxy, axes, "m")
-            _check_vector(normal, axes, "1")
-        if scene is not None:
-            decode(encode(Scene(0, 0, tuple(scene()), None)), Scene)
+        with _noting(section, "contact()"):
+            told = None if contact is None else contact()
+            if told is not None:
+                proxy, normal = told
+                _check_vector(proxy, axes, "m")
+                _check_vector(normal, axes, "1")
+        with _noting(section, "scene()"):
+            objects = () if scene is None else tuple(scene())
+            decode(encode(Scene(0, 0, objects, None)), Scene)
 
 
 def check_controller(model: ControllerModel, axes: int, section: Section) -> None:
@@ -168,6 +170,21 @@ def check_controller(model: ControllerModel, axes: int, section: Section) -> Non
         for force in forces:
             if force is not None:
                 _check_vector(force, axes, "N")
+
+
+def warn_cautions(config: GraphConfig) -> None:
+    """Log what the controller has to say about its parameters on this device."""
+    if not isinstance(config.controller, Cautious):
+        return
+    servo = config.device.servo
+    damping = dissipation_of(config.device.model, servo).least_damping
+    period = servo.period_ns * 1e-9
+    try:
+        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
+    except Exception as error:
+        raise ConfigError(f"controller: cautions: {describe_user_error(error)}") from error
+    for caution in cautions:
+        _logger.warning("controller: %s", caution)
 
 
 def _check_vector(vector: Vector, axes: int, unit: str) -> None:

@@ -15,7 +15,8 @@ To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to
 (docs/write-your-own-controller.md).
 """
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.parts import Form, Table
@@ -54,11 +55,41 @@ class Controller(Protocol):
         ...
 
 
+class Notice(NamedTuple):
+    """Something that people should know; it becomes an event, a fault of the run.
+
+    An open controller may have a method ``notices() -> Sequence[Notice]``, called after each state:
+    what has happened since the last call.
+    """
+
+    event: str  # what kind, in one word
+    message: str  # for people
+
+
 class ControllerModel(Protocol):
-    """Parameters of a kind of controller."""
+    """Parameters of a kind of controller.
+
+    A class attribute ``answers_states = True`` says that ``on_state`` gives forces, so that an
+    environment further away than the device's age limit is no mistake.
+    """
 
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""
+        ...
+
+
+@runtime_checkable
+class Cautious(Protocol):
+    """A model with something to say about its parameters on a certain device."""
+
+    def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
+        """Return what to know before a start, a sentence each; they are logged.
+
+        Args:
+            damping: Least damping of the device, in N s/m.
+            period: Of its servo, in s.
+            delay: From reading to writing, in s.
+        """
         ...
 
 
@@ -67,6 +98,8 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
     {
         "direct": "forcebound.controllers.direct:DirectController",
         "local_model": "forcebound.controllers.local_model:LocalModel",
+        "scaled": "forcebound.controllers.scaled:Scaled",
+        "virtual_coupling": "forcebound.controllers.virtual_coupling:VirtualCoupling",
     },
     Form(methods={"open": 1}),
 )

@@ -1,6 +1,8 @@
 """A guard around a controller of the user's own: its vectors are tuples of floats."""
 
-from forcebound.controllers import Controller
+from collections.abc import Callable, Sequence
+
+from forcebound.controllers import Controller, Notice
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
 
@@ -15,6 +17,7 @@ class GuardedController:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self.close = controller.close
+        self.notices: Callable[[], Sequence[Notice]] | None = getattr(controller, "notices", None)
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
         """Return position and velocity; see :class:`forcebound.controllers.Controller`."""

@@ -19,8 +19,9 @@ Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 2
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
+from forcebound.controllers.exchange import Exchange
 from forcebound.controllers.plane import Asked, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
 from forcebound.controllers.vectors import along
@@ -37,12 +38,10 @@ from forcebound.quantities import (
     check_ranges,
 )
 
-REMEMBERED = 4096  # queries whose positions are kept; at 4 kHz those of one second
 VELOCITY_STATES = 16  # over which the velocity for looking ahead is taken: one step of the encoder
 #                       is then 2 mm/s at 1 kHz
 LEAD_SHARE, LEAD = 1.5, 0.01  # round trips, and s: the hand may get faster meanwhile
 MICROMETRE = 1e-6
-ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
 
 
 @dataclass(frozen=True)
@@ -73,6 +72,8 @@ class LocalModel:
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
 
+    answers_states: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         check_ranges(self)
 
@@ -93,23 +94,20 @@ class OpenLocalModel:
 
     def _know_nothing(self) -> None:
         model = self._model
+        self._exchange = Exchange(model.hold, model.fade)
         self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
         self._shown = ShownPlane(model.power, len(self._zero))
-        self._asked: dict[int, tuple[Asked, int]] = {}  # by tick, with the controller's time
-        self._round_trip = 0.0  # s
-        self._newest = -1  # tick that was answered
-        self._answer = self._zero  # N
-        self._heard_ns: int | None = None
+        self._answer: Vector | None = None  # N, the newest
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Return the force of the shown plane; None without a living environment."""
         dt = (state.time_ns - self._states[-1].time_ns) * 1e-9 if self._states else 0.0
         self._states.append(state)
         self._time_ns = time_ns
-        if self._heard_ns is None:
+        if self._answer is None:
             return None
-        silence = (time_ns - self._heard_ns) * 1e-9 - self._model.hold
-        if silence >= self._model.fade:
+        share = self._exchange.share(time_ns)
+        if share == 0.0:
             self._know_nothing()
             return None
         force = self._answer
@@ -118,18 +116,12 @@ class OpenLocalModel:
             force = self._zero
             if plane is not None:
                 force = self._shown.force(plane, state.position, state.velocity, dt)
-        share = min(1.0 - silence / self._model.fade, 1.0)
-        return tuple([share * f for f in force])
+        return force if share == 1.0 else tuple([share * f for f in force])
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
         """Return the place where the hand will be, and the device's velocity."""
-        if self._heard_ns is None and self._asked:
-            _, first_ns = next(iter(self._asked.values()))
-            self._round_trip = (self._time_ns - first_ns) * 1e-9  # at least: nothing has come
         asked = Asked(self._place(state), state.velocity, state.time_ns)
-        self._asked[state.seq] = asked, self._time_ns
-        if len(self._asked) > REMEMBERED:
-            del self._asked[next(iter(self._asked))]
+        self._exchange.ask(state.seq, asked, self._time_ns)
         return asked.position, asked.velocity
 
     def _place(self, state: DeviceState) -> Vector:
@@ -152,23 +144,17 @@ class OpenLocalModel:
         """How far ahead to ask, in s; in free motion longer than an answer takes."""
         if self._model.ahead != "auto":
             return self._model.ahead
+        round_trip = self._exchange.round_trip(self._time_ns)
         if touches or self._model.prediction == "hold":
-            return self._round_trip
-        return LEAD_SHARE * self._round_trip + LEAD
+            return round_trip
+        return LEAD_SHARE * round_trip + LEAD
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> None:
-        """Learn from an answer to a query that is remembered; late ones tell the time only."""
-        known = self._asked.pop(reply.device_seq, None)
-        if known is None:
-            return
-        asked, asked_ns = known
-        round_trip = (time_ns - asked_ns) * 1e-9
-        share = 1.0 if self._heard_ns is None else ROUND_TRIP_SHARE
-        self._round_trip += share * (round_trip - self._round_trip)
-        self._heard_ns = time_ns
-        if reply.device_seq > self._newest:
-            self._newest, self._answer = reply.device_seq, reply.force
-            self._estimator.take(asked, reply.force, getattr(reply, "normal", None))
+        """Learn from an answer."""
+        asked = self._exchange.take(reply, time_ns)
+        if asked is not None:
+            self._answer = reply.force
+            self._estimator.take(asked, reply.force, reply.contact)
 
     def close(self) -> None:
         """Do nothing: it holds no resource."""

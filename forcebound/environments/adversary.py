@@ -93,12 +93,12 @@ class RandomForce:
         """Return the random force; see :class:`forcebound.environments.Environment`."""
         step = int(elapsed / self.interval)
         return tuple(
-            self.magnitude * (2.0 * _uniform(self.seed, step, axis) - 1.0)
+            self.magnitude * (2.0 * uniform(self.seed, step, axis) - 1.0)
             for axis in range(len(position))
         )
 
 
-def _uniform(seed: int, step: int, axis: int) -> float:
+def uniform(seed: int, step: int, axis: int) -> float:
     """Return a number in [0, 1) that looks random and depends on its arguments alone.
 
     The finaliser of SplitMix64: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number

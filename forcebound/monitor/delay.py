@@ -1,30 +1,25 @@
 """Loop delay of a graph that runs or was recorded."""
 
-import os
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from forcebound import realtime
 from forcebound.config.traces import loop_delays, of_recording
-from forcebound.errors import ConfigError, PacketError, RunError
-from forcebound.launch.live import RUN_FILE, TELEMETRY, RunDocument, read_launch_document
-from forcebound.messages.codec import decode
-from forcebound.messages.packets import Telemetry
+from forcebound.errors import ConfigError, RunError
+from forcebound.launch.live import TELEMETRY, read_launch_document
+from forcebound.messages.packets import Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
-from forcebound.network import sockets
-from forcebound.network.sockets import Network
+from forcebound.monitor.streams import SHARES, read_topics
 from forcebound.network.trace import DelayTrace
-from forcebound.process import topic_endpoint
 from forcebound.telemetry import TelemetryColumns
 
 DURATION = 5.0  # s, how long a running graph is watched
-_PERIOD_NS = 10_000_000  # of looking for telemetry: waking for each packet would disturb the graph
+CLASSES = 12  # of a histogram
+LEAST = 0.12  # ms, width of a histogram of equal delays
 
 
 @dataclass(frozen=True)
@@ -39,17 +34,30 @@ class Measured:
     def summary(self) -> dict[str, Any]:
         """The delays in a few figures, fit for JSON.
 
-        ``ticks``, ``lost_share`` (0 to 1) and ``loop_delay_ms``: ``p50``, ``p99``, ``max``, each
-        None if every answer was lost.
+        ``ticks``, ``lost_share`` (0 to 1), ``loop_delay_ms``: the percentiles in ``SHARES``, each
+        None if every answer was lost, and ``histogram``: ``from_ms``, ``to_ms`` and ``count`` of
+        each class.
         """
         known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
-        figures = np.percentile(known, (50, 99, 100)).tolist() if known.size else [None] * 3
+        wanted = list(SHARES.values())
+        figures = np.percentile(known, wanted).tolist() if known.size else [None] * len(wanted)
         ticks = len(self.trace.delays)
         return {
             "ticks": ticks,
             "lost_share": 1.0 - known.size / ticks,
-            "loop_delay_ms": dict(zip(("p50", "p99", "max"), figures, strict=True)),
+            "loop_delay_ms": dict(zip(SHARES, figures, strict=True)),
+            "histogram": _histogram(known),
         }
+
+
+def _histogram(delays: NDArray[np.float64]) -> list[dict[str, float]]:
+    """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
+    if not delays.size:
+        return []
+    low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
+    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + LEAST)))
+    rows = zip(edges, edges[1:], counts, strict=False)
+    return [{"from_ms": float(a), "to_ms": float(b), "count": int(n)} for a, b, n in rows]
 
 
 def measure(run: Path | None, duration: float | None = None) -> Measured:
@@ -68,7 +76,7 @@ def measure(run: Path | None, duration: float | None = None) -> Measured:
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
         return Measured(*of_recording(run))
-    run_dir = find(run, of_graph=True, option="`forcebound delay DIR`")
+    run_dir = find(run, of_graph=True, option="`forcebound delay GRAPH`")
     with while_running(run_dir):
         document = read_launch_document(run_dir)
         columns = watch(run_dir, DURATION if duration is None else duration)
@@ -83,19 +91,12 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-    cores = realtime.leave_core(RunDocument.read(run_dir).core)
-    try:
-        with Network() as network:
-            endpoint = topic_endpoint(run_dir, TELEMETRY)
-            subscriber = network.subscriber(endpoint, newest_only=False)
-            end_ns = time.monotonic_ns() + round(duration * 1e9)
-            while time.monotonic_ns() < end_ns and (run_dir / RUN_FILE).exists():
-                sockets.wait((), _PERIOD_NS)
-                for data in subscriber.receive():
-                    with suppress(PacketError):  # not counted: the monitor is no part of the graph
-                        packets.append(cast("Telemetry", decode(data, Telemetry)))
-    finally:
-        os.sched_setaffinity(0, cores)
+
+    def take(topic: str, packet: Packet, data: bytes) -> bool:
+        packets.append(cast("Telemetry", packet))
+        return True
+
+    read_topics(run_dir, (TELEMETRY,), take, duration)
     if not packets:
         raise RunError(
             f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"

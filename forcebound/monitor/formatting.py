@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from forcebound.config.fields import Field, fields_of
-from forcebound.config.graph import BESIDE_MODEL, EnvironmentConfig, GraphConfig
+from forcebound.config.fields import fields_of
+from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
 from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
+from forcebound.nodes.servo import ServoSettings
 from forcebound.quantities import Unit
 
 # YAML reads it as text without quotes, also within { } and [ ].
@@ -28,12 +29,20 @@ def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]
 
 
 def _hint(config: GraphConfig, name: str) -> Any:
-    fields: Mapping[str, Field] = fields_of(Impairment)
-    if name.startswith("environment."):
-        model = fields_of(type(config.environment.model))
-        fields = {**model, **fields_of(EnvironmentConfig, BESIDE_MODEL)}
-    field = fields.get(name.rpartition(".")[2])
-    return None if field is None else field.hint
+    section, _, entry = name.partition(".")
+    beside: dict[str, tuple[type, ...]] = {
+        "environment": (type(config.environment.model), EnvironmentConfig),
+        "device": (type(config.device.model), ServoSettings),
+        "operator": (type(config.operator),) if config.operator is not None else (),
+        "controller": (type(config.controller),),
+        "realtime": (RealtimeConfig,),
+        "links": (Impairment,),
+    }
+    for kind in beside.get(section, (GraphConfig,)):
+        field = fields_of(kind).get(entry.rpartition(".")[2] or section)
+        if field is not None:
+            return field.hint
+    return None
 
 
 def _text(value: Any, hint: Any) -> str:

@@ -36,13 +36,14 @@ def find(
     folders: Iterable[Path] | None = None,
     *,
     of_graph: bool = False,
-    option: str = "--run DIR",
+    option: str = "--run GRAPH",
 ) -> Path:
     """Return the run directory of one running graph.
 
     Args:
-        run: Its run directory, as :func:`running` gives it; None: the only graph that runs. A node
-            that was started by hand counts only where no launcher runs a graph.
+        run: Its run directory, as :func:`running` gives it, or the name of its launch file; None:
+            the only graph that runs. A node that was started by hand counts only where no launcher
+            runs a graph.
         folders: As in :func:`running`.
         of_graph: Whether an environment alone, for a graph on another machine, is not enough.
         option: How a command takes a run directory, for messages.
@@ -54,14 +55,26 @@ def find(
     known = running(folders)
     if run is None:
         return _only(known, of_graph, option)
+    if not run.exists():
+        named = {path: one for path, one in known.items() if _is_named(one, str(run))}
+        if named:
+            return _only(named, of_graph, option)
     run_dir = _real(run)
     document = _document(run_dir)  # the directory may lie elsewhere
     if document is None:
         others = f"these are:{_list(known)}" if known else "none runs"
-        raise ConfigError(f"{run} is not the run directory of a running graph; {others}")
+        raise ConfigError(
+            f"{run} is not the run directory of a running graph, nor its launch file; {others}"
+        )
     if of_graph and not document.is_graph:
         raise ConfigError(f"in {run} runs an environment alone, and no graph")
     return run_dir
+
+
+def _is_named(document: RunDocument, name: str) -> bool:
+    """Whether a graph was launched from a file of this name, with or without folder and ending."""
+    file = Path(document.file.partition(" ")[0])
+    return name in (str(file), file.name, file.stem)
 
 
 def _only(known: Mapping[Path, RunDocument], of_graph: bool, option: str) -> Path:

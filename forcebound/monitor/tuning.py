@@ -17,7 +17,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
 from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
 from forcebound.config.problems import Problems
-from forcebound.config.resolved import ALL_CODE, restore
+from forcebound.config.resolved import ALL_CODE, restore, to_document
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.live import (
@@ -30,6 +30,7 @@ from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
+from forcebound.quantities import Range, parse_quantity
 
 PATHS = (
     "trace",
@@ -61,17 +62,31 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
+    Without names: all that can be changed. By name also what is fixed while the graph runs.
+
     Raises:
         ConfigError: If a name is not known.
     """
     known = parameters(config)
+    every = known | _fixed(config) if names else known
     found: dict[str, Any] = {}
     for name in names:
-        matching = {key: known[key] for key in known if key == name or key.startswith(f"{name}.")}
+        matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
         if not matching:
             raise ConfigError(unknown_parameter(name, config))
         found |= matching
     return found if names else known
+
+
+def _fixed(config: GraphConfig) -> dict[str, Any]:
+    """The values of the launch file that no command can change, by name."""
+    fixed: dict[str, Any] = {}
+    for section, value in to_document(config).items():
+        if isinstance(value, Mapping):
+            fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
+        elif section != "forcebound":
+            fixed[section] = value
+    return {name: value for name, value in fixed.items() if not name.startswith("links.")}
 
 
 def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
@@ -114,6 +129,30 @@ def read_settings(texts: Sequence[str]) -> dict[str, Any]:
             plain = str(Path(plain).absolute())  # the nodes have another current folder
         settings[name] = plain
     return settings
+
+
+def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
+    """Lose every packet of some links from now for a time.
+
+    Args:
+        run_dir: Of the graph.
+        time: Such as ``500ms``.
+        links: By topic; none: query and reply of the environment.
+
+    Returns:
+        The time in s, and the links.
+
+    Raises:
+        ConfigError: As :func:`set_parameters`; and if it is no time.
+        RunError: As there.
+    """
+    seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
+    chosen = tuple(links) or ("environment_query", "environment_reply")
+    names = [f"links.{topic}.outages" for topic in chosen]
+    # The same outages once more would be no change.
+    set_parameters(run_dir, {name: [] for name in names})
+    set_parameters(run_dir, {name: [{"start": 0.0, "duration": seconds}] for name in names})
+    return seconds, chosen
 
 
 def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:

@@ -38,6 +38,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from forcebound.controllers.passivity import colgate_schenkel
+
 LABELS = {
     "colgate_schenkel": "Colgate & Schenkel 1997",
     "abbott_okamura": "Abbott & Okamura 2005",
@@ -45,13 +47,6 @@ LABELS = {
     "with_hand": "Colgate & Schenkel, with the hand's damping",
     "encoder": "encoder: 2 f_c / resolution",
 }
-
-
-def colgate_schenkel(
-    damping: float, period: float, wall_damping: float = 0.0, delay: float = 0.0
-) -> float:
-    """Return the stiffest passive wall, in N/m; 0 if none is passive."""
-    return max((damping - abs(wall_damping)) / (0.5 * period + delay), 0.0)
 
 
 def encoder(friction: float, resolution: float) -> float:

@@ -1,0 +1,230 @@
+"""One run against a world: the nodes of a live graph in virtual time, a hand in space, a bad link.
+
+Law, safety chain, controller and environment are those of every run. The device is the simulated
+one; it dissipates exactly what the law is informed of, so no law has a hidden reserve. Its energies
+are looked at four times a period.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from forcebound.audit.run import EARNED
+from forcebound.audit.search import objective
+from forcebound.audit.worlds import (
+    CONTROLLERS,
+    WATCHDOGS,
+    WORLDS,
+    Numbers,
+    WorldCase,
+    world_case_of,
+)
+from forcebound.bounding import ENERGY_TOLERANCE, check_law
+from forcebound.controllers.direct import DirectController
+from forcebound.controllers.guard import GuardedController
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.devices.simulated import SimulatedDevice
+from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
+from forcebound.network.impairment import Impairment
+from forcebound.network.link import Link, link_seed
+from forcebound.nodes.controller import ControllerNode
+from forcebound.nodes.device import DeviceNode
+from forcebound.nodes.environment import EnvironmentNode
+from forcebound.nodes.late_ticks import LateTicks
+from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.simulation import Simulation
+
+SECONDS = 0.25  # of a run
+ENGAGE = 0.01  # s: soon at full force
+START, ARRIVAL = -0.002, 0.03  # m, before the surface; s, until the hand presses
+SHORTEST_LATE = 0.3e-3  # s
+_SIDES = 2  # energies are looked at in the middle and at the end of each stretch of a hold
+
+
+@dataclass(frozen=True)
+class SpaceHand:
+    """A hand that goes from before the surface to ``pressing``, with a sine along each axis."""
+
+    mass: float
+    stiffness: float
+    damping: float
+    pressing: float  # m
+    amplitudes: Vector  # m
+    frequencies: Vector  # Hz
+
+    def target(self, elapsed: float) -> Vector:
+        """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""
+        turn = 2.0 * math.pi * elapsed
+        places = zip(self.amplitudes, self.frequencies, strict=True)
+        first, *others = [a * math.cos(turn * f) for a, f in places]
+        arrived = min(elapsed / ARRIVAL, 1.0)
+        return (START + arrived * (self.pressing - START) - first, *others)
+
+
+class WatchedDevice(SimulatedDevice):
+    """A simulated device that keeps the lowest energies of its hand.
+
+    Attributes:
+        energy_min: Lowest energy of the hand, in J.
+        lost_min: Lowest loss plus work: that energy less the kinetic energy of the device, in J.
+        share_left: Lowest share left of the loss plus work so far; 1 if there was none.
+        peak_force: Largest force that was written, in N.
+    """
+
+    def __init__(self, model: PhantomPremium15, hand: SpaceHand, hold_limit: float) -> None:
+        super().__init__(model, hand, hold_limit)
+        self._half_mass = 0.5 * model.mass
+        self.energy_min = self.lost_min = self._earned = 0.0
+        self.share_left = 1.0
+        self.peak_force = 0.0
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
+        held = super().write(time_ns, force)
+        self.peak_force = max(self.peak_force, math.hypot(*held))
+        return held
+
+    def _hold_until(self, time_ns: int) -> None:
+        assert self._time_ns is not None
+        begin_ns, step_ns = self._time_ns, (time_ns - self._time_ns) / _SIDES
+        for side in range(1, _SIDES + 1):
+            super()._hold_until(time_ns if side == _SIDES else begin_ns + round(side * step_ns))
+            truth = self._body.truth()
+            lost = truth.energy - self._half_mass * math.hypot(*truth.velocity) ** 2
+            self.energy_min = min(self.energy_min, truth.energy)
+            self.lost_min = min(self.lost_min, lost)
+            self._earned = max(self._earned, lost)
+            if self._earned > EARNED:
+                self.share_left = min(self.share_left, lost / self._earned)
+
+
+class WorldResult(NamedTuple):
+    """Result of a run."""
+
+    law: str
+    energy_min: float  # J, lowest energy of the hand
+    loss_and_work_min: float  # J, lowest loss plus motor work
+    share_left: float  # lowest share left of the loss plus work so far; 1 if there was none
+    peak_force: float  # N
+    case: WorldCase
+
+    @property
+    def lowest(self) -> float:
+        """The lower of the two energies, in J."""
+        return min(self.energy_min, self.loss_and_work_min)
+
+    @property
+    def is_passive(self) -> bool:
+        """Whether no energy ever fell below zero by more than rounding."""
+        return self.lowest >= -ENERGY_TOLERANCE
+
+    @property
+    def objective(self) -> float:
+        """What a search minimises."""
+        return objective(self.lowest, self.share_left)
+
+
+def replay_world(law: str, name: str, seconds: float = SECONDS) -> WorldResult:
+    """Run the case of a name.
+
+    Args:
+        law: A key of :data:`forcebound.bounding.LAWS`.
+        name: See :mod:`forcebound.audit.worlds`.
+        seconds: Of the run.
+
+    Raises:
+        ConfigError: If law or case are not known.
+    """
+    check_law(law)
+    case = world_case_of(name)
+    numbers = case.numbers
+    model, servo = device_of(case), servo_of(law, case)
+    device = WatchedDevice(model, hand_of(case), servo.opening_hold)
+    device_node = DeviceNode(device, dissipation_of(model, servo), servo)
+    nodes = [
+        EnvironmentNode(WORLDS[case.world](numbers), axes=case.axes),
+        _controller_of(case),
+        device_node,
+    ]
+    simulation = Simulation(nodes, _links_of(case), lambda packet: None, ())
+    for node in nodes:
+        node.events.is_logged = False
+    device_node.engage()
+    end_ns = round(seconds * 1e9)
+    try:
+        simulation.run(end_ns)
+    finally:
+        for node in nodes:
+            node.stop(end_ns)
+            node.close()
+    energies = (device.energy_min, device.lost_min, device.share_left)
+    return WorldResult(law, *energies, device.peak_force, case)
+
+
+def device_of(case: WorldCase) -> PhantomPremium15:
+    """Return the device of a case, which has just what it states."""
+    numbers, axes = case.numbers, case.axes
+    damping, friction = (
+        tuple([numbers[name] * numbers[f"{name}_ratio"] ** axis for axis in range(axes)])
+        for name in ("damping", "friction")
+    )
+    return PhantomPremium15(
+        axes=axes,
+        mass=numbers["mass"],
+        damping=damping,
+        friction=friction,
+        resolution=numbers["resolution"],
+        saturation=numbers["saturation"],
+        watchdog=WATCHDOGS[int(numbers["watchdog"])],
+    )
+
+
+def hand_of(case: WorldCase) -> SpaceHand:
+    """Return the hand of a case."""
+    numbers, others = case.numbers, range(1, case.axes)
+    frequency, detuning = numbers["frequency"], numbers["detuning"]
+    return SpaceHand(
+        numbers["hand_mass"],
+        numbers["hand_stiffness"],
+        numbers["hand_damping"],
+        numbers["pressing"],
+        (numbers["amplitude"], *(numbers["sideways"] for _ in others)),
+        (frequency, *(frequency * detuning**axis for axis in others)),
+    )
+
+
+def servo_of(law: str, case: WorldCase) -> ServoSettings:
+    """Return the servo of a case; its ticks may be late."""
+    numbers = case.numbers
+    late = LateTicks(
+        rate=numbers["late_rate"],
+        shortest=SHORTEST_LATE,
+        longest=numbers["lateness"],
+        jitter=numbers["jitter"],
+        seed=case.seed,
+    )
+    return ServoSettings(
+        law=law,
+        reply_wait=numbers["reply_wait"],
+        hold_limit=1.0 + numbers["hold_limit"] if numbers["hold_limit"] else "auto",
+        engage_time=ENGAGE,
+        late_ticks=late,
+    )
+
+
+def _controller_of(case: WorldCase) -> ControllerNode:
+    controller = CONTROLLERS[case.controller](case.numbers).open(case.axes)
+    is_direct = isinstance(controller, DirectController)
+    return ControllerNode(controller if is_direct else GuardedController(controller))
+
+
+def _links_of(case: WorldCase) -> dict[str, Link[Packet]]:
+    numbers: Numbers = case.numbers
+    impairment = Impairment(
+        delay=numbers["delay"], jitter=numbers["delay_jitter"], loss=numbers["loss"]
+    )
+    if impairment == Impairment():
+        return {}
+    topics: Sequence[str] = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
+    return {topic: Link(impairment, link_seed(case.seed, topic), True) for topic in topics}

@@ -1,0 +1,263 @@
+"""Worlds and controllers under attack, in two and three axes, and the numbers of such a case.
+
+To add a world or a controller: one line in :data:`WORLDS` or :data:`CONTROLLERS`, a function from
+the numbers of a case to its model. A surface lies near 0 m, where the hands are.
+
+The name of a case is enough to repeat it: ``WORLD/CONTROLLER:SEED``, or
+``WORLD/CONTROLLER:cCODE`` for one of a search.
+"""
+
+import random
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+from forcebound.audit.cases import LARGEST_SEED, NOISES, Range, decode
+from forcebound.bounding.dissipation import Watchdog
+from forcebound.controllers import CONTROLLERS as CONTROLLER_KINDS
+from forcebound.controllers import ControllerModel
+from forcebound.environments import ENVIRONMENTS, EnvironmentModel
+from forcebound.environments.fixtures import (
+    Fixtures,
+    GuidancePath,
+    GuidancePlane,
+    WithFixtures,
+    WorkspaceLimit,
+)
+from forcebound.environments.solid import Shape
+from forcebound.errors import ConfigError
+from forcebound.geometry.proxy import Surface
+
+Numbers: TypeAlias = Mapping[str, float]
+
+#: Numbers of every case, SI units.
+NUMBERS: dict[str, Range] = {
+    "axes": Range(2.0, 3.999),  # its whole part
+    "mass": Range(0.02, 0.5, is_logarithmic=True),
+    "damping": Range(0.01, 3.0, is_logarithmic=True),
+    "damping_ratio": Range(0.3, 3.0, is_logarithmic=True),  # of each axis to the one before
+    "friction": Range(0.003, 1.0, is_logarithmic=True),
+    "friction_ratio": Range(0.3, 3.0, is_logarithmic=True),
+    "resolution": Range(1e-6, 2e-4, is_logarithmic=True, zeros=1, zero_share=0.2),
+    "saturation": Range(3.0, 30.0),
+    "watchdog": Range(0.0, 2.999),  # its whole part: an index in WATCHDOGS
+    "hold_limit": Range(0.0, 1.5, zero_share=0.2),  # in periods above one
+    "reply_wait": Range(0.05, 0.9),  # share of the period
+    "late_rate": Range(5.0, 200.0, is_logarithmic=True, zeros=1, zero_share=0.4),  # Hz
+    "lateness": Range(0.5e-3, 6e-3, is_logarithmic=True),
+    "jitter": Range(1e-5, 2e-4, is_logarithmic=True, zeros=1, zero_share=0.4),
+    "hand_mass": Range(0.01, 1.0, is_logarithmic=True),
+    "hand_stiffness": Range(20.0, 2000.0, is_logarithmic=True),
+    "hand_damping": Range(0.1, 10.0, is_logarithmic=True, zeros=1, zero_share=0.3),
+    "pressing": Range(-0.005, 0.02),  # m, along the first axis: middle of the motion
+    "amplitude": Range(1e-4, 0.02, is_logarithmic=True),  # m, along the first axis
+    "sideways": Range(1e-4, 0.02, is_logarithmic=True),  # m, along the others
+    "frequency": Range(1.0, 25.0, is_logarithmic=True),  # Hz, of the first axis
+    "detuning": Range(0.3, 3.0, is_logarithmic=True),  # frequency of each axis over the one before
+    "delay": Range(1e-4, 0.03, is_logarithmic=True, zeros=1, zero_share=0.3),  # s, each way
+    "delay_jitter": Range(1e-4, 0.01, is_logarithmic=True, zeros=1, zero_share=0.4),
+    "loss": Range(0.0, 0.5, zeros=1, zero_share=0.4),
+    "stiffness": Range(100.0, 30_000.0, is_logarithmic=True),  # of the world
+    "share_1": Range(0.0, 1.0),  # what they mean is up to world and controller
+    "share_2": Range(0.0, 1.0),
+    "share_3": Range(0.0, 1.0),
+    "share_4": Range(0.0, 1.0),
+}
+
+WATCHDOGS: tuple[Watchdog, ...] = ("silent", "reporting", "guarding")
+
+
+def _between(low: float, high: float, share: float) -> float:
+    """Return the number at this share, 0 to 1, of a logarithmic range."""
+    return float(low * (high / low) ** share)
+
+
+def _environment(kind: str, **values: Any) -> EnvironmentModel:
+    make: Any = ENVIRONMENTS[kind]
+    model: EnvironmentModel = make(**values)
+    return model
+
+
+def _surface(n: Numbers) -> Surface:
+    """Return how a surface feels: friction, that may stick and slip, viscosity, a magnet."""
+    friction = 1.5 * n["share_2"]
+    return Surface(
+        friction=friction,
+        static_friction=friction * (1.0 + n["share_3"]),
+        stick_slip=0.1 * max(n["share_3"] - 0.5, 0.0),
+        viscosity=20.0 * max(n["share_4"] - 0.5, 0.0),
+        magnet=0.01 * max(n["share_4"] - 0.8, 0.0),
+    )
+
+
+def _solid(n: Numbers) -> EnvironmentModel:
+    """Return a sphere, a box with a groove, or a wedge of two planes, their surface near 0 m."""
+    size = _between(5e-3, 0.1, abs(2.0 * n["share_1"] - 1.0))
+    shapes = (
+        (Shape("sphere", position=(size, 0.0, 0.0), radius=size),),
+        (
+            Shape("box", position=(size, 0.0, 0.0), size=(2.0 * size,) * 3),
+            Shape("cylinder", radius=0.3 * size, length=3.0 * size, is_removed=True),
+        ),
+        (Shape("plane", axis=(-1.0, 1.0, 0.3)), Shape("plane", axis=(-1.0, -0.5, -1.0))),
+    )[int(2.999 * n["share_1"])]
+    return _environment(
+        "solid", shapes=shapes, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
+        surface=_surface(n),
+    )  # fmt: skip
+
+
+def _mesh(n: Numbers, file: Path | None, **values: Any) -> EnvironmentModel:
+    return _environment(
+        "mesh", file=file, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
+        surface=_surface(n), **values,
+    )  # fmt: skip
+
+
+def _fixtures(n: Numbers) -> EnvironmentModel:
+    """Return a solid with a path and a plane that draw the hand, and a workspace that ends."""
+    reach = _between(1e-3, 0.05, n["share_1"])
+    fixtures = Fixtures(
+        plane=GuidancePlane(normal=(0.2, 1.0, 0.0), stiffness=n["stiffness"], reach=reach),
+        path=GuidancePath(
+            points=((-0.01, 0.0), (0.01, 0.01), (0.01, -0.01)),
+            stiffness=0.5 * n["stiffness"],
+            reach=reach,
+        ),
+        workspace=WorkspaceLimit(
+            low=(-0.01, -0.005),
+            high=(0.01, 0.005),
+            stiffness=n["stiffness"],
+            damping=20.0 * n["share_2"],
+        ),
+    )
+    return WithFixtures(_solid(n), fixtures)
+
+
+OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
+
+BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
+
+WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
+    "active_wall": lambda n: _environment(
+        "active_wall", stiffness=n["stiffness"], damping=-100.0 * n["share_1"], position=0.0
+    ),
+    "damped_wall": lambda n: _environment(
+        "damped_wall", stiffness=n["stiffness"], damping=50.0 * n["share_1"], position=0.0
+    ),
+    "exploding_body": lambda n: _environment(
+        "exploding_body",
+        stiffness=n["stiffness"],
+        mass=_between(1e-3, 1.0, n["share_1"]),
+        reach=_between(1e-3, 1.0, n["share_2"]),
+    ),
+    "holed_wall": lambda n: _environment(
+        "holed_wall",
+        stiffness=n["stiffness"],
+        position=0.0,
+        tile=_between(1e-4, 0.01, n["share_1"]),
+        holes=n["share_2"],
+        seed=int(1000.0 * n["share_3"]),
+    ),
+    "jumping_proxy": lambda n: _environment(
+        "jumping_proxy",
+        stiffness=n["stiffness"],
+        position=0.0,
+        reach=_between(1e-4, 0.05, n["share_1"]),
+        interval=_between(5e-4, 0.1, n["share_2"]),
+        seed=int(1000.0 * n["share_3"]),
+    ),
+    "mass_spring": lambda n: _environment(
+        "mass_spring",
+        stiffness=n["stiffness"],
+        mass=_between(0.01, 1.0, n["share_1"]),
+        spring=_between(10.0, 1e4, n["share_2"]),
+        damping=10.0 * n["share_3"],
+        position=0.0,
+    ),
+    "random_force": lambda n: _environment(
+        "random_force",
+        magnitude=30.0 * n["share_1"],
+        interval=_between(5e-4, 0.1, n["share_2"]),
+        seed=int(1000.0 * n["share_3"]),
+    ),
+    "solid": _solid,
+    "fixtures": _fixtures,
+    "mesh": lambda n: _mesh(n, None, position=(0.042, 0.0, 0.008)),
+    "mesh_with_hole": lambda n: _mesh(
+        n,
+        OPEN_BOX,
+        scale=_between(0.01, 0.1, n["share_1"]),
+        may_be_open=True,
+        position=(0.0, 0.0, 0.0),
+        orientation=(1.0, 0.2, 0.1, 0.3),
+    ),
+    "bodies": lambda n: _environment(
+        "bodies",
+        file=BOXES,
+        stiffness=n["stiffness"],
+        damping=20.0 * n["share_1"],
+        probe_mass=_between(1e-3, 0.1, n["share_2"]),
+    ),
+    "velocity_pusher": lambda n: _environment("velocity_pusher", magnitude=30.0 * n["share_1"]),
+}
+
+
+def _controller(kind: str, **values: Any) -> ControllerModel:
+    make: Any = CONTROLLER_KINDS[kind]
+    model: ControllerModel = make(**values)
+    return model
+
+
+CONTROLLERS: dict[str, Callable[[Numbers], ControllerModel]] = {
+    "direct": lambda n: _controller("direct"),
+    "local_model": lambda n: _controller("local_model", power=_between(1e-3, 1e3, n["share_4"])),
+    "scaled": lambda n: _controller(
+        "scaled",
+        motion_scale=_between(0.1, 10.0, n["share_3"]),
+        force_scale=_between(0.1, 10.0, n["share_4"]),
+        border=0.01,
+        border_rate=_between(0.1, 100.0, n["share_2"]),
+    ),
+    "virtual_coupling": lambda n: _controller(
+        "virtual_coupling",
+        stiffness=_between(10.0, 1e4, n["share_3"]),
+        damping=_between(1e-3, 10.0, n["share_4"]),
+        mass=max(n["share_2"] - 0.5, 0.0),
+    ),
+}
+
+
+class WorldCase(NamedTuple):
+    """Definition of a run, without the law."""
+
+    name: str  # see the module's docstring
+    world: str
+    controller: str
+    seed: int  # of the links and of late ticks
+    numbers: Numbers  # by the keys of NUMBERS
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return int(self.numbers["axes"])
+
+
+def world_case_of(name: str) -> WorldCase:
+    """Return the case of a name.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    title, _, rest = name.partition(":")
+    world, _, controller = title.partition("/")
+    for what, one, table in (("world", world, WORLDS), ("controller", controller, CONTROLLERS)):
+        if one not in table:
+            raise ConfigError(f"no {what} {one!r} is under attack; known are {', '.join(table)}")
+    if rest.isdecimal() and int(rest) <= LARGEST_SEED:
+        draw = random.Random(int(rest))
+        numbers = {name: one.draw(draw) for name, one in NUMBERS.items()}
+        return WorldCase(name, world, controller, int(rest), numbers)
+    (noise,), point = decode(rest, (NOISES,), len(NUMBERS))
+    numbers = {name: one.at(u) for (name, one), u in zip(NUMBERS.items(), point, strict=True)}
+    return WorldCase(name, world, controller, noise, numbers)

@@ -1,0 +1,215 @@
+"""Topics of a running graph, read from outside: packets, rates, sizes, delays from hop to hop.
+
+A reader looks a hundred times a second and stays off the nodes' core, so that it costs the servo
+nothing. Rates are those of the senders' own time stamps, so a slow reader does not change them.
+"""
+
+import os
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from forcebound import realtime
+from forcebound.config.problems import unknown
+from forcebound.errors import ConfigError, PacketError, RunError
+from forcebound.launch.live import RUN_FILE, RunDocument, recorded_streams
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import LINKS, TOPIC_OF, TOPICS, Packet, Telemetry, field_types
+from forcebound.monitor.runs import while_running
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+
+DURATION = 2.0  # s, how long rates are measured
+PERIOD_NS = 10_000_000  # of looking: waking for each packet would disturb the graph
+SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
+
+#: Called with topic, packet and its bytes; returns whether to go on.
+Take = Callable[[str, Packet, bytes], bool]
+
+
+def topic_named(name: str) -> str:
+    """Return a topic by its name.
+
+    Raises:
+        ConfigError: If there is none of that name.
+    """
+    if name not in TOPICS:
+        raise ConfigError(unknown("topic", name, TOPICS))
+    return name
+
+
+def read_topics(
+    run_dir: Path, topics: Collection[str], take: Take, duration: float | None = None
+) -> None:
+    """Give packets of a running graph to ``take`` until it says no, or the graph ends.
+
+    Args:
+        run_dir: Of the graph.
+        topics: Of the packets.
+        take: What cannot be decoded never gets there.
+        duration: Longest time, in s; None: no limit.
+
+    Raises:
+        ConfigError: If no graph runs there.
+    """
+    with while_running(run_dir), _aside(RunDocument.read(run_dir).core), Network() as network:
+        streams = [
+            (topic, network.subscriber(endpoint, newest_only=False))
+            for topic, endpoint in recorded_streams(run_dir, tuple(topics))
+            if topic in topics
+        ]
+        end = None if duration is None else time.monotonic() + duration
+        while (end is None or time.monotonic() < end) and (run_dir / RUN_FILE).exists():
+            sockets.wait((), PERIOD_NS)
+            for topic, subscriber in streams:
+                for data in subscriber.receive():
+                    packet = _decoded(data, topic)
+                    if packet is not None and not take(topic, packet, data):
+                        return
+
+
+@contextmanager
+def _aside(core: int | None) -> Iterator[None]:
+    """Stay off the core of the nodes."""
+    cores = realtime.leave_core(core)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def _decoded(data: bytes, topic: str) -> Packet | None:
+    try:
+        return decode(data, TOPICS[topic].packet)
+    except PacketError:
+        return None  # a reader is no part of the graph, which counts such packets itself
+
+
+@dataclass
+class Stream:
+    """What was seen of a topic.
+
+    Attributes:
+        seqs: Of its packets, by sender.
+        times_ns: Time stamps of its packets, by sender, in ns.
+        sizes: Of its packets, in B.
+    """
+
+    seqs: dict[str, list[int]] = field(default_factory=dict)
+    times_ns: dict[str, list[int]] = field(default_factory=dict)
+    sizes: list[int] = field(default_factory=list)
+
+    def add(self, packet: Packet, size: int) -> None:
+        """Add a packet."""
+        sender = getattr(packet, "node", "")
+        self.seqs.setdefault(sender, []).append(packet.seq)
+        self.times_ns.setdefault(sender, []).append(packet.time_ns)
+        self.sizes.append(size)
+
+    def figures(self, duration: float) -> dict[str, Any]:
+        """Return rate, intervals and sizes, fit for JSON.
+
+        ``packets``; ``rate_hz`` (by the senders' time stamps; of topics that are not regular, by
+        ``duration``, in s); ``interval_ms`` with ``min``, ``mean``, ``max`` and ``deviation`` (None
+        with fewer than two packets); ``missing``: packets of which only the numbers show that they
+        were sent; ``bandwidth_b_per_s`` and ``mean_size_b`` (None without packets).
+        """
+        count = len(self.sizes)
+        one = next(iter(self.times_ns.values())) if len(self.times_ns) == 1 else []
+        gaps = np.diff(one) * 1e-6
+        interval = None
+        rate = count / duration
+        if gaps.size and gaps.sum() > 0.0:
+            rate = 1e3 / float(gaps.mean())
+            names = ("min", "mean", "max", "deviation")
+            values = (gaps.min(), gaps.mean(), gaps.max(), gaps.std())
+            interval = {name: float(value) for name, value in zip(names, values, strict=True)}
+        expected = sum(max(seqs) - min(seqs) + 1 for seqs in self.seqs.values())
+        return {
+            "packets": count,
+            "rate_hz": rate,
+            "interval_ms": interval,
+            "missing": expected - sum(len(set(seqs)) for seqs in self.seqs.values()),
+            "bandwidth_b_per_s": sum(self.sizes) / duration,
+            "mean_size_b": sum(self.sizes) / count if count else None,
+        }
+
+
+def measure_streams(
+    run_dir: Path, topics: Sequence[str], duration: float = DURATION
+) -> dict[str, dict[str, Any]]:
+    """Return the figures of topics of a running graph, by topic; see :meth:`Stream.figures`.
+
+    Raises:
+        ConfigError: If no graph runs there.
+        RunError: If the graph has ended meanwhile.
+    """
+    streams = {topic: Stream() for topic in topics}
+
+    def take(topic: str, packet: Packet, data: bytes) -> bool:
+        streams[topic].add(packet, len(data))
+        return True
+
+    start = time.monotonic()
+    read_topics(run_dir, topics, take, duration)
+    watched = time.monotonic() - start
+    return {topic: stream.figures(watched) for topic, stream in streams.items()}
+
+
+def measure_hops(run_dir: Path, duration: float = DURATION) -> dict[str, dict[str, Any]]:
+    """Return how long a tick takes from hop to hop, in ms, fit for JSON.
+
+    For each link and ``loop`` a map of ``count`` and the percentiles in ``SHARES``, None without
+    any. A link's time goes from the sending of its packet until its receiver has sent what it made
+    of it; clocks of two machines differ, so of a link to another one nothing is known.
+
+    Raises:
+        ConfigError: If no graph runs there.
+        RunError: If nothing came.
+    """
+    times: dict[str, dict[int, int]] = {topic: {} for topic in (*LINKS, TOPIC_OF[Telemetry])}
+
+    def take(topic: str, packet: Packet, data: bytes) -> bool:
+        tick = packet.seq if topic == LINKS[0] else getattr(packet, "device_seq", None)
+        if tick is not None:
+            times[topic].setdefault(tick, packet.time_ns)
+        return True
+
+    read_topics(run_dir, times, take, duration)
+    if not times[LINKS[0]]:
+        raise RunError(f"no device state in {duration:g} s: is the graph starting, or ending?")
+    hops = dict(zip(LINKS, zip(times, list(times)[1:], strict=False), strict=True))
+    hops["loop"] = (LINKS[0], TOPIC_OF[Telemetry])
+    return {name: _between(times[a], times[b]) for name, (a, b) in hops.items()}
+
+
+def _between(starts: dict[int, int], ends: dict[int, int]) -> dict[str, Any]:
+    known = np.array([ends[tick] - starts[tick] for tick in starts if tick in ends]) * 1e-6
+    if not known.size or (known < 0.0).any():  # clocks of two machines
+        return {"count": 0} | dict.fromkeys(SHARES)
+    figures = np.percentile(known, list(SHARES.values())).tolist()
+    return {"count": known.size} | dict(zip(SHARES, figures, strict=True))
+
+
+def check_fields(topic: str, names: Collection[str]) -> None:
+    """Check that packets of a topic have fields of these names.
+
+    Raises:
+        ConfigError: If one has not.
+    """
+    known = list(field_types(TOPICS[topic].packet))
+    for name in names:
+        if name not in known:
+            raise ConfigError(unknown(f"field of {topic}:", name, known))
+
+
+def fields_of_packet(packet: Packet) -> dict[str, Any]:
+    """Return the fields of a packet by name, as plain types."""
+    fields: dict[str, Any] = msgspec.to_builtins(packet)
+    return {name: value for name, value in fields.items() if name not in ("packet", "version")}

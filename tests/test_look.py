@@ -1,0 +1,130 @@
+"""What one sees of a running graph: rates, hops, drawings, names."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner, Result
+from live_graph import live_graph
+
+from forcebound.cli import main
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import DeviceState, Event
+from forcebound.monitor import drawing
+from forcebound.monitor.delay import Measured
+from forcebound.monitor.streams import SHARES, Stream, check_fields, topic_named
+from forcebound.network.trace import DelayTrace
+
+MS = 1_000_000
+
+
+def state(seq: int, time_ns: int) -> DeviceState:
+    return DeviceState(seq, time_ns, 0.0, (0.0,), (0.0,), (0.0,))
+
+
+def test_rate_is_that_of_the_senders_time_stamps_and_gaps_are_counted() -> None:
+    stream = Stream()
+    for seq in (10, 11, 12, 14):
+        stream.add(state(seq, seq * MS), 100)
+    figures = stream.figures(duration=5.0)
+    assert figures["rate_hz"] == pytest.approx(3 / 0.004)
+    assert figures["interval_ms"] == pytest.approx(
+        {"min": 1.0, "mean": 4 / 3, "max": 2.0, "deviation": 0.4714}, rel=1e-3
+    )
+    assert (figures["packets"], figures["missing"]) == (4, 1)
+    assert figures["bandwidth_b_per_s"] == 80.0
+    assert figures["mean_size_b"] == 100.0
+
+
+def test_events_of_several_nodes_have_a_rate_but_no_interval() -> None:
+    stream = Stream()
+    for node in ("device", "controller"):
+        stream.add(Event(0, 5, node, "kind", False, "text", {}), 50)
+    figures = stream.figures(duration=2.0)
+    assert (figures["rate_hz"], figures["interval_ms"], figures["missing"]) == (1.0, None, 0)
+
+
+def test_silent_topic_has_no_size() -> None:
+    figures = Stream().figures(2.0)
+    assert (figures["rate_hz"], figures["mean_size_b"], figures["packets"]) == (0.0, None, 0)
+
+
+def test_unknown_topics_and_fields_are_named_with_the_nearest() -> None:
+    assert topic_named("telemetry") == "telemetry"
+    with pytest.raises(ConfigError, match="unknown topic 'telemtry'; did you mean 'telemetry'"):
+        topic_named("telemtry")
+    with pytest.raises(ConfigError, match="did you mean 'position'"):
+        check_fields("device_state", ["seq", "positon"])
+
+
+def test_histogram_has_every_delay_and_outliers_in_its_last_class() -> None:
+    delays = [0.001] * 500 + [0.002] * 499 + [0.5, None]
+    summary = Measured(DelayTrace([i * 1e-3 for i in range(1001)], delays), {}).summary
+    classes = summary["histogram"]
+    assert sum(row["count"] for row in classes) == 1000
+    assert classes[0]["from_ms"] == 1.0
+    assert list(summary["loop_delay_ms"]) == list(SHARES)
+    assert summary["loop_delay_ms"]["max"] == pytest.approx(500.0)
+
+
+def test_graph_is_drawn_as_text_flowchart_and_picture(tmp_path: Path) -> None:
+    links = ("device_state", "environment_query", "environment_reply", "force_command")
+    rates = {topic: {"rate_hz": 1000.4} for topic in links}
+    assert (
+        drawing.as_text(rates).splitlines()[0]
+        == "device      ── device_state 1000 Hz ──▶ controller"
+    )
+    assert 'environment -- "environment_reply<br/>1000 Hz" --> controller' in drawing.as_mermaid(
+        rates
+    )
+    drawing.draw(rates, tmp_path / "graph.svg")
+    assert "environment_reply" in (tmp_path / "graph.svg").read_text()
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with live_graph("stiff_wall") as graph:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
+
+        def look(*words: str) -> Result:
+            done = CliRunner().invoke(main, list(words))
+            assert done.exit_code == 0, done.output
+            return done
+
+        [listed] = json.loads(look("list", "--json").stdout)
+        nodes = {one["node"]: SimpleNamespace(**one) for one in listed["processes"]}
+        assert nodes["device"].pid == graph.node("device")["pid"]
+        assert nodes["device"].state == "running"
+        assert nodes["device"].memory > 10e6
+        assert nodes["device"].processor > 0.0
+
+        short = ("--run", "stiff_wall", "--duration", "500ms")
+        rates = json.loads(look("hz", "telemetry", *short, "--json").stdout)
+        assert rates["telemetry"]["packets"] > 0
+        assert rates["telemetry"]["interval_ms"]["min"] > 0.0
+        assert "kB/s" in look("bw", "telemetry", *short).stdout
+        edges = json.loads(look("graph", *short, "--json").stdout)
+        assert [edge["receiver"] for edge in edges] == [
+            "controller", "environment", "controller", "device",
+        ]  # fmt: skip
+        rows = look("echo", "telemetry", "--csv", "--count", "3", "--field", "position").stdout
+        assert rows.splitlines()[0] == "position[0]"
+        assert len(rows.splitlines()) == 4
+        [line] = look("echo", "device_state", "--json", "--count", "1").stdout.splitlines()
+        assert json.loads(line)["elapsed"] > 0.0
+        links = json.loads(look("delay", "--links", "--duration", "500ms", "--json").stdout)
+        hops = links["links_ms"]
+        assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
+        assert "running" in look("top", "--duration", "100ms").stdout
+        assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+
+        look("outage", "10 s")
+        graph.until(lambda: "zero force" in graph.log, "the end of the force")
+        graph.wait_until_released()
+    refused = CliRunner().invoke(main, ["hz", "--run", "stiff_wall"])
+    assert refused.exit_code == 2
+    assert "is not the run directory of a running graph, nor its launch file" in refused.stderr
