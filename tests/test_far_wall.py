@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from live_graph import live_graph
 
@@ -15,8 +16,10 @@ from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
+from forcebound.operators.stroking import StrokingHand
 
 NEAR = 0  # ms
 
@@ -50,6 +53,38 @@ def test_looking_ahead_makes_the_first_contact_stiff_when_an_answer_can_be_back(
     assert far.first <= 1.1 * near.first
     blind = press(law, 20, LocalModel(ahead=0.0), False)
     assert blind.stiffness < 0.5 * near.stiffness
+
+
+def test_an_environment_beyond_the_age_limit_is_refused_only_for_a_controller_that_waits() -> None:
+    arguments = ["delay:=100 ms", "age_limit:=100 ms"]
+    load("far_wall", arguments)
+    with pytest.raises(ConfigError, match="there would never be a force"):
+        load("far_wall", [*arguments, "controller:=direct"])
+
+
+def error_on_sphere(controller: str, delay: int) -> float:
+    """RMS difference of the commanded force and that of the sphere where the hand is, in N."""
+    arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
+    config = load("touch_sphere", [*arguments, "stiffness:=2 N/mm"])
+    hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0.0, 0.0, 0.012))
+    columns = run_virtual(replace(config, operator=hand), 3.0).columns
+    slides = columns.elapsed > 1.0
+    centre, radius = np.array([0.05, 0.0, 0.0]), 0.04
+    outwards = columns.position[slides] - centre
+    distance = np.linalg.norm(outwards, axis=1, keepdims=True)
+    wanted = -2000.0 * np.maximum(radius - distance, 0.0) * outwards / distance
+    error = columns.commanded_force[slides] - wanted
+    assert columns.true_energy[slides].min() >= -ENERGY_TOLERANCE
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+@pytest.mark.parametrize(("delay", "most"), [(20, 0.03), (50, 0.1)])
+def test_the_plane_turns_with_a_hand_that_strokes_over_a_sphere(delay: int, most: float) -> None:
+    assert error_on_sphere("local_model", delay) < most
+
+
+def test_without_it_the_force_on_the_sphere_is_another_one() -> None:
+    assert error_on_sphere("direct", 20) > 1.0
 
 
 def test_jitter_and_loss_on_the_links_leave_the_wall_stiff() -> None:

@@ -10,7 +10,7 @@ from forcebound.controllers.local_model import LocalModel, OpenLocalModel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
 from forcebound.controllers.vectors import along, dot
-from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.messages.packets import Contact, DeviceState, EnvironmentReply, Vector
 
 MS = 1_000_000  # ns
 TILTED: Vector = (0.6, 0.0, 0.8)
@@ -28,9 +28,7 @@ def answer(plane: Plane, asked: Asked) -> Vector:
     return along(tuple([share * v for v in slip]), plane.inwards, pressed)
 
 
-def learned(
-    plane: Plane, *, tells_normal: bool = False, noise: float = 0.0, grid: float = 0.0
-) -> Plane:
+def learned(plane: Plane, *, tells: bool = False, noise: float = 0.0, grid: float = 0.0) -> Plane:
     """The estimate after a press of 0.2 s to and fro that begins in free motion."""
     estimator, random = PlaneEstimator(0.9, 1e6), Random(3)
     outwards = tuple([-u for u in plane.inwards])
@@ -49,7 +47,9 @@ def learned(
         if noise and any(force):
             force = tuple([f + random.gauss(0.0, noise) for f in force])
         touches = plane.depth(position) > 0.0
-        estimator.take(asked, force, outwards if tells_normal and touches else None)
+        proxy = along(position, plane.inwards, -plane.depth(position))
+        told = Contact(proxy, outwards) if tells and touches else None
+        estimator.take(asked, force, told)
     assert estimator.plane is not None
     return estimator.plane
 
@@ -67,7 +67,7 @@ def test_a_plane_is_recovered_exactly_from_its_forces(inwards: Vector, damping: 
 
 def test_friction_is_told_from_a_tilt_where_the_environment_tells_the_normal() -> None:
     plane = Plane(TILTED, 0.01, 8000.0, 0.0, 0.3)
-    found = learned(plane, tells_normal=True)
+    found = learned(plane, tells=True)
     assert found.inwards == TILTED
     assert found.friction == pytest.approx(0.3, rel=0.05)
     assert found.stiffness == pytest.approx(8000.0, rel=1e-4)

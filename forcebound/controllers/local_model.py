@@ -19,7 +19,7 @@ Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 2
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from forcebound.controllers.exchange import Exchange
 from forcebound.controllers.plane import Asked, PlaneEstimator
@@ -71,6 +71,8 @@ class LocalModel:
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+
+    answers_states: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -152,7 +154,7 @@ class OpenLocalModel:
         asked = self._exchange.take(reply, time_ns)
         if asked is not None:
             self._answer = reply.force
-            self._estimator.take(asked, reply.force, reply.normal)
+            self._estimator.take(asked, reply.force, reply.contact)
 
     def close(self) -> None:
         """Do nothing: it holds no resource."""

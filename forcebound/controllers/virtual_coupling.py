@@ -21,7 +21,7 @@ Transactions on Robotics and Automation 15(3), 1999.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from forcebound.controllers.exchange import Exchange
 from forcebound.controllers.passivity import colgate_schenkel
@@ -60,6 +60,8 @@ class VirtualCoupling:
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+
+    answers_states: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -152,7 +154,7 @@ class OpenVirtualCoupling:
         known = self._estimator.plane
         is_behind = known is not None and known.depth(asked.position) > 0.0
         self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
-        self._estimator.take(asked, reply.force, reply.normal)
+        self._estimator.take(asked, reply.force, reply.contact)
         self._plane = None if self._missing >= GONE else self._estimator.plane
 
     def close(self) -> None:
