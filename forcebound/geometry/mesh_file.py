@@ -160,10 +160,10 @@ def _volume(corners: Array) -> float:
 
 
 def smoothed(mesh: Mesh) -> Array:
-    """Return unit normals of the corners: the mean of all triangles there, or their own at a crease.
+    """Return unit normals of the corners, in single precision, shape (m, 3, 3).
 
-    Triangles count by their angle at the corner, so that it does not matter how a face is cut. In
-    single precision, shape (m, 3, 3).
+    Each is the mean of all triangles there, or beside a crease its own. Triangles count by their
+    angle at the corner, so that it does not matter how a face is cut.
     """
     vertices, faces, corners = mesh.vertices, mesh.faces, mesh.corners
     own = _units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
