@@ -5,11 +5,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 import pytest
 from live_graph import live_graph
 
-from experiments.far_wall import LAWS, Figures, case, figures, touching_hand
+from experiments.far_wall import LAWS, Figures, case, error_on_sphere, figures, touching_hand
 from forcebound.analysis.summary import summarize
 from forcebound.bounding.sample import ENERGY_TOLERANCE
 from forcebound.config.loader import load
@@ -19,7 +18,6 @@ from forcebound.environments.time_varying_wall import TimeVaryingWall
 from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
-from forcebound.operators.stroking import StrokingHand
 
 NEAR = 0  # ms
 
@@ -60,22 +58,6 @@ def test_an_environment_beyond_the_age_limit_is_refused_only_for_a_controller_th
     load("far_wall", arguments)
     with pytest.raises(ConfigError, match="there would never be a force"):
         load("far_wall", [*arguments, "controller:=direct"])
-
-
-def error_on_sphere(controller: str, delay: int) -> float:
-    """RMS difference of the commanded force and that of the sphere where the hand is, in N."""
-    arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
-    config = load("touch_sphere", [*arguments, "stiffness:=2 N/mm"])
-    hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0.0, 0.0, 0.012))
-    columns = run_virtual(replace(config, operator=hand), 3.0).columns
-    slides = columns.elapsed > 1.0
-    centre, radius = np.array([0.05, 0.0, 0.0]), 0.04
-    outwards = columns.position[slides] - centre
-    distance = np.linalg.norm(outwards, axis=1, keepdims=True)
-    wanted = -2000.0 * np.maximum(radius - distance, 0.0) * outwards / distance
-    error = columns.commanded_force[slides] - wanted
-    assert columns.true_energy[slides].min() >= -ENERGY_TOLERANCE
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
 @pytest.mark.parametrize(("delay", "most"), [(20, 0.03), (50, 0.1)])

@@ -9,6 +9,7 @@ import pytest
 from forcebound.controllers.local_model import LocalModel, OpenLocalModel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
+from forcebound.controllers.spring_damper import SpringDamper
 from forcebound.controllers.vectors import along, dot
 from forcebound.messages.packets import Contact, DeviceState, EnvironmentReply, Vector
 
@@ -199,6 +200,28 @@ def test_the_force_fades_when_answers_stay_away_and_then_there_is_none() -> None
     assert forces[98] == pytest.approx((10.0,), rel=1e-3)
     assert forces[124] == pytest.approx((5.0,), rel=1e-3)
     assert forces[150:] == [None] * 10
+
+
+def test_an_answer_that_is_too_old_is_none() -> None:
+    opened = LocalModel(age_limit=0.2).open(1)
+    for tick in range(1000):
+        opened.on_state(state(tick, 0.005), tick * MS)
+        opened.query(state(tick, 0.005))
+        if tick >= 250:
+            opened.on_reply(reply(tick - 250, 0.0), tick * MS)
+    assert opened.on_state(state(1000, 0.005), 1000 * MS) is None
+
+
+def test_a_stiffness_that_changes_is_followed_and_nothing_winds_up_where_nothing_is_new() -> None:
+    found = SpringDamper(0.9)
+    for sample in range(10_000):
+        found.add(1e-3 * (1 + sample % 3), 0.0, 2.0 * (1 + sample % 3))
+    assert found.stiffness == pytest.approx(2000.0)
+    for sample in range(400):
+        depth, speed = 1e-3 * (1 + sample % 3), 0.1 * (sample % 2)
+        found.add(depth, speed, 5000.0 * depth + 3.0 * speed)
+    assert found.stiffness == pytest.approx(5000.0, rel=0.01)
+    assert found.damping == pytest.approx(3.0, rel=0.05)
 
 
 def test_answers_that_come_twice_late_or_to_no_question_do_no_harm() -> None:

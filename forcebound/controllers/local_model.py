@@ -60,6 +60,7 @@ class LocalModel:
         stiffest: Largest stiffness that is believed.
         hold: Silence of the environment after which the force fades.
         fade: Time in which it does.
+        age_limit: An answer that has taken longer is none.
     """
 
     prediction: Literal["plane", "hold"] = "plane"
@@ -71,6 +72,7 @@ class LocalModel:
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+    age_limit: Annotated[Time, POSITIVE] = 0.5
 
     answers_states: ClassVar[bool] = True
 
@@ -94,7 +96,7 @@ class OpenLocalModel:
 
     def _know_nothing(self) -> None:
         model = self._model
-        self._exchange = Exchange(model.hold, model.fade)
+        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
         self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
         self._shown = ShownPlane(model.power, len(self._zero))
         self._answer: Vector | None = None  # N, the newest

@@ -53,6 +53,7 @@ class VirtualCoupling:
         mass: Of the proxy; 0: it moves at once to where both forces are equal.
         hold: Silence of the environment after which the force fades.
         fade: Time in which it does.
+        age_limit: An answer that has taken longer is none.
     """
 
     stiffness: Annotated[Stiffness, POSITIVE] = 250.0
@@ -60,6 +61,7 @@ class VirtualCoupling:
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+    age_limit: Annotated[Time, POSITIVE] = 0.5
 
     answers_states: ClassVar[bool] = True
 
@@ -94,7 +96,8 @@ class OpenVirtualCoupling:
         self._let_go()
 
     def _let_go(self) -> None:
-        self._exchange = Exchange(self._model.hold, self._model.fade)
+        model = self._model
+        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
         self._estimator = PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
         self._plane: Plane | None = None
         self._missing = 0  # answers without force behind it

@@ -74,7 +74,8 @@ class TriangleMesh:
         Raises:
             ConfigError: As :meth:`check_files`.
         """
-        return _solid(*self.version(), self.position, unit_quaternion(self.orientation)).own()
+        place = self.position, unit_quaternion(self.orientation)
+        return _solid(*self.version(), *place, self.surface.force_shading).own()
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh."""
@@ -132,8 +133,10 @@ def _solid(
     may_be_open: bool,
     position: Vector3,
     orientation: Quaternion,
+    is_shaded: bool,
 ) -> "MeshSolid":
     """Return the solid of a mesh at its place."""
     from forcebound.geometry.god_object import placed
 
-    return placed(_mesh(file, version, scale, may_be_open), position, orientation)
+    mesh = _mesh(file, version, scale, may_be_open)
+    return placed(mesh, position, orientation, is_shaded)
