@@ -65,7 +65,7 @@ class TriangleMesh:
         Raises:
             ConfigError: If one will not do.
         """
-        self._mesh()
+        self.mesh()
         self.surface.check_files()
 
     def solid(self) -> "MeshSolid":
@@ -75,7 +75,7 @@ class TriangleMesh:
             ConfigError: As :meth:`check_files`.
         """
         place = self.position, unit_quaternion(self.orientation)
-        return _solid(*self._version(), *place, self.surface.force_shading).own()
+        return _solid(*self.version(), *place, self.surface.force_shading).own()
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh."""
@@ -86,8 +86,8 @@ class TriangleMesh:
                 position=self.position,
                 orientation=unit_quaternion(self.orientation),
                 size=(1.0 if self.scale is None else self.scale,),
-                file=str(self._path),
-                digest=self._mesh().digest,
+                file=str(self.path),
+                digest=self.mesh().digest,
             ),
         )
 
@@ -96,19 +96,26 @@ class TriangleMesh:
         return OpenTouchable(self, axes)
 
     @property
-    def _path(self) -> Path:
+    def path(self) -> Path:
+        """The file."""
         return RABBIT if self.file is None else self.file
 
-    def _version(self) -> tuple[Path, tuple[int, int], float | None, bool]:
+    def version(self) -> tuple[Path, tuple[int, int], float | None, bool]:
+        """Return what tells this content of the file from another one, and how it is read."""
         try:
-            status = self._path.stat()
+            status = self.path.stat()
             version = (status.st_mtime_ns, status.st_size)
         except (OSError, ValueError):
             version = (0, 0)  # reading it says what is wrong
-        return self._path, version, self.scale, self.may_be_open
+        return self.path, version, self.scale, self.may_be_open
 
-    def _mesh(self) -> "Mesh":
-        return _mesh(*self._version())
+    def mesh(self) -> "Mesh":
+        """Return the mesh, read once.
+
+        Raises:
+            ConfigError: As :meth:`check_files`.
+        """
+        return _mesh(*self.version())
 
 
 @lru_cache(CACHED)
