@@ -4,8 +4,8 @@ A process writes a force to a pseudo-terminal each millisecond, as a driver does
 (-9), stopped, or hangs, and the other side of the terminal notes when zero force comes. The target
 is 20 ms from the signal, or from the last force of a process that hangs.
 
-With ``--graph`` it is the device process of ``forcebound launch haply_2diy``, in contact, and the
-time is that of zero torque in the record of the emulated board.
+With ``--graph`` it is the device process of ``forcebound launch haply_2diy``, killed in contact,
+and the time is that of zero torque in the record of the emulated board.
 """
 
 import json
@@ -72,7 +72,6 @@ class Fate(NamedTuple):
 
 
 FATES = {"killed": signal.SIGKILL, "stopped": signal.SIGSTOP, "hangs": None}
-SIGNALS = {fate: number for fate, number in FATES.items() if number is not None}
 
 
 def watch(fate: str) -> Fate:
@@ -118,8 +117,8 @@ def _message(board: int, patience: float) -> bytes:
     return data
 
 
-def watch_graph(number: int) -> float:
-    """Send the device process of a graph a signal; return when the torque was zero, in s.
+def watch_graph() -> float:
+    """Kill the device process of a graph in contact; return when the torque was zero, in s.
 
     A graph that a busy machine ends before is replaced by another one.
     """
@@ -133,7 +132,7 @@ def watch_graph(number: int) -> float:
                 stderr=subprocess.DEVNULL,
             )
             try:
-                return _seconds_to_zero(Path(folder), number, launch)
+                return _seconds_to_zero(Path(folder), launch)
             except ChildProcessError:
                 pass
             finally:
@@ -142,7 +141,7 @@ def watch_graph(number: int) -> float:
     raise TimeoutError("no graph came into contact: this machine is too busy")
 
 
-def _seconds_to_zero(folder: Path, number: int, launch: "subprocess.Popen[bytes]") -> float:
+def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
     (path,) = _awaited(lambda: list(folder.glob("*.truth")), launch)
     truth = TruthFile(path)
 
@@ -155,7 +154,7 @@ def _seconds_to_zero(folder: Path, number: int, launch: "subprocess.Popen[bytes]
     device = ask_launcher(run_dir, {"request": "status"})["nodes"]["device"]["pid"]
     _awaited(has_torque, launch)
     start_ns = time.monotonic_ns()
-    os.kill(device, number)
+    os.kill(device, signal.SIGKILL)
     end = time.monotonic() + PATIENCE
     while has_torque() and time.monotonic() < end:
         select.select((), (), (), LOOK)
@@ -177,14 +176,11 @@ def _awaited(look: Callable[[], Any], launch: "subprocess.Popen[bytes]") -> Any:
 @click.command()
 @click.option("--rounds", default=20, show_default=True, help="Of each fate.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-@click.option("--graph", "is_graph", is_flag=True, help="Of the device process of a whole graph.")
+@click.option("--graph", "is_graph", is_flag=True, help="Kill that of a whole graph.")
 def main(rounds: int, as_json: bool, is_graph: bool) -> None:
     """Measure how soon the guardian writes zero force."""
     if is_graph:
-        times = {
-            fate: sorted(watch_graph(number) for _ in range(rounds))
-            for fate, number in SIGNALS.items()
-        }
+        times = {"killed": sorted(watch_graph() for _ in range(rounds))}
     else:
         times = {fate: sorted(watch(fate).seconds for _ in range(rounds)) for fate in FATES}
     if as_json:

@@ -6,7 +6,8 @@ The hand of `stiff_wall` presses into its wall of 10 N/mm, in virtual time; and 
 it, lets go, and presses again from 1 s on. *stiffness*, *energy* and *bounces* are those of the
 whole run, and of the second press alone for the second hand: so what was learned at the first
 touch is known. *first* is the deepest point of the first contact. The energy is the least that the
-hand has put in since the start (ground truth).
+hand has put in since the start (ground truth). The third table has the second press with other
+powers of the local model; the last lines have a hand that strokes over a sphere.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.launch.virtual import run_virtual
+from forcebound.operators.stroking import StrokingHand
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.telemetry import TelemetryColumns
 
@@ -48,6 +50,7 @@ CONTESTANTS: Mapping[str, LocalModel | None] = {
     "local_model": LocalModel(),
 }
 DRAWN = ("direct", "local_model")
+POWERS = (0.0, 0.005, 0.02, 0.05)  # W
 
 
 class Figures(NamedTuple):
@@ -115,6 +118,31 @@ def table(law: str, hand: Any) -> dict[str, TelemetryColumns]:
     return runs
 
 
+def print_powers(hand: Any) -> None:
+    """Print the second press, 50 ms each way, by what changes of the plane may give."""
+    reference, _ = figures(case(LAWS[0], 0, None, hand))
+    for power in POWERS:
+        found, _ = figures(case(LAWS[0], DELAYS[-1], LocalModel(power=power), hand))
+        print(row(f"{power * 1e3:g} mW", found, reference), flush=True)
+
+
+def error_on_sphere(controller: str, delay: int) -> float:
+    """Return the RMS error of the commanded force, in N, of a hand that strokes over a sphere.
+
+    The right force is that of the sphere where the hand is; ``delay`` in ms each way.
+    """
+    arguments = [f"controller:={controller}", f"delay:={delay} ms", "age_limit:=300 ms"]
+    config = load("touch_sphere", [*arguments, "stiffness:=2 N/mm"])
+    hand = StrokingHand(start=(-0.01, 0.0, 0.0), end=(0.014, 0.0, 0.0), stroke=(0.0, 0.0, 0.012))
+    columns = run_virtual(replace(config, operator=hand), DURATION).columns
+    slides = columns.elapsed > 1.0
+    outwards = columns.position[slides] - np.array([0.05, 0.0, 0.0])
+    distance = np.linalg.norm(outwards, axis=1, keepdims=True)
+    right = -2000.0 * np.maximum(0.04 - distance, 0.0) * outwards / distance
+    error = columns.commanded_force[slides] - right
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Stiffness of a wall that is far away.")
@@ -127,6 +155,11 @@ def main() -> None:
             for law in LAWS:
                 print(f"\n{name}, {law}")
                 runs[name, law] = table(law, hand)
+        print("\nlocal_model with other powers, touches, then presses, 50 ms, certified")
+        print_powers(hands["touches, then presses"])
+    for name in DRAWN:
+        for delay in (0, *DELAYS):
+            print(f"sphere, {name}, {delay} ms: {error_on_sphere(name, delay):.3f} N RMS")
     if options.plot:
         draw(runs["touches, then presses", LAWS[0]], options.plot)
 

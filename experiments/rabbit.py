@@ -1,6 +1,6 @@
 """The rabbit of `touch_mesh`: a mesh with thin ears, a dent in its back, fur, and a plinth's edges.
 
-Usage: python experiments/rabbit.py [--out forcebound/launch/rabbit.ply]
+Usage: python experiments/rabbit.py [--out forcebound/launch/rabbit.ply] [--picture docs/rabbit.png]
 
 Ellipsoids that melt into each other are cut into triangles by surface nets (S. F. F. Gibson,
 Constrained elastic surface nets, MERL TR99-24, 1999): a vertex in each cell of a grid that the
@@ -14,6 +14,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
+
+from forcebound.config.loader import load
+from forcebound.environments.mesh import RABBIT, TriangleMesh
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 
@@ -88,19 +91,56 @@ def surface_net(values: Array) -> tuple[Array, Array]:
     return total[used] / count[used][:, None], np.vstack(faces)
 
 
+def draw(picture: Path) -> None:
+    """Draw the mesh, and the proxy of a tip that goes where the hand of `touch_mesh` wants to."""
+    import matplotlib.pyplot as plt
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    config = load("touch_mesh")
+    model, hand = config.environment.model, config.operator
+    assert isinstance(model, TriangleMesh)
+    assert hand is not None
+    world, tips, proxies = model.open(3), [], []
+    for tick in range(2500):
+        tip = tuple(hand.target(1e-3 * tick))
+        world.force(tip, (0.0, 0.0, 0.0), 1e-3 * tick)
+        contact = world.contact()
+        tips.append(tip)
+        proxies.append(tip if contact is None else contact.proxy)
+    corners = model.solid().tree.triangles.reshape(-1, 3, 3).astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    light = normals @ (-0.7, 0.5, 0.5) / np.linalg.norm(normals, axis=1)
+    figure = plt.figure(figsize=(6, 5))
+    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    up = corners[..., (2, 1, 0)] * (1e3, 1e3, -1e3)  # the hand's -x is up
+    colours = plt.get_cmap("bone")(0.35 + 0.6 * np.clip(light, 0.0, 1.0))
+    axes.add_collection3d(Poly3DCollection(up, facecolors=colours, edgecolors=colours))
+    for path, label, colour in ((proxies, "proxy", "tab:red"), (tips, "tip", "tab:blue")):
+        x, y, z = (1e3 * np.array(path)).T
+        axes.plot(z, y, -x, color=colour, linewidth=1.5, label=label)
+    axes.set(xlim=(-45, 50), ylim=(-45, 45), zlim=(-60, 35))
+    axes.set(xlabel="z (mm)", ylabel="y (mm)", zlabel="-x (mm)", box_aspect=(1, 1, 1))
+    axes.view_init(25, 120)
+    axes.legend(loc="upper left")
+    figure.savefig(picture, dpi=90, bbox_inches="tight")
+
+
 def main() -> None:
     """Write the mesh."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("forcebound/launch/rabbit.ply"))
-    out: Path = parser.parse_args().out
+    parser.add_argument("--out", type=Path, default=RABBIT)
+    parser.add_argument("--picture", type=Path)
+    arguments = parser.parse_args()
     axes = [np.arange(low, high, CELL) for low, high in zip(LOW, HIGH, strict=True)]
     vertices, faces = surface_net(rabbit(*np.meshgrid(*axes, indexing="ij")))
     animal = trimesh.Trimesh(CELL * vertices + LOW, faces, process=False)
     plinth = trimesh.creation.box(bounds=PLINTH)
     mesh: Any = trimesh.util.concatenate([animal, plinth])
     mesh.apply_scale(0.001)
-    out.write_bytes(mesh.export(file_type="ply"))
-    print(f"{out}: {len(mesh.faces)} triangles, {out.stat().st_size} bytes")
+    arguments.out.write_bytes(mesh.export(file_type="ply"))
+    print(f"{arguments.out}: {len(mesh.faces)} triangles")
+    if arguments.picture is not None:
+        draw(arguments.picture)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,20 @@ TELEMETRY = {
     "deadline_misses": 0,
     "rejected": {"age": 1},
 }
+REPLY = {
+    "device_seq": 1,
+    "device_time_ns": 0,
+    "query_seq": 1,
+    "query_time_ns": 0,
+    "force": [8.5],
+    "environment": "e",
+    "proxy": [0.01],
+    "normal": [-1.0],
+}
+SCENE = {
+    "objects": [{"name": "ball", "shape": "sphere", "position": [0.0, 0.0, 0.1], "size": [0.05]}],
+    "proxy": [0.01],
+}
 EVENT = {
     "node": "device",
     "event": "phase",
@@ -81,7 +95,8 @@ def recorded() -> bytes:
     writer: Any = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
     writer.start()
     writer.add_metadata("forcebound", {"launch": json.dumps(LAUNCH)})
-    topics = {"telemetry": TELEMETRY, "event": EVENT}
+    topics: dict[str, dict[str, Any]]
+    topics = {"telemetry": TELEMETRY, "environment_reply": REPLY, "scene": SCENE, "event": EVENT}
     channels = {topic: writer.register_channel(f"/{topic}", "json", 0) for topic in topics}
     for tick in range(4):
         time_ns = 1_000_000 * tick

@@ -102,7 +102,7 @@ Action: TypeAlias = Engage | Terminate | Kill | Start | Announce
 def describe_status(status: int) -> str:
     """Return an exit status, or minus the number of a signal, in words."""
     if status == LOST:
-        return "a lost device"
+        return f"exit status {status} (its device is lost)"
     if status >= 0:
         return f"exit status {status}"
     try:

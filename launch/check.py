@@ -16,6 +16,7 @@ from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
 from forcebound.environments import Environment, EnvironmentModel, open_environment
 from forcebound.environments import contract as environments
+from forcebound.environments.strokes import ACROSS, INWARDS, Touch, feel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
@@ -33,7 +34,9 @@ CONTRACTS: Mapping[str, Any] = {
 
 PROBES = (-0.010, 0.0, 0.005, 0.010, 0.011, 0.015, 0.020, 0.050)  # m, positions for forces at rest
 FEWEST_CALLS, CALLS = 10, 300  # that are timed
-QUERYING, TIMING = 10.0, 2.0  # s, approximately: queries of the contract, timed calls
+FEWEST_STROKES, STROKES = 2, 40
+# s, approximately: queries of the contract, timed calls, strokes.
+QUERYING, TIMING, STROKING = 10.0, 2.0, 2.0
 
 
 def check_part(
@@ -60,8 +63,10 @@ def check_part(
         ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
         and ``violations``. Of an environment ``part`` is called ``environment``, and there are
         ``axes`` (the numbers of axes that were tried), ``left_out`` (queries that were not sent),
-        ``at_rest`` (position and force on the first axis, in m and N; no force where it gave none)
-        and ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
+        ``at_rest`` (position and force on the first axis, in m and N; no force where it gave none),
+        ``touch`` (what strokes towards the scene felt, as
+        :class:`forcebound.environments.strokes.Touch`; None without contact or scene) and
+        ``seconds_per_answer`` (``median``, ``max`` of ``answers``; None if it gives none).
 
     Raises:
         ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
@@ -125,6 +130,7 @@ def _check_environment(
         at_most=round(QUERYING / usual / 2),
         progress=progress,
     )
+    touch = _touch(model, min(max(axes), 3), round(STROKING / usual), progress)
     times = _times(environment, one, min(max(FEWEST_CALLS, round(TIMING / usual)), CALLS), progress)
     return {
         "environment": member_document("environment", model),
@@ -132,6 +138,7 @@ def _check_environment(
         "axes": sorted(set(axes)),
         "left_out": report.left_out,
         "at_rest": at_rest,
+        "touch": None if touch is None else dataclasses.asdict(touch),
         "seconds_per_answer": {
             "median": statistics.median(times) if times else None,
             "max": max(times, default=None),
@@ -162,6 +169,8 @@ def _measured(document: Mapping[str, Any]) -> list[str]:
     )
     tried = ", ".join(map(str, document["axes"]))
     text = [f"numbers of axes tried: {tried}", f"at rest, on the first axis: {shown}"]
+    if document["touch"] is not None:
+        text += _touched(document["touch"])
     if document["left_out"]:
         known = document["questions"] + document["left_out"]
         text.append(f"{document['questions']} of {known} queries, since answers are slow")
@@ -172,6 +181,34 @@ def _measured(document: Mapping[str, Any]) -> list[str]:
             f" {answer['max'] * 1e6:.0f} us); at 1 kHz a tick has 1000 us"
         )
     return text
+
+
+def _touched(touch: Mapping[str, Any]) -> list[str]:
+    count, touched = touch["strokes"], touch["touched"]
+    text = [f"strokes towards what the scene shows: {count}, of which touched it: {touched}"]
+    if touch["stiffness"] is not None:
+        least, median, most = (f"{stiffness * 1e-3:.3g} N/mm" for stiffness in touch["stiffness"])
+        text.append(
+            f"along the normal {median} ({least} to {most}); across it at most"
+            f" {touch['across']:.2g} of that"
+        )
+    return text
+
+
+def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -> Touch | None:
+    """What strokes feel; None of an environment that tells no contact, or no scene."""
+    progress("strokes towards its scene", 0, 0)
+    try:
+        environment: Any = open_environment(model, axes)
+        try:
+            if not all(getattr(environment, name, None) for name in ("contact", "scene")):
+                return None
+            count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
+            return feel(environment, environment.scene(), axes, count)
+        finally:
+            environment.close()
+    except Exception:  # reported by the contract
+        return None
 
 
 def _expected(text: str) -> tuple[float, float]:

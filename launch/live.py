@@ -26,7 +26,7 @@ from forcebound.config.parameters import differences, holders, parameters
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document
 from forcebound.environments import may_tell_contacts
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable, read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
@@ -198,7 +198,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
     Raises:
         ConfigError: If the rate is too high or low, the chain cannot be placed, the recording not
             be written, a link lose all packets, a key be missing, the address not be ours or a port
-            be in use; the message names all that is wrong.
+            be in use, or the device's port not be opened; the message names all that is wrong.
     """
     problems = []
     rate = config.device.servo.rate
@@ -215,11 +215,15 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         checks.append(partial(check_writable, record, "the recording"))
     if config.remote is not None:
         checks.append(partial(config.remote.check_here, "graph"))
+    if (check_device := getattr(config.device.model, "check_here", None)) is not None:
+        checks.append(check_device)
     for check in checks:
         try:
             check()
         except ConfigError as error:
             problems.append(str(error))
+        except DeviceError as error:
+            problems.append(f"device: {error}")
     if problems:
         raise ConfigError("\n".join(problems))
 

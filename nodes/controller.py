@@ -6,7 +6,10 @@ environment it is connected with.
 
 import logging
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, ClassVar
+
+from msgspec.structs import replace
 
 from forcebound.controllers import Controller
 from forcebound.messages.packets import (
@@ -148,6 +151,14 @@ class ControllerNode(Node):
             if reply.environment != lease.holder:
                 self.reject("second_environment")
                 return
+        if not all(map(isfinite, reply.force)):
+            # A controller would keep it in its state for ever. The device rejects and counts it.
+            echo = (reply.device_seq, reply.device_time_ns)
+            packets.append(self._command(*echo, reply.force, time_ns))
+            return
+        if not all(map(isfinite, (*(reply.proxy or ()), *(reply.normal or ())))):
+            self.reject("not_finite")
+            reply = replace(reply, proxy=None, normal=None)
         try:
             force = self._controller.on_reply(reply, time_ns)
         except Exception as error:

@@ -15,7 +15,7 @@ carries the contact, and a scene is sent in steps of its own (:mod:`forcebound.n
 import logging
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, TypeAlias
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
 from forcebound.messages.packets import (
@@ -39,12 +39,8 @@ PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that 
 _logger = logging.getLogger(__name__)
 
 
-class _Answer(NamedTuple):
-    """What the environment's code says to one query."""
-
-    force: Vector  # N
-    proxy: Vector | None  # m
-    normal: Vector | None
+# What the environment's code says to one query: force, in N, proxy, in m, and normal.
+_Answer: TypeAlias = tuple[Vector, Vector | None, Vector | None]
 
 
 class EnvironmentNode(Node):
@@ -245,9 +241,9 @@ class EnvironmentNode(Node):
             force = _vector(answer, query)
             contact = None if self._contact is None else self._contact()
             if contact is None:
-                return _Answer(force, None, None)
+                return force, None, None
             proxy, normal = contact
-            return _Answer(force, _vector(proxy, query), _vector(normal, query))
+            return force, _vector(proxy, query), _vector(normal, query)
         except Exception:
             self.faults += 1
             if self.faults == 1:
@@ -257,7 +253,7 @@ class EnvironmentNode(Node):
     def _reply(self, query: EnvironmentQuery, answer: _Answer, time_ns: int) -> EnvironmentReply:
         seq = self._seq
         self._seq += 1
-        self._proxy = answer.proxy
+        force, self._proxy, normal = answer
         return EnvironmentReply(
             seq,
             time_ns,
@@ -265,10 +261,10 @@ class EnvironmentNode(Node):
             query.device_time_ns,
             query.seq,
             query.time_ns,
-            answer.force,
+            force,
             self.name,
-            answer.proxy,
-            answer.normal,
+            self._proxy,
+            normal,
         )
 
 

@@ -1,8 +1,10 @@
 """The promises that every controller keeps, and what the direct one does."""
 
+import math
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from forcebound.controllers import CONTROLLERS, Controller
 from forcebound.controllers.direct import DirectController
@@ -13,6 +15,7 @@ from forcebound.messages.packets import (
     EnvironmentReply,
     Event,
     ForceCommand,
+    Vector,
 )
 from forcebound.nodes.controller import ControllerNode
 
@@ -93,3 +96,32 @@ def test_a_controller_is_closed_once_and_may_fail_in_it() -> None:
     controller = Odd()
     ControllerNode(GuardedController(controller)).close()
     assert controller.closed == 1
+
+
+class Remembering(DirectController):
+    """A controller that keeps all that it was told."""
+
+    def __init__(self) -> None:
+        self.told: list[EnvironmentReply] = []
+
+    def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:
+        self.told.append(reply)
+        return reply.force
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_no_controller_hears_of_a_number_that_is_not_finite(number: float) -> None:
+    controller = Remembering()
+    node = ControllerNode(controller)
+    sound = EnvironmentReply(0, 0, 0, 0, 0, 0, (1.0,), "e", (0.01,), (-1.0,))
+    changes: list[dict[str, Any]] = [
+        {"force": (number,)},
+        {"proxy": (number,)},
+        {"normal": (number,)},
+    ]
+    for change in changes:
+        *_, command = node.step(1, [replace(sound, **change)])
+        assert isinstance(command, ForceCommand)  # which the device rejects if it has to
+        assert repr(command.force) == repr(change.get("force", (1.0,)))
+    assert controller.told == [replace(sound, proxy=None, normal=None)] * 2
+    assert node.status()["rejected"] == {"not_finite": 2}

@@ -12,6 +12,7 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from forcebound.config.loader import load
 from forcebound.devices.desktop_arm import DesktopArm
 from forcebound.devices.five_bar import FiveBar
 from forcebound.devices.knob import Knob
@@ -123,6 +124,16 @@ def test_a_desktop_arm_reaches_its_workspace_without_a_singular_pose() -> None:
         angles = arm.angles(corner)
         assert angles is not None
         assert not kinematics.is_singular(angles)
+
+
+def test_the_launch_file_of_the_desktop_arm_keeps_the_hand_in_its_workspace() -> None:
+    config = load("desktop_arm")
+    arm, fixtures = config.device.model, config.environment.fixtures
+    assert isinstance(arm, DesktopArm)
+    assert fixtures is not None
+    assert fixtures.workspace is not None
+    assert fixtures.workspace.high == pytest.approx([edge / 2 for edge in arm.workspace])
+    assert fixtures.workspace.low == pytest.approx([-edge / 2 for edge in arm.workspace])
 
 
 def test_a_workspace_beyond_the_reach_of_the_arm_is_refused() -> None:

@@ -5,16 +5,18 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from live_graph import live_graph
 
-from experiments.far_wall import LAWS, Figures, case, figures, touching_hand
+from experiments.far_wall import LAWS, Figures, case, error_on_sphere, figures, touching_hand
 from forcebound.analysis.summary import summarize
 from forcebound.bounding.sample import ENERGY_TOLERANCE
 from forcebound.config.loader import load
 from forcebound.controllers.local_model import LocalModel
 from forcebound.environments import ENVIRONMENTS
 from forcebound.environments.time_varying_wall import TimeVaryingWall
+from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.network.impairment import Impairment
 
@@ -52,6 +54,22 @@ def test_looking_ahead_makes_the_first_contact_stiff_when_an_answer_can_be_back(
     assert blind.stiffness < 0.5 * near.stiffness
 
 
+def test_an_environment_beyond_the_age_limit_is_refused_only_for_a_controller_that_waits() -> None:
+    arguments = ["delay:=100 ms", "age_limit:=100 ms"]
+    load("far_wall", arguments)
+    with pytest.raises(ConfigError, match="there would never be a force"):
+        load("far_wall", [*arguments, "controller:=direct"])
+
+
+@pytest.mark.parametrize(("delay", "most"), [(20, 0.03), (50, 0.1)])
+def test_the_plane_turns_with_a_hand_that_strokes_over_a_sphere(delay: int, most: float) -> None:
+    assert error_on_sphere("local_model", delay) < most
+
+
+def test_without_it_the_force_on_the_sphere_is_another_one() -> None:
+    assert error_on_sphere("direct", 20) > 1.0
+
+
 def test_jitter_and_loss_on_the_links_leave_the_wall_stiff() -> None:
     link = Impairment(delay=0.02, jitter=0.005, loss=0.2)
     links = {"environment_query": link, "environment_reply": link}
@@ -72,6 +90,26 @@ def test_a_wall_that_gets_stiffer_is_followed() -> None:
     depth = columns.position[-1, 0] - environment.position
     stiffness = environment.stiffness + environment.stiffness_rate * columns.elapsed[-1]
     assert columns.applied_force[-1, 0] == pytest.approx(stiffness * depth, rel=0.05)
+
+
+MOVING = """
+forcebound: 1
+include: far_wall.yaml
+phases:
+  - { name: there, duration: 1 s }
+  - { name: away, duration: 1 s, set: { environment.position: 11 mm } }
+  - { name: back, duration: 1 s, set: { environment.position: 10.5 mm } }
+"""
+
+
+def test_a_wall_that_is_moved_is_followed_away_from_the_hand_and_towards_it(tmp_path: Path) -> None:
+    file = tmp_path / "moving.yaml"
+    file.write_text(MOVING)
+    columns = run_virtual(load(file, ["law:=none", "stiffness:=2 N/mm"])).columns
+    for end, surface in ((0.99, 0.010), (1.99, 0.011), (2.99, 0.0105)):
+        at_end = int(np.searchsorted(columns.elapsed, end))
+        depth = columns.position[at_end, 0] - surface
+        assert columns.applied_force[at_end, 0] == pytest.approx(2000.0 * depth, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["active_wall", "negative_damper", "random_force"])

@@ -12,10 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.errors import DeviceError
+from forcebound.config.loader import load
+from forcebound.errors import ConfigError, DeviceError
 from forcebound.hardware import ports
 from forcebound.hardware.port import Port
-from forcebound.hardware.ports import SerialPort, find, listed
+from forcebound.hardware.ports import SerialPort, check_serial_number, find, listed
+from forcebound.launch.live import check_here
 
 SOON_NS = 20_000_000
 HAPLY = SerialPort("/dev/ttyACM0", "Arduino Due", "1A2B", "haply_2diy")
@@ -102,10 +104,10 @@ def test_a_port_in_use_is_not_opened_a_second_time(line: Line) -> None:
 def test_a_port_that_is_not_there_or_none_is_said_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="there is no port"):
         Port(str(tmp_path / "nothing"))
-    with pytest.raises(DeviceError, match="is no serial port"):
+    with pytest.raises(DeviceError, match="expected a serial port, got a folder"):
         Port(str(tmp_path))
     (tmp_path / "file").write_text("")
-    with pytest.raises(DeviceError, match="is no serial port"):
+    with pytest.raises(DeviceError, match="expected a serial port, got a file"):
         Port(str(tmp_path / "file"))
 
 
@@ -143,3 +145,43 @@ def test_without_a_port_the_emulator_is_named(monkeypatch: pytest.MonkeyPatch) -
 def test_the_ports_of_this_machine_are_in_order() -> None:
     paths = [port.path for port in listed()]
     assert paths == sorted(paths)
+
+
+def test_the_numbers_of_another_board_are_refused_where_boards_can_be_told() -> None:
+    there = [HAPLY, BUILT_IN]
+    check_serial_number(HAPLY.path, "1A2B", there)
+    check_serial_number(HAPLY.path, "", there)
+    check_serial_number(BUILT_IN.path, "1A2B", there)
+    with pytest.raises(DeviceError, match="number 5E6F, and /dev/ttyACM0 is that with 1A2B"):
+        check_serial_number(HAPLY.path, "5E6F", there)
+
+
+def test_no_name_is_no_port() -> None:
+    with pytest.raises(DeviceError, match="got ''"):
+        find("", "haply_2diy", [BUILT_IN])
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("file", "expected a serial port, got a file"),
+        ("folder", "expected a serial port, got a folder"),
+        ("link", "leads to .*nothing, which is not there"),
+        ("/dev/zero", "got a device that is no terminal: /dev/zero"),
+    ],
+)
+def test_a_launch_refuses_what_is_no_serial_port(content: str, said: str, tmp_path: Path) -> None:
+    path = Path(content) if content.startswith("/") else tmp_path / content
+    if content == "file":
+        path.touch()
+    elif content == "folder":
+        path.mkdir()
+    elif content == "link":
+        path.symlink_to(tmp_path / "nothing")
+    with pytest.raises(ConfigError, match=f"device: .*{said}"):
+        check_here(load("haply_2diy.yaml", [f"device:={path}"]))
+
+
+def test_a_launch_refuses_a_port_in_use(line: Line) -> None:
+    with pytest.raises(ConfigError, match="is in use by another program"):
+        check_here(load("odrive_knob.yaml", [f"device:={line.port.path}"]))

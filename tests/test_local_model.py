@@ -9,8 +9,9 @@ import pytest
 from forcebound.controllers.local_model import LocalModel, OpenLocalModel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
+from forcebound.controllers.spring_damper import SpringDamper
 from forcebound.controllers.vectors import along, dot
-from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.messages.packets import Contact, DeviceState, EnvironmentReply, Vector
 
 MS = 1_000_000  # ns
 TILTED: Vector = (0.6, 0.0, 0.8)
@@ -28,9 +29,7 @@ def answer(plane: Plane, asked: Asked) -> Vector:
     return along(tuple([share * v for v in slip]), plane.inwards, pressed)
 
 
-def learned(
-    plane: Plane, *, tells_normal: bool = False, noise: float = 0.0, grid: float = 0.0
-) -> Plane:
+def learned(plane: Plane, *, tells: bool = False, noise: float = 0.0, grid: float = 0.0) -> Plane:
     """The estimate after a press of 0.2 s to and fro that begins in free motion."""
     estimator, random = PlaneEstimator(0.9, 1e6), Random(3)
     outwards = tuple([-u for u in plane.inwards])
@@ -49,7 +48,9 @@ def learned(
         if noise and any(force):
             force = tuple([f + random.gauss(0.0, noise) for f in force])
         touches = plane.depth(position) > 0.0
-        estimator.take(asked, force, outwards if tells_normal and touches else None)
+        proxy = along(position, plane.inwards, -plane.depth(position))
+        told = Contact(proxy, outwards) if tells and touches else None
+        estimator.take(asked, force, told)
     assert estimator.plane is not None
     return estimator.plane
 
@@ -67,7 +68,7 @@ def test_a_plane_is_recovered_exactly_from_its_forces(inwards: Vector, damping: 
 
 def test_friction_is_told_from_a_tilt_where_the_environment_tells_the_normal() -> None:
     plane = Plane(TILTED, 0.01, 8000.0, 0.0, 0.3)
-    found = learned(plane, tells_normal=True)
+    found = learned(plane, tells=True)
     assert found.inwards == TILTED
     assert found.friction == pytest.approx(0.3, rel=0.05)
     assert found.stiffness == pytest.approx(8000.0, rel=1e-4)
@@ -199,6 +200,28 @@ def test_the_force_fades_when_answers_stay_away_and_then_there_is_none() -> None
     assert forces[98] == pytest.approx((10.0,), rel=1e-3)
     assert forces[124] == pytest.approx((5.0,), rel=1e-3)
     assert forces[150:] == [None] * 10
+
+
+def test_an_answer_that_is_too_old_is_none() -> None:
+    opened = LocalModel(age_limit=0.2).open(1)
+    for tick in range(1000):
+        opened.on_state(state(tick, 0.005), tick * MS)
+        opened.query(state(tick, 0.005))
+        if tick >= 250:
+            opened.on_reply(reply(tick - 250, 0.0), tick * MS)
+    assert opened.on_state(state(1000, 0.005), 1000 * MS) is None
+
+
+def test_a_stiffness_that_changes_is_followed_and_nothing_winds_up_where_nothing_is_new() -> None:
+    found = SpringDamper(0.9)
+    for sample in range(10_000):
+        found.add(1e-3 * (1 + sample % 3), 0.0, 2.0 * (1 + sample % 3))
+    assert found.stiffness == pytest.approx(2000.0)
+    for sample in range(400):
+        depth, speed = 1e-3 * (1 + sample % 3), 0.1 * (sample % 2)
+        found.add(depth, speed, 5000.0 * depth + 3.0 * speed)
+    assert found.stiffness == pytest.approx(5000.0, rel=0.01)
+    assert found.damping == pytest.approx(3.0, rel=0.05)
 
 
 def test_answers_that_come_twice_late_or_to_no_question_do_no_harm() -> None:

@@ -62,7 +62,7 @@ def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
     stiffer = dataclasses.replace(box, stiffness=2000.0, damping=1.0)
     assert change_environment(opened, stiffer, 3) is opened
     assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
-    moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0))
+    moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0), surface=Surface(friction=0.2))
     change_environment(opened, moved, 3)
     assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import ConfigError
 from forcebound.operators import OPERATORS, Operator
+from forcebound.operators.buttons import Press
 from forcebound.operators.chirp import ChirpHand
 from forcebound.operators.following import FollowingHand
 from forcebound.operators.palpating import PalpatingHand
@@ -193,6 +195,25 @@ def test_a_path_may_stay_at_one_point_and_visit_a_point_twice() -> None:
     hand = FollowingHand(points=((0.0,), (0.0,), (0.01,)), speed=0.1)
     assert hand.target(0.0) == (0.0,)
     assert hand.target(0.05) == pytest.approx((0.005,))
+
+
+def test_a_hand_presses_buttons_at_their_times_and_the_device_tells_them() -> None:
+    presses = (Press(button=0, start=0.01, end=0.03), Press(button=2, start=0.02, end=0.04))
+    hand = FollowingHand(points=CORNER, presses=presses)
+    assert [hand.buttons(time) for time in (0.0, 0.01, 0.02, 0.03, 0.04)] == [0, 1, 5, 4, 0]
+    device = PhantomPremium15().open(hand, hold_limit=1e-3)
+    assert device.buttons is not None
+    device.read(5_000_000)
+    assert device.buttons() == 0
+    device.engage(10_000_000)
+    device.read(30_000_000)
+    assert device.buttons() == 5
+    assert PhantomPremium15().open(FollowingHand(points=CORNER), hold_limit=1e-3).buttons is None
+
+
+def test_a_press_that_ends_before_it_begins_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"end must be after start, 2 s, got 1 s"):
+        Press(start=2.0, end=1.0)
 
 
 def test_points_may_stand_in_a_file(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Event, Vector
 from forcebound.nodes.controller import ControllerNode
+from forcebound.operators.buttons import Press
+from forcebound.operators.stroking import StrokingHand
 
 MS = 1_000_000  # ns
 DOWN, UP = 0b100, 0
@@ -118,6 +120,18 @@ def told(buttons: list[int | None]) -> list[str]:
     for second, down in enumerate(buttons):
         sent += node.step(second * 1000 * MS, [state(second * 1000, (0.0,), down)])
     return [packet.message for packet in sent if isinstance(packet, Event)]
+
+
+def test_a_hand_that_holds_the_clutch_feels_nothing_until_it_lets_go() -> None:
+    config = load("stiff_wall", ["law:=none", "stiffness:=1 N/mm"])
+    presses = (Press(start=0.0, end=0.01), Press(start=0.5, end=1.0))
+    hand = StrokingHand(stroke=0.0, presses=presses)
+    coupled = replace(config, operator=hand, controller=Scaled(clutch_button=0))
+    result = run_virtual(coupled, 1.5)
+    columns, force = result.columns, result.columns.applied_force[:, 0]
+    assert set(force[(columns.elapsed > 0.51) & (columns.elapsed < 1.0)]) == {0.0}
+    assert force[(columns.elapsed > 0.4) & (columns.elapsed < 0.5)].min() > 1.0
+    assert "clutch_down" in [event.event for event in result.events]
 
 
 def test_a_clutch_that_is_down_at_the_start_is_told() -> None:

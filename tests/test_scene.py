@@ -142,6 +142,7 @@ def test_columns_have_the_contact_of_the_same_tick() -> None:
     replies = [
         EnvironmentReply(0, 0, 1, 0, 0, 0, (1.0,), "e", (0.01,), (-1.0,)),
         EnvironmentReply(1, 0, 2, 0, 1, 0, (0.0,), "e"),
+        EnvironmentReply(2, 0, 3, 0, 2, 0, (0.0,) * 2, "e", (0.0,) * 2, (1.0, 0.0)),  # not its axes
     ]
     columns = TelemetryColumns.from_packets([telemetry_packet(seq) for seq in range(4)], replies)
     assert columns.is_told.tolist() == [False, True, True, False]

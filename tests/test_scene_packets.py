@@ -13,8 +13,8 @@ from launch_texts import GOOD, written
 from mcap.reader import make_reader
 from msgspec.structs import replace
 
-from forcebound.config.loader import load
-from forcebound.errors import PacketError
+from forcebound.config.loader import load, load_tried
+from forcebound.errors import ConfigError, PacketError
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import MAX_BYTES, MAX_SCENE_BYTES, decode, encode
 from forcebound.messages.packets import (
@@ -85,7 +85,9 @@ def test_an_object_that_is_none_is_refused(changes: dict[str, Any], said: str) -
 
 
 def test_a_scene_may_be_longer_than_other_packets_but_not_for_ever() -> None:
-    box = SceneObject("box", "box", (0.1,) * 3, (0.5,) * 4, (0.1,) * 3, is_fixed=False)
+    box = SceneObject(
+        "box", "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5, 0.5), (0.1,) * 3, is_fixed=False
+    )
     boxes = tuple(replace(box, name=f"box {place}") for place in range(MAX_LENGTH))
     data = encode(replace(SCENE, objects=boxes))
     assert MAX_BYTES < len(data) < MAX_SCENE_BYTES / 2
@@ -176,6 +178,27 @@ class OpenFloor:
     def close(self):
         pass
 """
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("if inside else None", "", "contact(): expected a tuple with 1 number in m"),
+        (
+            '"plane", (0.01, 0.0, 0.0)',
+            '"plane", (0.01,)',
+            "scene(): PacketError: scene: obj",
+        ),
+    ],
+)
+def test_a_world_that_tells_nonsense_is_refused_before_the_run(
+    tmp_path: Path, right: str, wrong: str, said: str
+) -> None:
+    source = FLOOR.replace(right, wrong).replace("Contact((0.01, *others)", "Contact((0.01, 0.0)")
+    written(tmp_path, source, "floor.py")
+    with pytest.raises(ConfigError) as caught:
+        load_tried(written(tmp_path, GOOD.replace("kind: wall", "kind: floor.py")))
+    assert f"environment: {said}" in str(caught.value)
 
 
 @dataclass(frozen=True)

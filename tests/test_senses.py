@@ -89,13 +89,8 @@ class SensingPhantom(PhantomPremium15):
 class SensingDevice(SimulatedDevice):
     def __init__(self, model: SensingPhantom, operator: Operator | None, hold_limit: float) -> None:
         super().__init__(model, operator, hold_limit)
-        self._model = model
-
-    def orientation(self) -> Any:
-        return self._model.told_orientation
-
-    def buttons(self) -> Any:
-        return self._model.told_buttons
+        self.orientation = lambda: model.told_orientation
+        self.buttons = lambda: model.told_buttons
 
 
 def test_the_contract_asks_for_what_a_device_senses() -> None:

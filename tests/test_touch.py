@@ -106,6 +106,13 @@ def test_a_hand_beside_a_sphere_is_in_free_motion_although_behind_the_plane_it_t
     assert touch.depth[-1] <= 0.0
 
 
+def test_a_normal_that_was_cut_to_two_axes_counts_as_a_direction() -> None:
+    columns = run_of(around)
+    slanted = replace(columns, normal=columns.normal * 0.6)
+    assert summary_of(slanted)["peak_penetration_m"] == pytest.approx(0.002)
+    assert summary_of(slanted)["tangential_share"] == pytest.approx(FRICTION)
+
+
 def test_a_tick_without_an_answer_has_the_surface_of_the_newest_one_before() -> None:
     columns = run_of(around)
     told = columns.is_told.copy()

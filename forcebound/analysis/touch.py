@@ -91,6 +91,8 @@ def _touch_of_contacts(
     touching: Mask = np.asarray(np.isfinite(proxy).all(axis=1))
     plane = _last(touching, int(np.argmax(touching)))
     normal = columns.normal[_last(columns.is_told, 0)][plane]
+    length = np.linalg.norm(normal, axis=1, keepdims=True)  # shorter than 1 in fewer than 3 axes
+    normal = normal / np.where(length > 0.0, length, 1.0)
     deepest = np.where(touching, np.inf, 0.0)  # who touches nothing is not behind a surface
     return Touch(
         np.minimum(_dot(proxy[plane] - columns.position, normal), deepest),

@@ -16,9 +16,7 @@ random, some by a search (CMA-ES) for the lowest energy.
 
     {command}
 
-made this page (forcebound {version}). Any run can be repeated by its name:
-
-    forcebound audit replay LAW CASE
+made this page (forcebound {version}). `forcebound audit replay LAW CASE` repeats a run by its name.
 
 Each run is a graph of the live nodes in virtual time, for {seconds:g} s: law, safety chain,
 controller and environment are those of every other run. The device has two or three axes, each with

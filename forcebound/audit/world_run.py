@@ -37,13 +37,14 @@ from forcebound.simulation import Simulation
 
 SECONDS = 0.25  # of a run
 ENGAGE = 0.01  # s: soon at full force
+START, ARRIVAL = -0.002, 0.03  # m, before the surface; s, until the hand presses
 SHORTEST_LATE = 0.3e-3  # s
 _SIDES = 2  # energies are looked at in the middle and at the end of each stretch of a hold
 
 
 @dataclass(frozen=True)
 class SpaceHand:
-    """A hand whose target is a sine along each axis: along the first about ``pressing``."""
+    """A hand that goes from before the surface to ``pressing``, with a sine along each axis."""
 
     mass: float
     stiffness: float
@@ -57,7 +58,8 @@ class SpaceHand:
         turn = 2.0 * math.pi * elapsed
         places = zip(self.amplitudes, self.frequencies, strict=True)
         first, *others = [a * math.cos(turn * f) for a, f in places]
-        return (self.pressing - first, *others)
+        arrived = min(elapsed / ARRIVAL, 1.0)
+        return (START + arrived * (self.pressing - START) - first, *others)
 
 
 class WatchedDevice(SimulatedDevice):

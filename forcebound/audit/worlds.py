@@ -9,6 +9,7 @@ The name of a case is enough to repeat it: ``WORLD/CONTROLLER:SEED``, or
 
 import random
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.audit.cases import LARGEST_SEED, NOISES, Range, decode
@@ -16,7 +17,16 @@ from forcebound.bounding.dissipation import Watchdog
 from forcebound.controllers import CONTROLLERS as CONTROLLER_KINDS
 from forcebound.controllers import ControllerModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
+from forcebound.environments.fixtures import (
+    Fixtures,
+    GuidancePath,
+    GuidancePlane,
+    WithFixtures,
+    WorkspaceLimit,
+)
+from forcebound.environments.solid import Shape
 from forcebound.errors import ConfigError
+from forcebound.geometry.proxy import Surface
 
 Numbers: TypeAlias = Mapping[str, float]
 
@@ -68,6 +78,79 @@ def _environment(kind: str, **values: Any) -> EnvironmentModel:
     return model
 
 
+def _surface(n: Numbers) -> Surface:
+    """Return how a surface feels: friction, that may stick and slip, viscosity, a magnet."""
+    friction = 1.5 * n["share_2"]
+    return Surface(
+        friction=friction,
+        static_friction=friction * (1.0 + n["share_3"]),
+        stick_slip=0.1 * max(n["share_3"] - 0.5, 0.0),
+        viscosity=20.0 * max(n["share_4"] - 0.5, 0.0),
+        magnet=0.01 * max(n["share_4"] - 0.8, 0.0),
+    )
+
+
+def _solid(n: Numbers) -> EnvironmentModel:
+    """Return a sphere, a box with a groove, or a wedge of two planes, their surface near 0 m."""
+    size = _between(5e-3, 0.1, abs(2.0 * n["share_1"] - 1.0))
+    shapes = (
+        (Shape("sphere", position=(size, 0.0, 0.0), radius=size),),
+        (
+            Shape("box", position=(size, 0.0, 0.0), size=(2.0 * size,) * 3),
+            Shape("cylinder", radius=0.3 * size, length=3.0 * size, is_removed=True),
+        ),
+        (Shape("plane", axis=(-1.0, 1.0, 0.3)), Shape("plane", axis=(-1.0, -0.5, -1.0))),
+    )[int(2.999 * n["share_1"])]
+    return _environment(
+        "solid", shapes=shapes, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
+        surface=_surface(n),
+    )  # fmt: skip
+
+
+def _mesh(n: Numbers, file: Path | None, **values: Any) -> EnvironmentModel:
+    return _environment(
+        "mesh", file=file, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
+        surface=_surface(n), **values,
+    )  # fmt: skip
+
+
+def _fixtures(n: Numbers) -> EnvironmentModel:
+    """Return a solid with a path and a plane that draw the hand, and a workspace that ends."""
+    reach = _between(1e-3, 0.05, n["share_1"])
+    fixtures = Fixtures(
+        plane=GuidancePlane(normal=(0.2, 1.0, 0.0), stiffness=n["stiffness"], reach=reach),
+        path=GuidancePath(
+            points=((-0.01, 0.0), (0.01, 0.01), (0.01, -0.01)),
+            stiffness=0.5 * n["stiffness"],
+            reach=reach,
+        ),
+        workspace=WorkspaceLimit(
+            low=(-0.01, -0.005),
+            high=(0.01, 0.005),
+            stiffness=n["stiffness"],
+            damping=20.0 * n["share_2"],
+        ),
+    )
+    return WithFixtures(_solid(n), fixtures)
+
+
+OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
+
+BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
+
+
+def _bodies(n: Numbers) -> EnvironmentModel:
+    """Return twenty boxes, on a coupling that is at most as stiff as MuJoCo can integrate."""
+    mass = _between(1e-3, 0.1, n["share_2"])
+    return _environment(
+        "bodies",
+        file=BOXES,
+        stiffness=min(n["stiffness"], 0.99e6 * mass),  # the scene's time step is 1 ms
+        damping=20.0 * n["share_1"],
+        probe_mass=mass,
+    )
+
+
 WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     "active_wall": lambda n: _environment(
         "active_wall", stiffness=n["stiffness"], damping=-100.0 * n["share_1"], position=0.0
@@ -111,6 +194,18 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         interval=_between(5e-4, 0.1, n["share_2"]),
         seed=int(1000.0 * n["share_3"]),
     ),
+    "solid": _solid,
+    "fixtures": _fixtures,
+    "mesh": lambda n: _mesh(n, None, position=(0.042, 0.0, 0.008)),
+    "mesh_with_hole": lambda n: _mesh(
+        n,
+        OPEN_BOX,
+        scale=_between(0.01, 0.1, n["share_1"]),
+        may_be_open=True,
+        position=(0.0, 0.0, 0.0),
+        orientation=(1.0, 0.2, 0.1, 0.3),
+    ),
+    "bodies": _bodies,
     "velocity_pusher": lambda n: _environment("velocity_pusher", magnitude=30.0 * n["share_1"]),
 }
 
@@ -124,6 +219,19 @@ def _controller(kind: str, **values: Any) -> ControllerModel:
 CONTROLLERS: dict[str, Callable[[Numbers], ControllerModel]] = {
     "direct": lambda n: _controller("direct"),
     "local_model": lambda n: _controller("local_model", power=_between(1e-3, 1e3, n["share_4"])),
+    "scaled": lambda n: _controller(
+        "scaled",
+        motion_scale=_between(0.1, 10.0, n["share_3"]),
+        force_scale=_between(0.1, 10.0, n["share_4"]),
+        border=0.01,
+        border_rate=_between(0.1, 100.0, n["share_2"]),
+    ),
+    "virtual_coupling": lambda n: _controller(
+        "virtual_coupling",
+        stiffness=_between(10.0, 1e4, n["share_3"]),
+        damping=_between(1e-3, 10.0, n["share_4"]),
+        mass=max(n["share_2"] - 0.5, 0.0),
+    ),
 }
 
 

@@ -78,6 +78,11 @@ BENCHMARKS: dict[str, Benchmark] = {
         "forcebound.benchmark.bodies",
         10.0,
     ),
+    "touch": Benchmark(
+        "closest points and hits on a mesh of 500,000 triangles against libigl",
+        "forcebound.benchmark.touch",
+        30.0,
+    ),
     "sweep": Benchmark(
         "the compiled kernel of sweeps against the same algorithm in C",
         "forcebound.benchmark.sweep",

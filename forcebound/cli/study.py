@@ -34,7 +34,10 @@ workers_option = click.option(
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (servo, loop, device, delay or sweep) against its reference implementation."""
+    """Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
+
+    Most are measured beside a reference implementation.
+    """
     from forcebound.benchmark import BENCHMARKS, tables
 
     if name not in BENCHMARKS:

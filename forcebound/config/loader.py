@@ -297,7 +297,7 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
     axes = device.model.axes
     if made["operator"]:
         check_path(made["operator"], axes, sections["operator"])
-    if environment:
+    if environment and not getattr(controller, "answers_states", False):
         _check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])

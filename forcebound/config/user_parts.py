@@ -138,18 +138,20 @@ def check_environment(model: EnvironmentModel, axes: int, section: Section) -> N
         return
     still = (0.0,) * axes
     with (
-        _noting(section, f"force({still}, {still}, 0.0), contact() or scene()"),
+        _noting(section, f"force({still}, {still}, 0.0)"),
         closing(open_environment(model, axes)) as opened,
     ):
         _check_vector(opened.force(still, still, 0.0), axes, "N")
         contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
-        told = None if contact is None else contact()
-        if told is not None:
-            proxy, normal = told
-            _check_vector(proxy, axes, "m")
-            _check_vector(normal, axes, "1")
-        if scene is not None:
-            decode(encode(Scene(0, 0, tuple(scene()), None)), Scene)
+        with _noting(section, "contact()"):
+            told = None if contact is None else contact()
+            if told is not None:
+                proxy, normal = told
+                _check_vector(proxy, axes, "m")
+                _check_vector(normal, axes, "1")
+        with _noting(section, "scene()"):
+            objects = () if scene is None else tuple(scene())
+            decode(encode(Scene(0, 0, objects, None)), Scene)
 
 
 def check_controller(model: ControllerModel, axes: int, section: Section) -> None:

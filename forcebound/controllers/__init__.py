@@ -67,7 +67,11 @@ class Notice(NamedTuple):
 
 
 class ControllerModel(Protocol):
-    """Parameters of a kind of controller."""
+    """Parameters of a kind of controller.
+
+    A class attribute ``answers_states = True`` says that ``on_state`` gives forces, so that an
+    environment further away than the device's age limit is no mistake.
+    """
 
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""

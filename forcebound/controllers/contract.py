@@ -14,6 +14,7 @@ PROMISES: dict[str, str] = {
     "answers": "takes every state and reply, with and without contact, buttons, or a reply at all",
     "shape": "queries and forces are tuples with one number per axis, or there is no force",
     "finite": "queries and forces are finite",
+    "notices": "what it has to tell, if anything, is pairs of texts: event and message",
     "pure": "the same calls, in the same order from open on, return the same",
     **VALUE,
 }
@@ -77,6 +78,7 @@ def _drive(
         state = DeviceState(seq, time_ns, elapsed, position, velocity, zero, None, buttons)
         yield call(controller.on_state, state, time_ns, units=("N",))
         yield call(controller.query, state, units=("m", "m/s"))
+        _check_notices(controller, found)
         if random.random() < 0.7:
             force = tuple(random.uniform(-10.0, 10.0) for _ in range(axes))
             told = _contact(position, random) if random.random() < 0.5 else (None, None)
@@ -91,3 +93,14 @@ def _contact(position: Vector, random: Random) -> Contact:
     normal = tuple(entry / length for entry in direction)
     depth = random.uniform(0.0, 1e-3)
     return Contact(tuple(x + depth * n for x, n in zip(position, normal, strict=True)), normal)
+
+
+def _check_notices(controller: Controller, found: Findings) -> None:
+    """Check what a controller with something to tell has to tell after a state."""
+    notices = getattr(controller, "notices", None)
+    if notices is None:
+        return
+    with found.noting("notices", "a list of pairs of texts", "notices()"):
+        for event, message in notices():
+            if not isinstance(event, str) or not isinstance(message, str):
+                found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")

@@ -17,12 +17,13 @@ class Exchange:
     Args:
         hold: Silence after which the force fades, in s.
         fade: Time in which it does, in s.
+        age_limit: An answer that has taken longer is none, in s.
 
     Times are of the controller's clock, in ns.
     """
 
-    def __init__(self, hold: float, fade: float) -> None:
-        self._hold, self._fade = hold, fade
+    def __init__(self, hold: float, fade: float, age_limit: float) -> None:
+        self._hold, self._fade, self._age_limit = hold, fade, age_limit
         self._asked: dict[int, tuple[Asked, int]] = {}  # by tick, with the time of asking
         self._newest = -1  # tick that was answered
         self._heard_ns: int | None = None
@@ -35,12 +36,14 @@ class Exchange:
             del self._asked[next(iter(self._asked))]
 
     def take(self, reply: EnvironmentReply, time_ns: int) -> Asked | None:
-        """Return what an answer answers; None if that is not known, or was asked before another."""
+        """Return what an answer answers; None if it is too old, twice, or older than another."""
         known = self._asked.pop(reply.device_seq, None)
         if known is None:
             return None
         asked, asked_ns = known
         round_trip = (time_ns - asked_ns) * 1e-9
+        if round_trip > self._age_limit:
+            return None
         share = 1.0 if self._heard_ns is None else ROUND_TRIP_SHARE
         self._round_trip += share * (round_trip - self._round_trip)
         self._heard_ns = time_ns

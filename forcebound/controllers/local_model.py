@@ -19,7 +19,7 @@ Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 2
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from forcebound.controllers.exchange import Exchange
 from forcebound.controllers.plane import Asked, PlaneEstimator
@@ -60,6 +60,7 @@ class LocalModel:
         stiffest: Largest stiffness that is believed.
         hold: Silence of the environment after which the force fades.
         fade: Time in which it does.
+        age_limit: An answer that has taken longer is none.
     """
 
     prediction: Literal["plane", "hold"] = "plane"
@@ -71,6 +72,9 @@ class LocalModel:
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+    age_limit: Annotated[Time, POSITIVE] = 0.5
+
+    answers_states: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -92,7 +96,7 @@ class OpenLocalModel:
 
     def _know_nothing(self) -> None:
         model = self._model
-        self._exchange = Exchange(model.hold, model.fade)
+        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
         self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
         self._shown = ShownPlane(model.power, len(self._zero))
         self._answer: Vector | None = None  # N, the newest
@@ -152,7 +156,7 @@ class OpenLocalModel:
         asked = self._exchange.take(reply, time_ns)
         if asked is not None:
             self._answer = reply.force
-            self._estimator.take(asked, reply.force, reply.normal)
+            self._estimator.take(asked, reply.force, reply.contact)
 
     def close(self) -> None:
         """Do nothing: it holds no resource."""

@@ -6,28 +6,30 @@ taken for that of a plane with the unit vector u into the solid, at the offset c
 .. math:: F_n = F \cdot u = k (x \cdot u - c) + b\, v \cdot u, \qquad
           F_t = \mu F_n \text{ against the motion along the plane}
 
-* u is the direction of the normal that the environment tells, else that of its force.
-* k and b follow from *pairs* of answers, by recursive least squares with forgetting: the
-  difference of two answers does not depend on c, so neither a wall that moves nor a plane that
-  turns (:math:`x \cdot u` changes by the turn to second order only) disturbs it. Information is
-  forgotten only where there is new (directional forgetting): a hand at rest forgets nothing.
+An environment that tells its contact tells u and c; :class:`SpringDamper` estimates k and b from
+depth and speed, :math:`\mu` is a mean over answers in which the hand slid. One that tells only
+forces:
+
+* u is the direction of the force; friction tilts it and is not told apart.
+* k and b follow from *pairs* of answers: their difference does not depend on c, so neither a wall
+  that moves now and then nor a plane that turns (:math:`x \cdot u` changes by the turn to second
+  order only) disturbs them.
 * c then follows from the newest answer alone.
-* :math:`\mu` is a mean of :math:`|F_t| / F_n` over answers in which the hand slid; it needs the
-  normal.
-* A free answer says that the surface lies beyond x: the plane recedes to x if it lay before.
 
-The positions are those that were asked about, so the encoder's quantisation is no noise here.
+A free answer says that the surface lies beyond x: the plane recedes to x if it lay before. The
+positions are those that were asked about, so the encoder's quantisation is no noise here.
 
-Source: least squares with directional forgetting: Kulhavy and Karny 1984; contact models of
-stiffness and damping from the answers: Verscheure, De Schutter et al. 2010, Li and Song 2007.
+Source: contact models of stiffness and damping from the answers: Verscheure, De Schutter et al.
+2010; Li and Song 2007.
 """
 
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from forcebound.controllers.spring_damper import SpringDamper
 from forcebound.controllers.vectors import across, dot
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import Contact, Vector
 
 NO_FORCE = 1e-9  # N; less is none
 PAIR_WAY = 1e-4  # m; of a hand
@@ -35,7 +37,6 @@ PAIR_NS = 50_000_000  # ns; an older answer makes no pair
 TURNED = math.cos(math.radians(30.0))  # a surface that has turned further is another one
 SOFTEST = 1.0  # N/m; less cannot be told from a constant force
 GUESS = 1e3  # N/m, of a surface that was never seen from outside
-UNSURE_STIFFNESS, UNSURE_DAMPING = 1e7, 1e4  # N/m, N s/m: of an estimate, over 1 N of noise
 SLIDING = 0.005  # m/s along the plane, from which friction is estimated
 FRICTION_SHARE = 0.05  # weight of a new friction coefficient
 
@@ -75,7 +76,7 @@ class PlaneEstimator:
     """The plane that the answers tell of.
 
     Args:
-        forgetting: Weight of the information before at each new pair, 0 to 1.
+        forgetting: Weight of the information before at each new sample, 0 to 1.
         stiffest: Largest stiffness believed, in N/m.
         pair_way: Way along u between the two answers of a pair, in m.
 
@@ -91,44 +92,59 @@ class PlaneEstimator:
         self._free: Asked | None = None  # the last answer without contact
         self._first: tuple[Asked, float] | None = None  # of the next pair, with its force
         self._friction = 0.0
-        self._forget()
+        self._spring = SpringDamper(forgetting)
 
-    def _forget(self) -> None:
-        self._stiffness, self._damping = 0.0, 0.0
-        self._covariance = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)
-        self._pairs = 0
-        self._first = None
-
-    def take(self, asked: Asked, force: Vector, normal: Vector | None = None) -> None:
+    def take(self, asked: Asked, force: Vector, contact: Contact | None = None) -> None:
         """Take an answer in.
 
         Args:
             asked: What it answers.
             force: N.
-            normal: Outward unit normal, if the environment tells it.
+            contact: If the environment tells it.
         """
         magnitude = math.hypot(*force)
-        inwards = None if normal is None else tuple([-n for n in normal])
-        if inwards is None and magnitude > NO_FORCE:
-            inwards = tuple([f / magnitude for f in force])
-        pressed = 0.0 if inwards is None else dot(force, inwards)
-        if inwards is None or pressed <= NO_FORCE:
+        if contact is not None:
+            self._take_told(asked, force, contact)
+        elif magnitude > NO_FORCE:
+            self._take_force(asked, tuple([f / magnitude for f in force]), magnitude)
+        else:
             self._take_free(asked)
-            return
-        plane = self.plane
-        if plane is not None and dot(plane.inwards, inwards) < TURNED:
-            self._forget()
-            self._friction = 0.0
-        self._take_pair(asked, inwards, pressed)
-        if normal is not None:
-            self._take_friction(asked, inwards, across(force, inwards), pressed)
-        self.plane = self._through(asked, inwards, pressed)
 
     def _take_free(self, asked: Asked) -> None:
         self._free, self._first = asked, None
         plane = self.plane
         if plane is not None and (depth := plane.depth(asked.position)) > 0.0:
             self.plane = plane.at(plane.offset + depth)
+
+    def _take_told(self, asked: Asked, force: Vector, contact: Contact) -> None:
+        """Take in an answer that tells where the surface is."""
+        inwards = tuple([-n for n in contact.normal])
+        self._begin_surface(inwards)
+        offset, pressed = dot(contact.proxy, inwards), dot(force, inwards)
+        speed = dot(asked.velocity, inwards)
+        if pressed > NO_FORCE:  # else the damper has taken it all
+            self._spring.add(dot(asked.position, inwards) - offset, speed, pressed)
+            self._take_friction(asked, inwards, across(force, inwards), pressed)
+        self.plane = self._known(inwards, offset)
+
+    def _take_force(self, asked: Asked, inwards: Vector, pressed: float) -> None:
+        """Take in an answer that tells only the force."""
+        self._begin_surface(inwards)
+        self._take_pair(asked, inwards, pressed)
+        place = dot(asked.position, inwards)
+        if not self._spring.samples:
+            stiffness = min(max(self._guess(place, inwards, pressed), SOFTEST), self._stiffest)
+            self.plane = Plane(inwards, place - pressed / stiffness, stiffness)
+            return
+        known = self._known(inwards, place)
+        elastic = max(pressed - known.damping * dot(asked.velocity, inwards), 0.0)
+        self.plane = known.at(place - elastic / known.stiffness)
+
+    def _begin_surface(self, inwards: Vector) -> None:
+        """Forget a surface that looks another way."""
+        if self.plane is not None and dot(self.plane.inwards, inwards) < TURNED:
+            self._spring = SpringDamper(self._forgetting)
+            self._first, self._friction = None, 0.0
 
     def _take_pair(self, asked: Asked, inwards: Vector, pressed: float) -> None:
         if self._first is None:
@@ -141,24 +157,8 @@ class PlaneEstimator:
                 self._first = asked, pressed
             return
         speed = dot(asked.velocity, inwards) - dot(before.velocity, inwards)
-        self._regress(way, speed, pressed - pressed_before)
+        self._spring.add(way, speed, pressed - pressed_before)
         self._first = asked, pressed
-
-    def _regress(self, way: float, speed: float, force: float) -> None:
-        """Recursive least squares of ``force = stiffness way + damping speed``."""
-        a, b, d = self._covariance
-        a, b, d = a / self._forgetting, b / self._forgetting, d / self._forgetting
-        one, other = a * way + b * speed, b * way + d * speed
-        scale = 1.0 / (1.0 + way * one + speed * other)
-        error = force - self._stiffness * way - self._damping * speed
-        self._stiffness += scale * one * error
-        self._damping += scale * other * error
-        self._covariance = (
-            a - scale * one * one,
-            b - scale * one * other,
-            d - scale * other * other,
-        )
-        self._pairs += 1
 
     def _take_friction(
         self, asked: Asked, inwards: Vector, tangential: Vector, pressed: float
@@ -170,20 +170,16 @@ class PlaneEstimator:
         coefficient = max(dot(tangential, slip) / speed / pressed, 0.0)
         self._friction += FRICTION_SHARE * (coefficient - self._friction)
 
-    def _through(self, asked: Asked, inwards: Vector, pressed: float) -> Plane:
-        """The plane that gives the newest answer."""
-        stiffness, damping = self._stiffness, max(self._damping, 0.0)
-        if self._pairs == 0:
-            stiffness, damping = self._first_guess(asked, inwards, pressed), 0.0
-        stiffness = min(max(stiffness, SOFTEST), self._stiffest)
-        place = dot(asked.position, inwards)
-        elastic = max(pressed - damping * dot(asked.velocity, inwards), 0.0)
-        return Plane(inwards, place - elastic / stiffness, stiffness, damping, self._friction)
+    def _known(self, inwards: Vector, offset: float) -> Plane:
+        """The plane with the stiffness, damping and friction known so far."""
+        stiffness = min(max(self._spring.stiffness, SOFTEST), self._stiffest)
+        damping = max(self._spring.damping, 0.0)
+        return Plane(inwards, offset, stiffness, damping, self._friction)
 
-    def _first_guess(self, asked: Asked, inwards: Vector, pressed: float) -> float:
+    def _guess(self, place: float, inwards: Vector, pressed: float) -> float:
         """A stiffness, in N/m, rather too small: the surface is behind the last free place."""
         if self._free is not None:
-            way = dot(asked.position, inwards) - dot(self._free.position, inwards)
+            way = place - dot(self._free.position, inwards)
             if way > 0.0:
                 return pressed / way
         return self.plane.stiffness if self.plane is not None else GUESS

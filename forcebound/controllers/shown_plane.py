@@ -26,7 +26,7 @@ from forcebound.controllers.plane import Plane
 from forcebound.controllers.vectors import across, along, dot
 from forcebound.messages.packets import Vector
 
-MOST = 2e-3  # J, of the budget: 2 N on a wall of 1 N/mm
+MOST = 0.02  # J, of the budget: 6 N on a wall of 1 N/mm
 
 
 class ShownPlane:

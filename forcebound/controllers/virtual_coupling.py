@@ -21,7 +21,7 @@ Transactions on Robotics and Automation 15(3), 1999.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from forcebound.controllers.exchange import Exchange
 from forcebound.controllers.passivity import colgate_schenkel
@@ -53,6 +53,7 @@ class VirtualCoupling:
         mass: Of the proxy; 0: it moves at once to where both forces are equal.
         hold: Silence of the environment after which the force fades.
         fade: Time in which it does.
+        age_limit: An answer that has taken longer is none.
     """
 
     stiffness: Annotated[Stiffness, POSITIVE] = 250.0
@@ -60,6 +61,9 @@ class VirtualCoupling:
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
     hold: Annotated[Time, POSITIVE] = 0.1
     fade: Annotated[Time, POSITIVE] = 0.05
+    age_limit: Annotated[Time, POSITIVE] = 0.5
+
+    answers_states: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -92,7 +96,8 @@ class OpenVirtualCoupling:
         self._let_go()
 
     def _let_go(self) -> None:
-        self._exchange = Exchange(self._model.hold, self._model.fade)
+        model = self._model
+        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
         self._estimator = PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
         self._plane: Plane | None = None
         self._missing = 0  # answers without force behind it
@@ -152,7 +157,7 @@ class OpenVirtualCoupling:
         known = self._estimator.plane
         is_behind = known is not None and known.depth(asked.position) > 0.0
         self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
-        self._estimator.take(asked, reply.force, reply.normal)
+        self._estimator.take(asked, reply.force, reply.contact)
         self._plane = None if self._missing >= GONE else self._estimator.plane
 
     def close(self) -> None:

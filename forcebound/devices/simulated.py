@@ -1,6 +1,7 @@
 """A simulated device, and the hand on it: its time, its motor and its watchdog."""
 
 import math
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from forcebound.devices import Kinematics
@@ -74,6 +75,9 @@ class SimulatedDevice:
     and write first moves the body to the given time, under the force that was held meanwhile. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
+
+    Attributes:
+        buttons: Returns which ones the hand held down at the last read; None: it presses none.
     """
 
     def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
@@ -82,6 +86,8 @@ class SimulatedDevice:
         parameters: BodyModel = model
         truth = parameters.truth or TrueMotor()
         self._operator = operator
+        has_buttons = bool(getattr(operator, "presses", ()))
+        self.buttons: Callable[[], int] | None = self._buttons if has_buttons else None
         self._axes, self._saturation = parameters.axes, parameters.saturation
         self._body = parameters.body(operator)
         self.kinematics = self._body.kinematics
@@ -151,6 +157,11 @@ class SimulatedDevice:
             return force
         total = zip(self._gain, force, self._compensation, strict=True)
         return tuple([g * (f + c) for g, f, c in total])
+
+    def _buttons(self) -> int:
+        hand: Any = self._operator
+        began_ns = self._engaged_ns
+        return 0 if began_ns is None else int(hand.buttons((self._read_ns - began_ns) * 1e-9))
 
     def _target_at(self, elapsed: float) -> Vector:
         return pad(self._operator.target(elapsed), self._axes)

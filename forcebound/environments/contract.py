@@ -1,8 +1,8 @@
 """Contract of environments, and its check.
 
-The check opens an environment twice and asks both instances the same thousand questions, at random
-and at its limits; a violation names the question. Only the first is asked for contacts and scenes,
-too: if that changed an answer, the second would show it.
+The check opens an environment twice and asks both instances the same thousand questions, at random,
+along strokes to what its scene shows, and at its limits; a violation names the question. Only the
+first is asked for contacts and scenes, too: if that changed an answer, the second would show it.
 """
 
 import dataclasses
@@ -15,13 +15,15 @@ from random import Random
 from typing import Any
 
 from forcebound.environments import Environment, EnvironmentModel, open_environment
+from forcebound.environments.strokes import strokes
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, Vector
+from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
 from forcebound.parts.contract import VALUE, Findings, Report, copy_of, is_unit, vector_fault
 
 FAR = 1e6  # m, m/s: within it a force must be finite
 LONG = 1e6  # s
 FARTHEST = 1e300  # m, m/s: until here nothing may be raised
+STROKES = 12  # towards what a scene shows, for each number of axes
 FEWEST = 4  # questions for each number of axes, however long an answer takes
 
 PROMISES: dict[str, str] = {
@@ -72,10 +74,15 @@ def check(
         progress: Called before each answer with the question, the answers until now and all.
     """
     axes = tuple(dict.fromkeys(axes))
+    objects = _objects(model, max(axes, default=1))
     questions: dict[int, Sequence[Question]] = {}
     known = 0
     for count in axes:
-        everything = list(_questions(model, count, Random(seed * 100 + count), rounds))
+        random = Random(seed * 100 + count)
+        everything = list(_questions(model, count, random, rounds))
+        everything += (
+            Question(*tip) for one in strokes(objects, count, random, STROKES) for tip in one
+        )
         everything.sort(key=_is_far)  # what lies beyond any hand comes last: it may spoil a state
         known += len(everything)
         questions[count] = _some(everything, Random(seed * 100 + count), at_most, len(axes))
@@ -220,6 +227,21 @@ def _questions(
         position = tuple(edge + random.gauss(0.0, 1e-5) for _ in range(axes))
         velocity = tuple(random.gauss(0.0, 0.2) for _ in range(axes))
         yield Question(position, velocity, random.uniform(0, 10.0))
+
+
+def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
+    """What a world shows before it is touched; nothing if it has no sound scene."""
+    try:
+        environment = open_environment(model, axes)
+        try:
+            scene = getattr(environment, "scene", None)
+            objects = () if scene is None else tuple(scene())
+        finally:
+            environment.close()
+        decode(encode(Scene(0, 0, objects[:MAX_LENGTH], None)), Scene)
+    except Exception:  # the promises say why
+        return ()
+    return objects
 
 
 def _some(

@@ -35,7 +35,7 @@ from forcebound.geometry.bounding_volumes import (
     push_children_near,
     triangles_of_leaf,
 )
-from forcebound.geometry.mesh_file import Mesh
+from forcebound.geometry.mesh_file import Mesh, smoothed
 from forcebound.geometry.planes import closest_legal
 from forcebound.geometry.triangles import Triangles, corner, is_over
 from forcebound.geometry.vectors import (
@@ -53,8 +53,10 @@ from forcebound.geometry.vectors import (
 
 CLEARANCE = 1e-7  # of the mesh's size
 PLANES = 8  # of a sweep at most
+SLACK = 1e-6  # of the clearance, by which a point may be behind a plane: rounding
 SWEEPS = 64  # of a question at most; what is left is done in the next
 SHADED = 0.5  # least cosine between a normal and its smoothed one
+IDLE = 2  # sweeps that bring nothing before it is enough: where many planes meet, each finds others
 STILL = 1e-3  # of the clearance: a shorter move is none
 FAR = 1e3  # sizes of the mesh; a goal beyond is taken to be there
 
@@ -81,7 +83,7 @@ class MeshSolid:
         self._slide, self._pseudonormal = jit(slide), jit(pseudonormal)
         start = (float(tree.highest[0]) + tree.size, 0.0, 0.0)
         self.slide(start, start)  # compiles
-        self.distance(start)
+        self.closest(start)
 
     def own(self) -> "MeshSolid":
         """Return the same solid with scratch memory of its own, as each user needs it."""
@@ -139,14 +141,15 @@ class MeshSolid:
         )
 
 
-def placed(mesh: Mesh, position: Vector3, orientation: Quaternion) -> MeshSolid:
+def placed(mesh: Mesh, position: Vector3, orientation: Quaternion, is_shaded: bool) -> MeshSolid:
     """Return a mesh, turned by a unit quaternion and then moved (m), as a solid."""
     import numpy as np
 
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     axes = np.array([rotate(orientation, axis) for axis in (x, y, z)])
     tree = TriangleTree(mesh.corners @ axes + position)
-    return MeshSolid(tree, mesh.is_closed, mesh.normals @ axes)
+    normals = smoothed(mesh) @ axes.astype(np.float32) if is_shaded else None
+    return MeshSolid(tree, mesh.is_closed, normals)
 
 
 def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:
@@ -188,34 +191,55 @@ def slide(
     is_near, place, goal = _entered(nodes, proxy, goal, clearance)
     if not is_near:
         return goal, normal, True
+    nearest, idle = math.inf, 0
     for _ in range(SWEEPS):
-        before, target, count = place, goal, 0
-        while count < PLANES:
-            index, time = first_contact(nodes, triangles, depth, place, target, clearance, stack)
-            if index < 0:
-                place = target
-                break
-            place = along(place, sub(target, place), time)
-            normal, gap = separation(triangles, index, place)
-            for axis in range(3):
-                planes[count, axis] = normal[axis]
-            # Seen from the place, where numbers are small.
-            planes[count, 3] = clearance - gap + dot(normal, sub(place, before))
-            count += 1
-            is_found, offset = closest_legal(
-                sub(goal, before), planes, count, STILL * STILL * clearance
-            )
-            target = along(before, offset, 1.0)
-            if not is_found or norm(sub(target, place)) <= STILL * clearance:
-                break
+        before = place
+        place, normal, count = _sweep(
+            nodes, triangles, depth, before, goal, clearance, stack, planes
+        )
         if count == 0:
             return goal, normal, True
-        if norm(sub(place, before)) <= STILL * clearance:
+        distance = norm(sub(place, goal))
+        if distance < nearest - STILL * clearance:
+            nearest, idle = distance, 0
+        else:
+            idle += 1
+        if idle == IDLE or norm(sub(place, before)) <= STILL * clearance:
             break
     pull = sub(place, goal)
     if norm(pull) > 10.0 * clearance:
         normal = unit(pull)
     return place, normal, False
+
+
+def _sweep(
+    nodes: Any,
+    triangles: Triangles,
+    depth: int,
+    before: Vector3,
+    goal: Vector3,
+    clearance: float,
+    stack: Any,
+    planes: Any,
+) -> tuple[Vector3, Vector3, int]:
+    """Return where a sweep ends, the normal of the last plane, and how many planes there were."""
+    place, target, normal, count = before, goal, (0.0, 0.0, 0.0), 0
+    while count < PLANES:
+        index, time = first_contact(nodes, triangles, depth, place, target, clearance, stack)
+        if index < 0:
+            return target, normal, count
+        place = along(place, sub(target, place), time)
+        normal, gap = separation(triangles, index, place)
+        for axis in range(3):
+            planes[count, axis] = normal[axis]
+        # Seen from where the sweep began: there numbers are small.
+        planes[count, 3] = clearance - gap + dot(normal, sub(place, before))
+        count += 1
+        is_found, offset = closest_legal(sub(goal, before), planes, count, SLACK * clearance)
+        target = along(before, offset, 1.0)
+        if not is_found or norm(sub(target, place)) <= STILL * clearance:
+            break
+    return place, normal, count
 
 
 @outlined

@@ -4,6 +4,7 @@ Every function holds for slivers and for triangles without area, which count as 
 distance is off by rounding alone, about 1e-16 of the lengths.
 """
 
+import math
 from typing import Any, TypeAlias
 
 from forcebound.compiled import outlined
@@ -18,9 +19,13 @@ NEAR = 1.001  # times the clearance: near enough of a contact
 
 def corner(triangles: Triangles, index: int, which: int) -> Vector3:
     """Return corner 0, 1 or 2 of a triangle."""
-    x, y, z = 3 * which, 3 * which + 1, 3 * which + 2
-    # The product is of double precision, also where float() leaves what it gets: in compiled code.
-    return (1.0 * triangles[index, x], 1.0 * triangles[index, y], 1.0 * triangles[index, z])
+    first = 3 * which
+    # Both, since float() leaves what it gets in compiled code, and the product does so in Python.
+    return (
+        1.0 * float(triangles[index, first]),
+        1.0 * float(triangles[index, first + 1]),
+        1.0 * float(triangles[index, first + 2]),
+    )
 
 
 def closest_on_segment(point: Vector3, start: Vector3, end: Vector3) -> Vector3:
@@ -34,20 +39,22 @@ def closest_on_segment(point: Vector3, start: Vector3, end: Vector3) -> Vector3:
 
 @outlined
 def closest_on_triangle(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Vector3:
-    """Return the point of a triangle that is closest to ``point``."""
+    """Return the point of a triangle that is closest to ``point``.
+
+    It lies on the face, or on an edge beyond which the point is.
+    """
     normal = cross(sub(b, a), sub(c, a))
     area = dot(normal, normal)
-    if area > 0.0 and is_over(point, a, b, c, normal):
-        return along(point, normal, -dot(sub(point, a), normal) / area)
-    best = closest_on_segment(point, a, b)
-    nearest = _square(sub(point, best))
-    other = closest_on_segment(point, b, c)
-    if _square(sub(point, other)) < nearest:
-        best, nearest = other, _square(sub(point, other))
-    other = closest_on_segment(point, c, a)
-    if _square(sub(point, other)) < nearest:
-        best = other
-    return best
+    best, nearest = a, math.inf
+    for one, other in ((a, b), (b, c), (c, a)):
+        if area == 0.0 or dot(cross(normal, sub(other, one)), sub(point, one)) < 0.0:
+            here = closest_on_segment(point, one, other)
+            square = _square(sub(point, here))
+            if square < nearest:
+                best, nearest = here, square
+    if nearest < math.inf:
+        return best
+    return along(point, normal, -dot(sub(point, a), normal) / area)
 
 
 def is_over(point: Vector3, a: Vector3, b: Vector3, c: Vector3, normal: Vector3) -> bool:

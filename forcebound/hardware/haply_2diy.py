@@ -93,6 +93,7 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         address: Of the device on its board.
     """
 
+    board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow

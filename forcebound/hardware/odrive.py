@@ -109,6 +109,7 @@ class ODrive(SerialJoints):
         baud: Bits a second, for a UART; null: USB, which has no such limit.
     """
 
+    board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "knob_wall"  # launch file for virtual time
 
     damping: DampingOfJoints = 1e-3  # assumed

@@ -11,6 +11,7 @@ import errno
 import fcntl
 import os
 import select
+import stat
 import termios
 import time
 from contextlib import suppress
@@ -142,6 +143,11 @@ class Port:
 def _describe_opening(path: str, error: Exception) -> str:
     """Return why a port cannot be opened, and what to try."""
     number = getattr(error, "errno", None)
+    if number == errno.ENOENT and os.path.islink(path):
+        return (
+            f"{path} leads to {os.readlink(path)}, which is not there: plug the device in, or start"
+            " its emulator again"
+        )
     if number == errno.ENOENT:
         return f"there is no port {path}; `forcebound device list` says which there are"
     if number in (errno.EACCES, errno.EPERM):
@@ -149,5 +155,15 @@ def _describe_opening(path: str, error: Exception) -> str:
     if number in (errno.EBUSY, errno.EAGAIN):
         return f"{path} is in use by another program; end it (`fuser -v {path}` names it)"
     if number == errno.EISDIR or isinstance(getattr(error, "__context__", None), termios.error):
-        return f"{path} is no serial port; `forcebound device list` says which there are"
+        return (
+            f"expected a serial port, got {_kind(path)}: {path}; `forcebound device list` says"
+            " which ports there are"
+        )
     return f"{path} cannot be opened: {error}"
+
+
+def _kind(path: str) -> str:
+    """Return what a file is that is no serial port."""
+    mode = os.stat(path).st_mode
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFREG: "a file", stat.S_IFIFO: "a pipe"}
+    return kinds.get(stat.S_IFMT(mode), "a device that is no terminal")

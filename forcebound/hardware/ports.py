@@ -85,8 +85,10 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
         found = alike or [port for port in ports if port.description]  # something is plugged in
         wanted = "a device on a serial port"
     else:
-        found = [port for port in ports if port.serial_number == name]
-        wanted = f"a device with the serial number {name!r}"
+        found = [port for port in ports if name and port.serial_number == name]
+        wanted = (
+            f"a path such as /dev/ttyACM0, auto, or the serial number of a device, got {name!r}"
+        )
     if len(found) == 1:
         return found[0].path
     there = "; ".join(map(str, found or ports)) or "none"
@@ -95,6 +97,32 @@ def find(name: str, kind: str = "", among: Sequence[SerialPort] | None = None) -
     raise DeviceError(
         f"expected {wanted}, found none: plug it in, switch it on; serial ports here: {there}"
     )
+
+
+def serial_number(path: str, among: Sequence[SerialPort] | None = None) -> str:
+    """Return the serial number of the USB device at a port; empty if it has none."""
+    ports, meant = listed() if among is None else among, os.path.realpath(path)
+    return next((p.serial_number for p in ports if os.path.realpath(p.path) == meant), "")
+
+
+def check_serial_number(path: str, wanted: str, among: Sequence[SerialPort] | None = None) -> None:
+    """Check that the device at a port is the one whose numbers are stated.
+
+    Args:
+        path: Of the port.
+        wanted: Serial number of its USB device; empty: any.
+        among: The ports of the machine; by default those that :func:`listed` returns.
+
+    Raises:
+        DeviceError: If it has another serial number. One without any cannot be told.
+    """
+    found = serial_number(path, among) if wanted else ""
+    if found and found != wanted:
+        raise DeviceError(
+            f"the numbers in the launch file are of the device with the serial number {wanted}, and"
+            f" {path} is that with {found}: plug the other one in, or measure this one with"
+            " `forcebound identify`"
+        )
 
 
 def _group(path: str) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from forcebound.devices.truth import Truth
 from forcebound.hardware.line import Line
+from forcebound.hardware.ports import serial_number
 from forcebound.messages.packets import Vector
 
 
@@ -22,6 +23,11 @@ class SerialDevice:
         self._came_ns = 0  # when the last write's reply had come
         self._quickest_ns = 0  # of all readings so far
         self._angles: Vector = ()  # newest, rad
+
+    @property
+    def serial_number(self) -> str:
+        """Serial number of the USB device; empty if it has none."""
+        return serial_number(self._line.port.path)
 
     def engage(self, time_ns: int) -> None:
         """Let an emulated hand begin to move; see :class:`forcebound.devices.Device`."""

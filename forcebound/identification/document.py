@@ -167,6 +167,8 @@ def document_of(
     bounds, estimates = bounds_of(model, found), estimates_of(model, found)
     for name in (*bounds, "sources"):
         device[name] = told[name]
+    if serial and "serial_number" in usual:
+        device["serial_number"] = serial
     numbers = {
         name: {"found": _plain(estimates[name]), "stated": told[name], "method": METHODS[name]}
         for name in bounds

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.operators.buttons import PressingButtons
 from forcebound.operators.path_file import read_numbers
 from forcebound.operators.places import StraightWay, straight_way
 from forcebound.quantities import (
@@ -23,7 +24,7 @@ from forcebound.quantities import (
 
 
 @dataclass(frozen=True)
-class FollowingHand:
+class FollowingHand(PressingButtons):
     """Mass, spring and damper whose target goes from point to point in straight lines.
 
     The points stand in the launch file or in a CSV file: one header line, then a point a line, its

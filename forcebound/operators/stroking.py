@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.buttons import PressingButtons
 from forcebound.operators.places import (
     Place,
     StraightWay,
@@ -27,7 +28,7 @@ from forcebound.quantities import (
 
 
 @dataclass(frozen=True)
-class StrokingHand:
+class StrokingHand(PressingButtons):
     """Mass, spring and damper whose target goes straight to ``end`` and then strokes about it.
 
     Pressed into a surface, with a ``stroke`` along it, the tip slides: the spring presses with

@@ -1,0 +1,49 @@
+r"""Stiffness and damping from samples, by recursive least squares with directional forgetting.
+
+.. math:: F = k\,d + b\,v = \phi \cdot \theta, \qquad r = \phi \cdot P \phi, \qquad
+          \theta \mathrel{+}= \frac{P \phi}{1 + r} (F - \phi \cdot \theta), \qquad
+          P \mathrel{-}= \frac{P \phi \phi^T P}{1 / \beta + r}, \quad
+          \beta = \lambda - \frac{1 - \lambda}{r}
+
+Old information is forgotten only in the direction in which there is new one. With plain forgetting
+P would grow without bound where nothing comes, such as along b for a hand at one speed.
+
+Source: R. Kulhavy and M. Karny, Tracking of slowly varying parameters by directional forgetting,
+IFAC World Congress, 1984.
+"""
+
+UNSURE_STIFFNESS, UNSURE_DAMPING = 1e7, 1e4  # N/m, N s/m: of an estimate, over 1 N of noise
+
+
+class SpringDamper:
+    """An estimate of a spring and a damper side by side.
+
+    Args:
+        forgetting: Weight of the information before at each new sample, λ, above 0, at most 1.
+
+    Attributes:
+        stiffness: k, in N/m.
+        damping: b, in N s/m.
+        samples: That have been taken in.
+    """
+
+    def __init__(self, forgetting: float) -> None:
+        self._forgetting = forgetting
+        self._covariance = (UNSURE_STIFFNESS**2, 0.0, UNSURE_DAMPING**2)  # P: kk, kb, bb
+        self.stiffness, self.damping = 0.0, 0.0
+        self.samples = 0
+
+    def add(self, depth: float, speed: float, force: float) -> None:
+        """Take a sample in: ``depth`` in m, ``speed`` in m/s and ``force`` in N, or changes."""
+        kk, kb, bb = self._covariance
+        k, b = kk * depth + kb * speed, kb * depth + bb * speed
+        known = depth * k + speed * b
+        if known <= 0.0:  # depth and speed are 0
+            return
+        error = (force - self.stiffness * depth - self.damping * speed) / (1.0 + known)
+        self.stiffness += k * error
+        self.damping += b * error
+        beta = self._forgetting - (1.0 - self._forgetting) / known
+        taken = beta / (1.0 + beta * known)
+        self._covariance = (kk - taken * k * k, kb - taken * k * b, bb - taken * b * b)
+        self.samples += 1

@@ -1,0 +1,78 @@
+"""Strokes: they begin outside, go into what a scene shows, then across."""
+
+import math
+from random import Random
+from typing import Any
+
+import pytest
+
+from forcebound.environments.strokes import ACROSS, INWARDS, feel, strokes
+from forcebound.geometry.vectors import norm, scale, sub, unit
+from forcebound.messages.packets import Contact, SceneObject, Vector
+
+BALL = SceneObject("ball", "sphere", (0.02, 0.3, -0.1), size=(0.05,))
+BOX = SceneObject("box", "box", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5), (0.1, 0.2, 0.02))
+OBJECTS = [
+    BALL,
+    BOX,
+    SceneObject("rod", "cylinder", size=(0.01, 0.4)),
+    SceneObject("floor", "plane", (0.0, 0.0, -0.05)),
+    SceneObject("bunny", "mesh", file="bunny.stl"),
+    SceneObject("path", "path", points=((0.0, 0.1, 0.0), (0.0, 0.1, 0.1))),
+]
+
+
+class RoughBall:
+    """The ball with a force across its normal, half of that along it."""
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        offset = sub((position[0], position[1], position[2]), BALL.position)
+        self.normal = unit(offset)
+        self.depth = BALL.size[0] - norm(offset)
+        if self.depth <= 0.0:
+            return (0.0, 0.0, 0.0)
+        across = unit((-self.normal[1], self.normal[0], 0.0))
+        push = scale(self.normal, -500.0 * self.depth)
+        return tuple(p + 250.0 * self.depth * a for p, a in zip(push, across, strict=True))
+
+    def contact(self) -> Contact | None:
+        if self.depth <= 0.0:
+            return None
+        proxy = (c + BALL.size[0] * n for c, n in zip(BALL.position, self.normal, strict=True))
+        return Contact(tuple(proxy), self.normal)
+
+
+@pytest.mark.parametrize("target", OBJECTS, ids=lambda target: target.name)
+@pytest.mark.parametrize("axes", [1, 2, 3, 6])
+def test_a_stroke_leads_into_its_object_and_then_across(target: SceneObject, axes: int) -> None:
+    for stroke in strokes([target], axes, Random(1), 5):
+        assert len(stroke) == INWARDS + 1 + ACROSS
+        assert {len(vector) for tip in stroke for vector in tip[:2]} == {axes}
+        times = [tip.elapsed for tip in stroke]
+        assert times == sorted(set(times))
+        begin, middle, end = stroke[0], stroke[INWARDS], stroke[-1]
+        inwards = [m - b for m, b in zip(middle.position, begin.position, strict=True)]
+        sideways = [e - m for e, m in zip(end.position, middle.position, strict=True)]
+        assert sum(map(math.prod, zip(inwards, sideways, strict=True))) == pytest.approx(0.0)
+        assert math.hypot(*inwards) >= 0.0199
+
+
+def test_of_several_objects_each_is_stroked_and_of_none_nothing() -> None:
+    assert len(list(strokes(OBJECTS, 3, Random(1), 9))) == 9
+    assert list(strokes([], 3, Random(1), 9)) == []
+
+
+def test_strokes_feel_stiffness_and_what_goes_across() -> None:
+    touch = feel(RoughBall(), [BALL], 3, 10)
+    assert (touch.strokes, touch.touched) == (10, 10)
+    assert touch.stiffness == pytest.approx((500.0, 500.0, 500.0))
+    assert touch.across == pytest.approx(0.5)
+
+
+def test_where_nothing_is_touched_there_is_no_stiffness() -> None:
+    class Nothing(RoughBall):
+        def contact(self) -> Any:
+            return None
+
+    touch = feel(Nothing(), [BALL], 3, 4)
+    assert (touch.touched, touch.stiffness, touch.across) == (0, None, 0.0)
