@@ -41,6 +41,7 @@ examples: $(STAMP)
 # Some 20 minutes on two idle cores: 20,000 attacks on each certificate, 90,000 on the laws.
 audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 5000 --search 5000 --out docs/audit.md
+	$(BIN)/forcebound audit worlds --runs 100 --search 100 --out docs/audit-worlds.md
 
 bench: $(STAMP)
 	$(BIN)/forcebound bench servo

@@ -11,7 +11,6 @@ needed. Two things are handled here and nowhere else:
 """
 
 import hashlib
-import os
 import re
 import sys
 from collections.abc import Callable, Iterable
@@ -20,7 +19,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar
 
-from forcebound.folders import runtime_folder
+from forcebound.folders import cache_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -57,22 +56,6 @@ def _digest(modules: frozenset[str]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder(modules: frozenset[str]) -> str | None:
-    """Return a writable folder for the compiled code of exactly these sources; None without one."""
-    home = os.path.expanduser("~")
-    bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
-    private = runtime_folder()  # others may not put compiled code there
-    for base in [*bases, *([private] if private else [])]:
-        folder = base / "forcebound" / _digest(modules)
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
-            return str(folder)
-    return None
-
-
 def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False) -> Callable[P, R]:
     """Return ``function`` compiled to machine code, cached on disk where that is possible.
 
@@ -93,10 +76,11 @@ def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False)
 def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
     import numba
 
-    folder = _cache_folder(_modules(function)) if _is_known_by_name(function) else None
+    is_known = _is_known_by_name(function)
+    folder = cache_folder(_digest(_modules(function))) if is_known else None
     if folder is not None:
         config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
-        config.CACHE_DIR = folder
+        config.CACHE_DIR = str(folder)
     allow_in_kernels(_called_by(function))
     return numba.njit(
         cache=folder is not None, parallel=parallel, fastmath=fast, error_model="numpy", nogil=True

@@ -1,7 +1,7 @@
-"""The user's private folder for what lives no longer than a session.
+"""The user's folders: for what lives no longer than a session, and for what can be made again.
 
-Run directories and the keys of loopback are in it. It is the first of these that belongs to the
-user and that nobody else may enter::
+Run directories and the keys of loopback are in the private one. It is the first of these that
+belongs to the user and that nobody else may enter::
 
     $XDG_RUNTIME_DIR           as the XDG standard says
     /run/user/UID              the same, where the variable is not passed on
@@ -29,6 +29,27 @@ def runtime_folder(variables: Mapping[str, str] = os.environ) -> Path | None:
         if not runtime_folders(variables):
             _fallback().mkdir(mode=0o700)
     return next(iter(runtime_folders(variables)), None)
+
+
+def cache_folder(name: str) -> Path | None:
+    """Return a writable folder for what can be made again; None without one.
+
+    Args:
+        name: Of the folder, within the user's cache or, without a home, the private folder: others
+            may put nothing there.
+    """
+    home = os.path.expanduser("~")
+    bases = [Path(home) / ".cache"] if os.path.isabs(home) else []
+    private = runtime_folder()
+    for base in [*bases, *([private] if private else [])]:
+        folder = base / "forcebound" / name
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
+            return folder
+    return None
 
 
 def is_own(folder: Path, private: bool = False) -> bool:

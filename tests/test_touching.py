@@ -44,6 +44,17 @@ def test_strokes_with_friction_are_passive_and_show_the_angle() -> None:
     assert np.median(slopes) == pytest.approx(0.4, rel=1e-6)
 
 
+@pytest.mark.parametrize("name", ["touch_field", "touch_points"])
+def test_strokes_over_a_grid_and_a_cloud_are_passive(name: str) -> None:
+    result = run_virtual(load(name, ["friction:=0.3"]), 1.5)
+    columns = result.columns
+    assert columns.true_energy.min() >= 0.0
+    model = result.document["environment"]
+    assert model["kind"] in ("distance_field", "point_cloud")
+    force = np.linalg.norm(columns.applied_force, axis=1)
+    assert force.max() > 1.0  # N
+
+
 def test_parameters_within_a_section_have_names_of_their_own() -> None:
     config = load("sliding_friction")
     known = parameters(config)

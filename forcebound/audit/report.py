@@ -29,6 +29,9 @@ lowest energy.
 made this page (forcebound {version}, {processor}). Any run can be repeated by name:
 
     forcebound audit replay LAW CASE --out run.png
+
+[audit-worlds.md](audit-worlds.md): the same laws in two and three axes, through every world and
+controller.
 """
 
 LAWS_INTRODUCTION = """\

@@ -138,6 +138,19 @@ OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 
 BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
 
+
+def _bodies(n: Numbers) -> EnvironmentModel:
+    """Return twenty boxes, on a coupling that is at most as stiff as MuJoCo can integrate."""
+    mass = _between(1e-3, 0.1, n["share_2"])
+    return _environment(
+        "bodies",
+        file=BOXES,
+        stiffness=min(n["stiffness"], 0.99e6 * mass),  # the scene's time step is 1 ms
+        damping=20.0 * n["share_1"],
+        probe_mass=mass,
+    )
+
+
 WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     "active_wall": lambda n: _environment(
         "active_wall", stiffness=n["stiffness"], damping=-100.0 * n["share_1"], position=0.0
@@ -192,13 +205,7 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
         position=(0.0, 0.0, 0.0),
         orientation=(1.0, 0.2, 0.1, 0.3),
     ),
-    "bodies": lambda n: _environment(
-        "bodies",
-        file=BOXES,
-        stiffness=n["stiffness"],
-        damping=20.0 * n["share_1"],
-        probe_mass=_between(1e-3, 0.1, n["share_2"]),
-    ),
+    "bodies": _bodies,
     "velocity_pusher": lambda n: _environment("velocity_pusher", magnitude=30.0 * n["share_1"]),
 }
 

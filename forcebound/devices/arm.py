@@ -1,6 +1,6 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,7 +51,10 @@ class ArmBody:
         self._geometry = np.array(kinematics.geometry)
         self._joints = np.zeros((4, axes))
         self._joints[ANGLE] = angles
-        self._told, self._from, self._to, self._muscle = np.zeros((4, axes))
+        inputs = np.zeros((3, axes))
+        self._from, self._to, self._told = inputs
+        self._input_view: Any = inputs.reshape(-1).data  # numpy takes longer to set a number
+        self._muscle = np.zeros(axes)
         self._energy = 0.0
         self._reading: Vector = ()  # not known since the last move
         self._advance = arm_kernel(kinematics.pose)
@@ -83,7 +86,9 @@ class ArmBody:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
             self._plant[FRICTION:] = share * self._sound
-        self._from[:], self._to[:], self._told[:] = target, target_end, told
+        inputs = self._input_view
+        for i, value in enumerate((*target, *target_end, *told)):
+            inputs[i] = value
         self._energy += self._advance(
             self._joints,
             self._plant,

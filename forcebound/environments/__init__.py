@@ -147,6 +147,8 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "power_law_wall": "forcebound.environments.power_law_wall:PowerLawWall",
         "damper": "forcebound.environments.damper:Damper",
         "solid": "forcebound.environments.solid:Solid",
+        "distance_field": "forcebound.environments.distance_field:DistanceField",
+        "point_cloud": "forcebound.environments.point_cloud:PointCloud",
         "mass_spring": "forcebound.environments.mass_spring:MassSpring",
         "bodies": "forcebound.environments.bodies:Bodies",
         "exploding_body": "forcebound.environments.proxy_adversary:ExplodingBody",

@@ -65,7 +65,7 @@ class TriangleMesh:
         Raises:
             ConfigError: If one will not do.
         """
-        self._mesh()
+        self.mesh()
         self.surface.check_files()
 
     def solid(self) -> "MeshSolid":
@@ -74,7 +74,8 @@ class TriangleMesh:
         Raises:
             ConfigError: As :meth:`check_files`.
         """
-        return _solid(*self._version(), self.position, unit_quaternion(self.orientation)).own()
+        place = self.position, unit_quaternion(self.orientation)
+        return _solid(*self.version(), *place, self.surface.force_shading).own()
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh."""
@@ -85,8 +86,8 @@ class TriangleMesh:
                 position=self.position,
                 orientation=unit_quaternion(self.orientation),
                 size=(1.0 if self.scale is None else self.scale,),
-                file=str(self._path),
-                digest=self._mesh().digest,
+                file=str(self.path),
+                digest=self.mesh().digest,
             ),
         )
 
@@ -95,19 +96,26 @@ class TriangleMesh:
         return OpenTouchable(self, axes)
 
     @property
-    def _path(self) -> Path:
+    def path(self) -> Path:
+        """The file."""
         return RABBIT if self.file is None else self.file
 
-    def _version(self) -> tuple[Path, tuple[int, int], float | None, bool]:
+    def version(self) -> tuple[Path, tuple[int, int], float | None, bool]:
+        """Return what tells this content of the file from another one, and how it is read."""
         try:
-            status = self._path.stat()
+            status = self.path.stat()
             version = (status.st_mtime_ns, status.st_size)
         except (OSError, ValueError):
             version = (0, 0)  # reading it says what is wrong
-        return self._path, version, self.scale, self.may_be_open
+        return self.path, version, self.scale, self.may_be_open
 
-    def _mesh(self) -> "Mesh":
-        return _mesh(*self._version())
+    def mesh(self) -> "Mesh":
+        """Return the mesh, read once.
+
+        Raises:
+            ConfigError: As :meth:`check_files`.
+        """
+        return _mesh(*self.version())
 
 
 @lru_cache(CACHED)
@@ -125,8 +133,10 @@ def _solid(
     may_be_open: bool,
     position: Vector3,
     orientation: Quaternion,
+    is_shaded: bool,
 ) -> "MeshSolid":
     """Return the solid of a mesh at its place."""
     from forcebound.geometry.god_object import placed
 
-    return placed(_mesh(file, version, scale, may_be_open), position, orientation)
+    mesh = _mesh(file, version, scale, may_be_open)
+    return placed(mesh, position, orientation, is_shaded)

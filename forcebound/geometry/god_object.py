@@ -35,7 +35,7 @@ from forcebound.geometry.bounding_volumes import (
     push_children_near,
     triangles_of_leaf,
 )
-from forcebound.geometry.mesh_file import Mesh
+from forcebound.geometry.mesh_file import Mesh, smoothed
 from forcebound.geometry.planes import closest_legal
 from forcebound.geometry.triangles import Triangles, corner, is_over
 from forcebound.geometry.vectors import (
@@ -83,7 +83,7 @@ class MeshSolid:
         self._slide, self._pseudonormal = jit(slide), jit(pseudonormal)
         start = (float(tree.highest[0]) + tree.size, 0.0, 0.0)
         self.slide(start, start)  # compiles
-        self.distance(start)
+        self.closest(start)
 
     def own(self) -> "MeshSolid":
         """Return the same solid with scratch memory of its own, as each user needs it."""
@@ -141,14 +141,15 @@ class MeshSolid:
         )
 
 
-def placed(mesh: Mesh, position: Vector3, orientation: Quaternion) -> MeshSolid:
+def placed(mesh: Mesh, position: Vector3, orientation: Quaternion, is_shaded: bool) -> MeshSolid:
     """Return a mesh, turned by a unit quaternion and then moved (m), as a solid."""
     import numpy as np
 
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     axes = np.array([rotate(orientation, axis) for axis in (x, y, z)])
     tree = TriangleTree(mesh.corners @ axes + position)
-    return MeshSolid(tree, mesh.is_closed, mesh.normals @ axes)
+    normals = smoothed(mesh) @ axes.astype(np.float32) if is_shaded else None
+    return MeshSolid(tree, mesh.is_closed, normals)
 
 
 def barycentric(point: Vector3, a: Vector3, b: Vector3, c: Vector3) -> Any:

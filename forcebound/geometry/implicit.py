@@ -6,7 +6,7 @@ In each it sees the solid as the plane that the field has where the proxy is, an
 the closest place behind no plane; what it runs into on the way becomes another plane, until nothing
 is in the way. So in a corner of two solids both hold it. Marching goes in steps of the distance,
 which nothing can hide in (sphere tracing: J. C. Hart, Sphere tracing, The Visual Computer 12,
-1996), and dips at most ``DIP`` below a hollow surface; the rounds bring it up again.
+1996), and dips a little below a hollow surface; the rounds bring it up again.
 """
 
 from collections.abc import Callable
@@ -15,16 +15,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from forcebound.compiled import jit
+from forcebound.compiled import jit, outlined
 from forcebound.geometry.planes import closest_legal
 from forcebound.geometry.vectors import Vector3, add, along, dot, norm, scale, sub, unit
 
 Data: TypeAlias = Any  # what a field's functions know of the solid
 Distance: TypeAlias = Callable[[Data, Vector3], float]
 Gradient: TypeAlias = Callable[[Data, Vector3], Vector3]
-Slide: TypeAlias = Callable[[Data, Vector3, Vector3], tuple[bool, Vector3, Vector3]]
+Slide: TypeAlias = Callable[[Data, Vector3, Vector3, float], tuple[bool, Vector3, Vector3]]
 
-DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner plates are not felt
+DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner than two is not felt
 STEPS = 512  # of a march at most along surfaces: a longer way has longer steps
 CUTS = 8  # planes of one round
 MOVES = 200  # of the proxy in one answer, over all rounds
@@ -36,13 +36,14 @@ class Field(NamedTuple):
     """The functions of a solid; compiled into the kernels that move its proxy."""
 
     distance: Distance
-    gradient: Gradient
+    gradient: Gradient  # exactly that of the distance, or the proxy jams
+    shading: Gradient  # smoothed, where the other one jumps
 
 
 @cache
 def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector3, Vector3]]]:
     """Return the compiled moves of a proxy on a field: ``slide`` and ``closest``."""
-    distance, gradient = field
+    distance, gradient, _ = field
 
     def narrow(data: Data, outside: Vector3, inside: Vector3) -> Vector3:
         """A place close behind the surface that lies between two places."""
@@ -54,16 +55,19 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
                 outside = middle
         return inside
 
-    def march(data: Data, start: Vector3, end: Vector3) -> tuple[bool, Vector3, Vector3, float]:
+    @outlined
+    def march(
+        data: Data, start: Vector3, end: Vector3, dip: float
+    ) -> tuple[bool, Vector3, Vector3, float]:
         """Whether something is in the way; the last legal place; the obstacle; how far it is."""
         way = sub(end, start)
         length = norm(way)
         direction = scale(way, 1.0 / length) if length > 0.0 else way
-        smallest = max(DIP, length / STEPS)
+        smallest = max(dip, length / STEPS)
         gone, here, legal = 0.0, start, start
         while True:
             free = distance(data, here)
-            if free < -DIP:
+            if free < -dip:
                 return True, legal, narrow(data, legal, here), free
             if free >= -LEGAL:
                 legal = here
@@ -72,6 +76,7 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
             gone = min(gone + max(free, smallest), length)
             here = along(start, direction, gone) if gone < length else end
 
+    @outlined
     def add_plane(data: Data, planes: Any, count: int, point: Vector3) -> None:
         """Set row ``count`` to the plane of the field at a point."""
         slope = gradient(data, point)
@@ -94,11 +99,13 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
             point = along(point, slope, (depth + 0.5 * LEGAL) / (steepness * steepness))
         return False, point
 
-    def slide(data: Data, proxy: Vector3, goal: Vector3) -> tuple[bool, Vector3, Vector3]:
+    def slide(
+        data: Data, proxy: Vector3, goal: Vector3, dip: float
+    ) -> tuple[bool, Vector3, Vector3]:
         planes = np.empty((CUTS, 4))
         place, before, target, count = proxy, proxy, goal, 0
         for move in range(MOVES):
-            is_blocked, place, obstacle, free = march(data, place, target)
+            is_blocked, place, obstacle, free = march(data, place, target, dip)
             if not is_blocked:  # arrived: the solid is seen anew from here
                 if move == 0 and free >= 0.0:
                     return False, goal, (0.0, 0.0, 0.0)
@@ -137,21 +144,24 @@ class ImplicitSolid:
     Args:
         field: Its functions.
         data: What they know of it.
+        dip: Depth, in m, to which a move may dip below a hollow surface; what is thinner than twice
+            as much is not felt. Larger is faster.
     """
 
-    def __init__(self, field: Field, data: Data) -> None:
+    def __init__(self, field: Field, data: Data, dip: float = DIP) -> None:
+        self._dip = dip
         self._data = data
         self._slide, self._closest = kernels(field)
-        self._distance, self._gradient = jit(field.distance), jit(field.gradient)
+        self._distance, self._shading = jit(field.distance), jit(field.shading)
         origin = (0.0, 0.0, 0.0)
-        self._slide(data, origin, origin)
+        self._slide(data, origin, origin, dip)
         self._closest(data, origin)
         self.shade(origin, origin)
         self.distance(origin)
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy towards the goal as far as nothing is entered."""
-        is_touching, place, normal = self._slide(self._data, proxy, goal)
+        is_touching, place, normal = self._slide(self._data, proxy, goal, self._dip)
         return (place, normal) if is_touching else (goal, None)
 
     def distance(self, point: Vector3) -> float:
@@ -163,5 +173,5 @@ class ImplicitSolid:
         return self._closest(self._data, point)
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:
-        """Return the field's own gradient, which is smoother than the contact's normal."""
-        return unit(self._gradient(self._data, point))
+        """Return the direction of the field's smoothed gradient."""
+        return unit(self._shading(self._data, point))

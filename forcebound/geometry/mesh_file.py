@@ -17,18 +17,25 @@ Array: TypeAlias = "np.ndarray[Any, Any]"
 
 SUFFIXES = (".stl", ".obj", ".ply")
 LARGEST_FILE = 400_000_000  # bytes
-MOST_TRIANGLES = 2_000_000  # 200 MB and 3 s to open
+MOST_TRIANGLES = 2_000_000  # each million: some 5 s and 700 MB while it is opened
 LARGEST, SMALLEST = 2.0, 0.001  # m across; nothing that a hand explores on a desk is beyond
 CREASE = 0.77  # cosine of 40 degrees: a sharper edge stays one when normals are smoothed
+_ODD = np.array([0x9E3779B97F4A7C15, 0xD1342543DE82EF95, 0xA0761D6478BD642F], np.uint64)
 
 
 class Mesh(NamedTuple):
     """Triangles that the hand can touch."""
 
-    corners: Array  # m, counter-clockwise as seen from outside, shape (n, 3, 3)
-    normals: Array  # smoothed unit normals of the corners, same shape
+    vertices: Array  # m, shape (n, 3)
+    faces: Array  # three vertices of each, counter-clockwise as seen from outside, shape (m, 3)
     is_closed: bool  # whether there is an inside
     digest: str  # sha256 of the file, hex
+
+    @property
+    def corners(self) -> Array:
+        """Corners of the triangles, in m, shape (m, 3, 3)."""
+        corners: Array = self.vertices[self.faces]
+        return corners
 
 
 def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False) -> Mesh:
@@ -57,7 +64,7 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
         )
     if fault is None and _volume(vertices[faces]) < 0.0:  # inside out
         faces = faces[:, ::-1]
-    return Mesh(vertices[faces], _smoothed(vertices, faces), fault is None, digest)
+    return Mesh(vertices, faces, fault is None, digest)
 
 
 def _load(file: Path) -> tuple[Array, Array, str]:
@@ -113,7 +120,13 @@ def _scaled(corners: Array, file: Path, scale: float | None) -> Array:
 def _merged(vertices: Array) -> tuple[Array, Array]:
     """Return the different vertices, in single precision, and the triangles that have three."""
     rounded = vertices.astype(np.float32) + np.float32(0.0)  # -0 is 0
-    different, which = np.unique(rounded, axis=0, return_inverse=True)
+    keys = (rounded.view(np.uint32).astype(np.uint64) * _ODD).sum(axis=1, dtype=np.uint64)
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    different = rounded[first]
+    if not np.array_equal(
+        different[which], rounded
+    ):  # two keys are equal by chance: take it slowly
+        different, which = np.unique(rounded, axis=0, return_inverse=True)
     faces = which.reshape(-1, 3)
     a, b, c = faces.T
     return different.astype(float), faces[(a != b) & (b != c) & (c != a)]
@@ -146,12 +159,13 @@ def _volume(corners: Array) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def _smoothed(vertices: Array, faces: Array) -> Array:
-    """Return a normal for each corner: the mean of all triangles there, or beside a crease its own.
+def smoothed(mesh: Mesh) -> Array:
+    """Return unit normals of the corners, in single precision, shape (m, 3, 3).
 
-    Triangles count by their angle at the corner, so that it does not matter how a face is cut.
+    Each is the mean of all triangles there, or beside a crease its own. Triangles count by their
+    angle at the corner, so that it does not matter how a face is cut.
     """
-    corners = vertices[faces]
+    vertices, faces, corners = mesh.vertices, mesh.faces, mesh.corners
     own = _units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     total = np.zeros_like(vertices)
     for k in range(3):
@@ -161,7 +175,7 @@ def _smoothed(vertices: Array, faces: Array) -> Array:
             total[:, axis] += np.bincount(faces[:, k], angles * own[:, axis], len(vertices))
     mean = _units(total)[faces]
     is_smooth = (own[:, None, :] * mean).sum(axis=2, keepdims=True) > CREASE
-    return np.where(is_smooth, mean, own[:, None, :])
+    return np.where(is_smooth, mean, own[:, None, :]).astype(np.float32)
 
 
 def _units(vectors: Array) -> Array:

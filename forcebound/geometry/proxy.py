@@ -47,6 +47,7 @@ from forcebound.quantities import (
 
 FARTHEST = 1e7  # m; a device beyond is taken to be there, so that squares stay finite
 ROUNDS = 12  # of the search for the place where the friction cone holds the proxy
+ON_SURFACE = 1e-6  # m; a proxy so near to a surface is on it
 SAME = 1e-9  # relative: a drag so close to the cone is on it
 
 
@@ -176,10 +177,14 @@ class HapticSurface:
         self._texture = surface.relief()
         self._solid, self._surface = solid, surface
         self._stiffness, self._damping = stiffness, damping
-        if self._proxy is not None and solid.distance(self._proxy) < 0.0:
+        if self._proxy is None:
+            return
+        gap = solid.distance(self._proxy)
+        if not 0.0 <= gap <= ON_SURFACE:
+            self.touched = None  # friction would hold on to a place where nothing is now
+        if gap < 0.0:
             place, _ = solid.closest(self._proxy)
-            self._proxy = place if solid.distance(place) > -1e-6 else None
-            self.touched = None
+            self._proxy = place if solid.distance(place) > -ON_SURFACE else None
 
     def touch(
         self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float

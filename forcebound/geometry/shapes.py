@@ -9,6 +9,7 @@ the larger of it and the negative of its own. What comes out is never more than 
 import math
 from typing import Any
 
+from forcebound.compiled import outlined
 from forcebound.geometry.implicit import Field
 from forcebound.geometry.vectors import Vector3, rotate, rotate_back, scale, sub
 
@@ -65,6 +66,7 @@ def _corner_gradient(x: float, y: float, z: float, is_removed: bool) -> Vector3:
     return (0.0, 1.0, 0.0) if y >= z else (0.0, 0.0, 1.0)
 
 
+@outlined
 def shape_gradient(shapes: Any, row: int, point: Vector3) -> Vector3:
     """Return the gradient of the distance to one shape, of length 1."""
     x, y, z = _in_shape(shapes, row, point)
@@ -90,6 +92,7 @@ def shape_gradient(shapes: Any, row: int, point: Vector3) -> Vector3:
     return rotate(turn, own)
 
 
+@outlined
 def nearest_shape(shapes: Any, point: Vector3) -> tuple[float, int]:
     """Return the distance to all shapes together, and the row of the one that it comes from."""
     distance, nearest = math.inf, 0
@@ -114,4 +117,4 @@ def gradient(shapes: Any, point: Vector3) -> Vector3:
     return scale(shape_gradient(shapes, row, point), 1.0 - 2.0 * shapes[row, 1])
 
 
-SHAPES = Field(distance, gradient)
+SHAPES = Field(distance, gradient, gradient)

@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,10 @@ import numpy as np
 
 from forcebound.compiled import jit
 from forcebound.errors import ConfigError
-from forcebound.files import content_of, open_file, read_bytes, reason
+from forcebound.files import content_of, read_bytes, reason
 from forcebound.geometry.vectors import Vector3, tangential
 
-LARGEST = 64_000_000  # bytes of a file
+LARGEST = 130_000_000  # bytes of a file
 MOST = 16_000_000  # heights of a map
 
 
@@ -134,15 +135,14 @@ def _read(path: Path, changed: float) -> Any:
 
 
 def _from_array(path: Path) -> Any:
-    with open_file(path) as file, content_of(path):
-        return np.asarray(np.load(file, allow_pickle=False), float)
+    data = read_bytes(path, LARGEST)
+    with content_of(path):
+        return np.asarray(np.load(BytesIO(data), allow_pickle=False), float)
 
 
 def _from_picture(path: Path) -> Any:
     """Brightness of a picture, its lowest row first."""
-    from io import BytesIO
-
-    from PIL import Image  # which matplotlib needs, too
+    from PIL import Image
 
     data = read_bytes(path, LARGEST)
     try:

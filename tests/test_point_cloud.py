@@ -1,0 +1,124 @@
+"""Clouds of points, on shapes whose answers are known."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from forcebound.environments.contract import check
+from forcebound.environments.point_cloud import PointCloud
+from forcebound.errors import ConfigError
+from forcebound.geometry.proxy import Surface
+from forcebound.geometry.vectors import pad3
+
+STILL = (0.0, 0.0, 0.0)
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+RADIUS = 0.03  # of the sphere that the points lie on
+
+
+def _sphere(count: int = 5000) -> Any:
+    """Points spread evenly over a sphere (Fibonacci's spiral)."""
+    height = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
+    turn = np.arange(count) * math.pi * (3.0 - math.sqrt(5.0))
+    across = np.sqrt(1.0 - height**2)
+    return RADIUS * np.stack([across * np.cos(turn), across * np.sin(turn), height], 1)
+
+
+def _cloud(folder: Path, points: Any, **how: Any) -> PointCloud:
+    np.save(folder / "points.npy", points)
+    return PointCloud(folder / "points.npy", position=STILL, orientation=UPRIGHT, **how)
+
+
+def _skin(model: PointCloud, direction: Any) -> float:
+    """How far the skin is from the origin in a direction."""
+    solid, low, high = model.solid(), 0.02, 0.04
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        inside = solid.distance(pad3((middle * direction).tolist())) < 0.0
+        low, high = (middle, high) if inside else (low, middle)
+    return low
+
+
+def test_the_skin_is_smooth_and_lies_by_about_the_radius_of_a_point_outside(tmp_path: Path) -> None:
+    model = _cloud(tmp_path, _sphere(), radius=0.0015)
+    directions = np.random.default_rng(1).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    away = np.array([_skin(model, one) for one in directions]) - RADIUS
+    assert 0.0015 < away.mean() < 0.0025
+    assert np.ptp(away) < 0.0001  # neighbours are 1.5 mm apart
+
+
+def test_depth_direction_and_angle_of_friction_on_a_sphere(tmp_path: Path) -> None:
+    model = _cloud(tmp_path, _sphere(), radius=0.003)
+    smooth, rough = model.open(3), replace(model, surface=Surface(friction=0.4)).open(3)
+    skin = sum(_skin(model, np.array(one)) for one in np.eye(3)) / 3
+    for world in (smooth, rough):
+        world.force((0.0, 0.0, 0.04), STILL, 0.0)
+    for angle in np.linspace(0.0, 2.0, 200).tolist():
+        place = (0.0, (skin - 0.002) * math.sin(angle), (skin - 0.002) * math.cos(angle))
+        force = smooth.force(place, STILL, 1.0)
+        assert math.hypot(*force) == pytest.approx(2.0, rel=0.01)
+        assert -np.dot(force, place) / math.hypot(*force) / math.hypot(*place) > math.cos(0.02)
+        force = rough.force(place, STILL, 1.0)
+        contact = rough.contact()
+        assert contact is not None
+        push = -float(np.dot(force, contact.normal))
+        if angle > 0.5:
+            drag = math.sqrt(math.hypot(*force) ** 2 - push**2)
+            assert drag / push == pytest.approx(0.4, rel=0.01)
+
+
+def test_a_fast_tip_does_not_get_through(tmp_path: Path) -> None:
+    model = _cloud(tmp_path, _sphere())
+    solid, world = model.solid(), model.open(3)
+    random, place = np.random.default_rng(1), np.array([0.0, 0.0, 0.05])
+    for _ in range(3000):
+        world.force(tuple(place.tolist()), STILL, 1.0)
+        contact = world.contact()
+        proxy = pad3(place.tolist()) if contact is None else pad3(contact.proxy)
+        assert solid.distance(proxy) > -1e-8
+        assert math.hypot(*proxy) > RADIUS
+        place = 0.98 * place + random.normal(0.0, 0.005, 3)
+
+
+def test_the_default_keeps_the_contract() -> None:
+    assert check(PointCloud(), axes=(1, 3, 6), rounds=9).violations == ()
+
+
+def test_the_scene_names_the_file(tmp_path: Path) -> None:
+    (shown,) = _cloud(tmp_path, _sphere(100), scale=2.0).scene()
+    assert (shown.shape, shown.size, shown.file) == (
+        "points",
+        (2.0,),
+        str(tmp_path / "points.npy"),
+    )
+    assert shown.digest is not None
+    assert len(shown.digest) == 64
+
+
+@pytest.mark.parametrize(
+    ("points", "how", "words"),
+    [
+        (np.zeros((5, 2)), {}, r"has the shape \(5, 2\): expected 2 to 5,000,000 rows of x, y"),
+        (np.zeros((1, 3)), {}, r"has the shape \(1, 3\)"),
+        (np.full((3, 3), math.nan), {}, "has 3 points without finite coordinates: leave"),
+        (1000 * _sphere(), {}, "would measure 60 m: it looks like millimetres; say `scale: 0.001`"),
+    ],
+)
+def test_what_is_no_cloud_is_told(tmp_path: Path, points: Any, how: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=rf"points\.npy {words}"):
+        _cloud(tmp_path, points, **how).check_files()
+
+
+def test_a_radius_that_is_too_small_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"a radius of 0\.001 mm .* at least 0\.\d+ mm"):
+        _cloud(tmp_path, _sphere(), radius=1e-6).check_files()
+    with pytest.raises(ConfigError, match=r"must be > 0 m"):
+        _cloud(tmp_path, _sphere(), radius=0.0)
+    with pytest.raises(ConfigError, match=r"words\.txt: expected points"):
+        PointCloud(tmp_path / "words.txt").check_files()
+    with pytest.raises(ConfigError, match=r"cannot read the points .*none\.npy: No such file"):
+        PointCloud(tmp_path / "none.npy").check_files()
