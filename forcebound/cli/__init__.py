@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from forcebound.cli import check, device, emulate, graph, identify, keys, look, run, study
+from forcebound.cli import check, device, emulate, graph, identify, keys, look, run, study, view
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
 
@@ -28,6 +28,7 @@ COMMANDS = (
     graph.start,
     graph.param,
     graph.delay,
+    view.view,
     look.list_graphs,
     look.top,
     look.echo,
