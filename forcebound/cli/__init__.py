@@ -23,6 +23,7 @@ from forcebound.cli import (
     recordings,
     run,
     study,
+    view,
 )
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
@@ -41,6 +42,7 @@ COMMANDS = (
     graph.start,
     graph.param,
     graph.delay,
+    view.view,
     look.list_graphs,
     look.top,
     look.echo,
