@@ -99,6 +99,17 @@ def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
     assert tilts[1] < 0.3 * tilts[0]
 
 
+def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    vertices, faces = meshes.box()
+    trimesh.Trimesh(1e3 * vertices, faces, process=False).export(path)
+    with pytest.raises(ConfigError, match=r"looks like millimetres; say `scale: 0\.001`"):
+        load("touch_mesh", [f"mesh:={path}"])
+    model = load("touch_mesh", [f"mesh:={path}", "scale:=0.001"]).environment.model
+    assert isinstance(model, TriangleMesh)
+    assert model.open(1).scene()[0].size == (0.001,)
+
+
 def test_the_scene_names_the_file_and_its_digest() -> None:
     (rabbit,) = TriangleMesh().open(3).scene()
     assert rabbit.shape == "mesh"
