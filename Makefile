@@ -11,7 +11,7 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test check test-slow examples endurance audit bench fuzz hapi mutation clean
+.PHONY: demo test check test-slow examples endurance audit bench browser fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -63,6 +63,12 @@ fuzz: $(STAMP)
 	  || { echo "atheris, which fuzzes, has no wheel for this machine and `$(BIN)/python --version`;"; \
 	    echo "it has them for Linux: try make fuzz VENV=.venv-fuzz PYTHON=python3.11"; exit 2; }
 	$(BIN)/python fuzz/campaign.py --seconds $(FUZZ_SECONDS)
+
+# The page in Debian's Chromium (packages chromium and chromium-driver), by selenium.
+browser: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  --editable '.[browser,dev]'
+	$(BIN)/pytest -m live tests/test_view_browser.py
 
 # The maker's own client of the Haply 2DIY against our emulator. It is under the GPL and puts an
 # __init__.py beside all packages, so it gets a folder of its own and is in no extra.

@@ -127,7 +127,7 @@ def draw(picture: Path) -> None:
 
 def main() -> None:
     """Write the mesh."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Make the rabbit of touch_mesh.")
     parser.add_argument("--out", type=Path, default=RABBIT)
     parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()

@@ -23,6 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
 
 MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = 9  # bytes before the data of a record: opcode and length
 MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
 MAX_RECORD = 32 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
 MAX_MESSAGES = 2 << 30  # bytes of the wanted messages of one file; 80 minutes of telemetry at 1 kHz
@@ -59,32 +60,52 @@ def contents(file: BinaryIO, topics: Collection[str]) -> Iterator[Metadata | tup
         TooLargeError: If it unpacks to more than any recording does.
     """
     channels: dict[int, str] = {}
-    left = most_of(os.fstat(file.fileno()).st_size)
     kept = 0
+    for part in parts(file):
+        if isinstance(part, Metadata):
+            yield part
+            continue
+        for topic, message in _messages(part, channels, topics):
+            kept += len(message) + MESSAGE_HEAD
+            yield topic, message
+        if kept > MAX_MESSAGES:
+            raise TooLargeError(f"its messages have more than {MAX_MESSAGES >> 20} MiB")
+
+
+def parts(file: BinaryIO) -> Iterator[Metadata | bytes]:
+    """Yield the metadata of a file and the records in each chunk, unpacked.
+
+    Args:
+        file: Open after :func:`is_mcap`.
+
+    Raises:
+        DamagedError: If the file is cut or damaged here, at the place in the file where it is now;
+            what came before is good.
+        TooLargeError: If it unpacks to more than any recording does.
+    """
+    left = most_of(os.fstat(file.fileno()).st_size)
     for opcode, data in _records(file):
-        if opcode == Opcode.METADATA:
-            yield _parsed(Metadata, data)
-        elif opcode == Opcode.CHUNK:
-            unpacked = _unpacked(_parsed(Chunk, data))
-            left -= len(unpacked)
+        try:
+            is_chunk = opcode == Opcode.CHUNK
+            part = _unpacked(parsed(Chunk, data)) if is_chunk else parsed(Metadata, data)
+        except DamagedError:
+            file.seek(-RECORD_HEAD - len(data), io.SEEK_CUR)
+            raise
+        if isinstance(part, bytes):
+            left -= len(part)
             if left < 0:
                 raise TooLargeError("it unpacks to far more than a recording does")
-            for topic, message in _messages(unpacked, channels, topics):
-                kept += len(message) + MESSAGE_HEAD
-                yield topic, message
-            if kept > MAX_MESSAGES:
-                raise TooLargeError(f"its messages have more than {MAX_MESSAGES >> 20} MiB")
+        yield part
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Yield metadata and chunks, until the end of a complete file."""
     size = os.fstat(file.fileno()).st_size
     while True:
-        head = file.read(9)
-        if len(head) < 9:
-            raise DamagedError
-        opcode, length = struct.unpack("<BQ", head)
+        head = file.read(RECORD_HEAD)
+        opcode, length = struct.unpack("<BQ", head) if len(head) == RECORD_HEAD else (0, size)
         if length > size - file.tell():
+            file.seek(-len(head), io.SEEK_CUR)
             raise DamagedError
         if opcode not in (Opcode.METADATA, Opcode.CHUNK):
             file.seek(length, io.SEEK_CUR)
@@ -98,8 +119,12 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
             return
 
 
-def _parsed(kind: Any, data: bytes) -> Any:
-    """Return a record of ``mcap.records``, none of whose fields is longer than the record."""
+def parsed(kind: Any, data: bytes) -> Any:
+    """Return a record of ``mcap.records``, none of whose fields is longer than the record.
+
+    Raises:
+        DamagedError: If it is none.
+    """
     try:
         return kind.read(ReadDataStream(io.BytesIO(data)))
     except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
@@ -130,20 +155,30 @@ def _messages(
     unpacked: bytes, channels: dict[int, str], topics: Collection[str]
 ) -> Iterator[tuple[str, bytes]]:
     """Yield topic and data of the wanted messages in a chunk; notes the channels it declares."""
+    for opcode, record in records(unpacked):
+        if opcode == Opcode.CHANNEL:
+            channel = parsed(Channel, record)
+            channels[channel.id] = channel.topic.removeprefix("/")
+        elif opcode == Opcode.MESSAGE:
+            topic = channels.get(int.from_bytes(record[:2], "little"), "")
+            if topic in topics:
+                yield topic, record[MESSAGE_HEAD:]
+
+
+def records(unpacked: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the records in a chunk, each as opcode and data.
+
+    Raises:
+        DamagedError: If they are cut or damaged here.
+    """
     at, end = 0, len(unpacked)
-    while at + 9 <= end:
+    while at + RECORD_HEAD <= end:
         opcode, length = struct.unpack_from("<BQ", unpacked, at)
-        at += 9
+        at += RECORD_HEAD
         is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
         if length > end - at or is_short or opcode == 0:  # zeros are no records
             raise DamagedError
-        if opcode == Opcode.CHANNEL:
-            channel = _parsed(Channel, unpacked[at : at + length])
-            channels[channel.id] = channel.topic.removeprefix("/")
-        elif opcode == Opcode.MESSAGE:
-            topic = channels.get(int.from_bytes(unpacked[at : at + 2], "little"), "")
-            if topic in topics:
-                yield topic, unpacked[at + MESSAGE_HEAD : at + length]
+        yield opcode, unpacked[at : at + length]
         at += length
     if at != end:
         raise DamagedError

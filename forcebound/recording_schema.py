@@ -52,6 +52,19 @@ DESCRIPTIONS: dict[str, str] = {
     "data": "details for programs",
 }  # meaning and unit of the packets' fields, for the schemas
 
+_UNITS_OF = {
+    "ns": ("time_ns", "device_time_ns", "query_time_ns"),
+    "s": ("elapsed", "loop_delay"),
+    "m": ("position", "true_position", "proxy", "objects"),
+    "m/s": ("velocity",),
+    "N": ("force", "commanded_force", "applied_force", "force_limit", "hand_force"),
+    "J": ("estimated_energy", "true_energy"),
+}
+_UNIT_OF = {name: unit for unit, names in _UNITS_OF.items() for name in names}
+
+#: Unit of each field; "" for a count, a share or a text.
+UNITS: dict[str, str] = {name: _UNIT_OF.get(name, "") for name in DESCRIPTIONS}
+
 
 def schema(packet: type[Packet]) -> dict[str, Any]:
     """Return the jsonschema of a packet: types, units and meaning of its fields."""

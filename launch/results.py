@@ -15,6 +15,7 @@ from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
 from forcebound.files import content_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Telemetry
+from forcebound.nodes.events import LAW_CHANGED
 from forcebound.parts.user_module import source_of
 from forcebound.telemetry import TelemetryColumns
 
@@ -70,8 +71,10 @@ class RunResult:
 
     @property
     def label(self) -> str:
-        """The run's law, for titles."""
-        return str(self.document.get("device", {}).get("law", "unknown law"))
+        """The run's law, for titles; if it changed, the laws in their order."""
+        first = str(self.document.get("device", {}).get("law", "unknown law"))
+        later = [event.data["law"] for event in self.events if event.event == LAW_CHANGED]
+        return ", then ".join((first, *later))
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -92,6 +95,7 @@ class RunResult:
                 **summarize(self.columns, self.document, self.events),
                 **summarize_bounder(self.columns, self.events, self.document),
                 **events,
+                "law": self.label,
                 "phases": summarize_phases(self.columns, self.events, self.document),
                 "interrupted": self.interrupted,
             }

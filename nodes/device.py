@@ -14,9 +14,11 @@ import json
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import isfinite
 from typing import Any, ClassVar, NamedTuple
 
-from forcebound.bounding import Dissipation
+from forcebound.bounding import LAWS, Dissipation
 from forcebound.devices import Device
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import (
@@ -30,7 +32,12 @@ from forcebound.messages.packets import (
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.events import BOUNDER_REPORTED, STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.events import (
+    BOUNDER_REPORTED,
+    LAW_CHANGED,
+    STATE_INTERVAL_NS,
+    EventLog,
+)
 from forcebound.nodes.late_ticks import Lateness
 from forcebound.nodes.overload import Overload
 from forcebound.nodes.safety import SafetyChain
@@ -63,7 +70,7 @@ class DeviceNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
-    requests: ClassVar[tuple[str, ...]] = ("engage",)
+    requests: ClassVar[tuple[str, ...]] = ("engage", "law", "point")
 
     def __init__(
         self,
@@ -79,7 +86,11 @@ class DeviceNode(Node):
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
-        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
+        self._under = partial(
+            BoundedDevice, device, dissipation=dissipation, learns=learns, clock=clock
+        )
+        self._bounded = self._under(servo.law)
+        self._next_law: str | None = None  # to be taken as soon as no force is held
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
         is_arm = getattr(device, "kinematics", None) is not None
@@ -147,11 +158,33 @@ class DeviceNode(Node):
         }
 
     def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``engage``; see :class:`forcebound.nodes.Node`."""
-        if request.get("request") != "engage":
-            return None
-        self.engage()
-        return {"engaged": True}
+        """Answer ``engage``, ``law`` and ``point``; see :class:`forcebound.nodes.Node`.
+
+        ``law``: the bounding law from now on, one that comes with forcebound; it is taken when no
+        force is held, and the force comes back over the engage ramp. ``point``: where the pointer
+        of a simulated hand is, ``target``, in m.
+        """
+        wanted = request.get("request")
+        if wanted == "engage":
+            self.engage()
+            return {"engaged": True}
+        if wanted == "law":
+            law = request.get("law")
+            if not isinstance(law, str) or not LAWS.is_shipped(law):
+                return {"error": f"law: expected one of {', '.join(sorted(LAWS))}, got {law!r}"}
+            self._next_law = law
+            return {"law": law}
+        return self._point(request.get("target")) if wanted == "point" else None
+
+    def _point(self, target: Any) -> dict[str, Any]:
+        is_place = isinstance(target, list) and 1 <= len(target) <= len(self._zero)
+        if not is_place or not all(isinstance(x, float | int) and isfinite(x) for x in target):
+            return {"error": f"target: expected 1 to {len(self._zero)} numbers in m"}
+        point = getattr(self._device, "point", None)
+        place = None if point is None else point(tuple(map(float, target)))
+        if place is None:
+            return {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
+        return {"target": list(place)}
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
@@ -190,6 +223,8 @@ class DeviceNode(Node):
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
                 packets += self._describe(time_ns)
+            if self._next_law is not None and not any(self._applied):
+                packets.append(self._change_law(self._next_law, time_ns))
             return packets
         return [self._sample(time_ns)]
 
@@ -228,7 +263,10 @@ class DeviceNode(Node):
     def _write(self, time_ns: int) -> Telemetry:
         chain = self._chain
         is_engaged = self.is_engaged
-        commanded = chain.force(time_ns) if is_engaged else self._zero
+        if self._next_law is not None:
+            chain.disengage()
+        gives = is_engaged and self._next_law is None
+        commanded = chain.force(time_ns) if gives else self._zero
         position, applied, limit = self._bounded.write(time_ns, commanded, chain.engagement)
         self._applied = applied
         answered = chain.answered_tick if is_engaged else None
@@ -254,6 +292,13 @@ class DeviceNode(Node):
         self._writes_next = False
         self._begin_next_tick(time_ns)
         return telemetry
+
+    def _change_law(self, law: str, time_ns: int) -> Event:
+        """Begin a new ledger under another law; no force is held."""
+        self._next_law = None
+        self._bounded = self._under(law)
+        self._bounded.begin()
+        return self.events.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
 
     def _begin_next_tick(self, time_ns: int) -> None:
         """Skip the ticks whose writes are overdue: two writes at once would serve nothing."""

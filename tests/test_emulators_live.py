@@ -63,9 +63,9 @@ def exchange_for_ever(port: Port) -> None:
 
 
 @contextmanager
-def program(link: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
+def program(link: Path, *words: str, kind: str = "haply_2diy") -> Iterator["subprocess.Popen[str]"]:
     """Start an emulator as in a terminal."""
-    command = [sys.executable, "-m", "forcebound", "emulate", "haply_2diy", "--link", str(link)]
+    command = [sys.executable, "-m", "forcebound", "emulate", kind, "--link", str(link)]
     with subprocess.Popen(
         [*command, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as process:

@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from live_graph import live_graph
 
@@ -89,6 +90,26 @@ def test_a_wall_that_gets_stiffer_is_followed() -> None:
     depth = columns.position[-1, 0] - environment.position
     stiffness = environment.stiffness + environment.stiffness_rate * columns.elapsed[-1]
     assert columns.applied_force[-1, 0] == pytest.approx(stiffness * depth, rel=0.05)
+
+
+MOVING = """
+forcebound: 1
+include: far_wall.yaml
+phases:
+  - { name: there, duration: 1 s }
+  - { name: away, duration: 1 s, set: { environment.position: 11 mm } }
+  - { name: back, duration: 1 s, set: { environment.position: 10.5 mm } }
+"""
+
+
+def test_a_wall_that_is_moved_is_followed_away_from_the_hand_and_towards_it(tmp_path: Path) -> None:
+    file = tmp_path / "moving.yaml"
+    file.write_text(MOVING)
+    columns = run_virtual(load(file, ["law:=none", "stiffness:=2 N/mm"])).columns
+    for end, surface in ((0.99, 0.010), (1.99, 0.011), (2.99, 0.0105)):
+        at_end = int(np.searchsorted(columns.elapsed, end))
+        depth = columns.position[at_end, 0] - surface
+        assert columns.applied_force[at_end, 0] == pytest.approx(2000.0 * depth, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["active_wall", "negative_damper", "random_force"])

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -95,6 +95,33 @@ def test_a_motor_of_the_wrong_sign_is_found_before_anything_else() -> None:
         found_of(FiveBar(), ARM, Reversed)
     with pytest.raises(DeviceError, match="moves axis 2: motors or encoders are swapped"):
         found_of(FiveBar(), ARM, Swapped)
+
+
+class Interrupted(Altered):
+    """A device whose user presses Ctrl-C at a tick."""
+
+    ticks = 0
+    forces: ClassVar[list[Vector]] = []
+
+    def seen(self, reading: Vector) -> Vector:
+        self.ticks -= 1
+        if self.ticks == 0:
+            raise KeyboardInterrupt
+        return reading
+
+    def acting(self, force: Vector) -> Vector:
+        self.forces.append(force)
+        return force
+
+
+@pytest.mark.parametrize("ticks", [100, 450, 1500, 6000, 27_000, 42_000])
+def test_an_interrupted_identification_leaves_no_force(ticks: int) -> None:
+    model = PhantomPremium15(substep=1e-3)
+    device = Interrupted(model.open(None, 1.25e-3))
+    device.ticks = ticks
+    with pytest.raises(KeyboardInterrupt):
+        identify(device, model, VirtualClock(), KNOB)
+    assert device.forces[-1] == (0.0,)
 
 
 def test_what_does_not_move_or_flies_off_ends_it() -> None:

@@ -80,6 +80,49 @@ def test_the_check_tells_a_device_that_has_changed(folder: Path) -> None:
     assert "BROKEN  friction of axis 1" in other.output
 
 
+def test_a_number_that_has_changed_and_still_holds_is_told(folder: Path) -> None:
+    path = folder / "device.yaml"
+    found = document.read(path)["identified"]["numbers"]["damping"]["found"]
+    changed = folder / "was_more.yaml"
+    changed.write_text(path.read_text().replace(f"found: {found}", f"found: {1.4 * found:.4g}"))
+    done = CliRunner().invoke(main, ["identify", "--check", str(changed)])
+    assert done.exit_code == 0, done.output
+    assert "holds   damping of axis 1" in done.output
+    assert ", but has changed" in done.output
+
+
+def test_a_damaged_file_is_told_before_anything_moves(folder: Path, tmp_path: Path) -> None:
+    text = (folder / "device.yaml").read_text()
+    stated = document.read(folder / "device.yaml")["identified"]["numbers"]["friction"]["stated"]
+    path = tmp_path / "device.yaml"
+    for damaged, message in (
+        (text[: len(text) // 3], "has no section identified"),
+        (text.split("identified:")[0], "has no section identified"),
+        (text.replace("\ndevice:", "\ndevices:"), "has no section device"),
+        (text.replace("reach:", "reeach:"), "identified: plan: reach"),
+        (text.replace(f"stated: {stated}", "stated: much"), "numbers: friction: stated"),
+        (text.replace("phantom_premium_1_5", "five_bar"), "the device has no number"),
+        (text.replace("substep: 0.00025", "substep: -1"), "substep"),
+    ):
+        path.write_text(damaged)
+        done = CliRunner().invoke(main, ["identify", "--check", str(path)])
+        assert done.exit_code == 2, done.output
+        assert message in done.output
+        assert "at rest" not in done.output
+
+
+def test_the_file_of_another_board_is_refused_before_anything_moves(
+    folder: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "device.yaml"
+    text = (folder / "device.yaml").read_text()
+    path.write_text(text.replace("serial_number: ''", "serial_number: '4711'"))
+    done = CliRunner().invoke(main, ["identify", "--check", str(path)])
+    assert done.exit_code == 2
+    assert "of the device with the serial number 4711, this one has -" in done.output
+    assert "at rest" not in done.output
+
+
 def test_bad_input_is_said_before_anything_moves(tmp_path: Path) -> None:
     for words, message in (
         (["five_baar"], "five_baar"),

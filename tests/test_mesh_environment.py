@@ -55,6 +55,17 @@ def test_a_device_that_begins_inside_is_let_out_without_a_force(box: TriangleMes
     assert opened.force((0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
 
 
+def test_friction_drags_with_its_share_of_the_normal_force(box: TriangleMesh) -> None:
+    rough = dataclasses.replace(box, surface=Surface(friction=0.4))
+    opened = rough.open(3)
+    opened.force((0.0, 0.0, 0.0), STILL, 0.0)
+    tips = [(0.012, 0.0003 * k, 0.0) for k in range(40)]
+    x, y, z = [opened.force(tip, (0.0, 0.3, 0.0), 0.0) for tip in tips][-1]
+    assert x == pytest.approx(2.0, rel=1e-3)
+    assert y / x == pytest.approx(0.4, rel=0.01)
+    assert z == pytest.approx(0.0, abs=1e-6)
+
+
 def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
     opened = open_environment(box, 3)
     opened.force((0.0, 0.0, 0.0), STILL, 0.0)
@@ -86,6 +97,37 @@ def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
             worst = max(worst, math.acos(min(1.0, along / math.hypot(*force))))
         tilts.append(worst)
     assert tilts[1] < 0.3 * tilts[0]
+
+
+def test_shading_leaves_a_sharp_valley_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "groove.ply"
+    outline = [(0.0, 0.0), (-0.04, 0.04), (-0.04, -0.04), (0.04, -0.04), (0.04, 0.04)]
+    trimesh.Trimesh(*meshes.prism(outline, 0.05), process=False).export(path)
+    surface = Surface(force_shading=True)
+    groove = TriangleMesh(path, position=STILL, orientation=(1.0, 0.0, 0.0, 0.0), surface=surface)
+    opened = groove.open(3)
+    opened.force((0.0, 0.03, 0.0), STILL, 0.0)
+    force = opened.force((0.0, -0.002, 0.0), STILL, 0.0)
+    assert force == pytest.approx((0.0, -2.0, 0.0), abs=1e-3)
+    force = opened.force((0.004, 0.001, 0.0), STILL, 0.0)  # behind one slope alone
+    assert force[0] == pytest.approx(-force[1], rel=1e-3)
+
+
+def test_whole_numbers_are_positions_too(box: TriangleMesh) -> None:
+    opened = box.open(3)
+    assert opened.force((0, 0, 0), (0, 0, 0), 0) == (0.0, 0.0, 0.0)
+    assert opened.force((0.012, 0, 0), (0, 0, 0), 0)[0] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    vertices, faces = meshes.box()
+    trimesh.Trimesh(1e3 * vertices, faces, process=False).export(path)
+    with pytest.raises(ConfigError, match=r"looks like millimetres; say `scale: 0\.001`"):
+        load("touch_mesh", [f"mesh:={path}"])
+    model = load("touch_mesh", [f"mesh:={path}", "scale:=0.001"]).environment.model
+    assert isinstance(model, TriangleMesh)
+    assert model.open(1).scene()[0].size == (0.001,)
 
 
 def test_the_scene_names_the_file_and_its_digest() -> None:

@@ -5,6 +5,7 @@ near the surface of a bumpy ball, or lie on a hand's stroke over it; the yardsti
 largest difference of the answers is told. vtk takes part where it is installed.
 """
 
+import importlib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -151,27 +152,23 @@ def _vtk(mesh: Mesh) -> tuple[Contestant, Contestant] | None:
     import numpy as np
 
     try:
-        from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-        from vtkmodules.vtkCommonCore import mutable, vtkPoints
-        from vtkmodules.vtkCommonDataModel import (
-            vtkCellArray,
-            vtkGenericCell,
-            vtkPolyData,
-            vtkStaticCellLocator,
+        core, model, support = (
+            importlib.import_module(f"vtkmodules.{name}")
+            for name in ("vtkCommonCore", "vtkCommonDataModel", "util.numpy_support")
         )
     except ImportError:
         return None
-    points, triangles, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
-    points.SetData(numpy_to_vtk(mesh[0], deep=True))
+    points, triangles, surface = core.vtkPoints(), model.vtkCellArray(), model.vtkPolyData()
+    points.SetData(support.numpy_to_vtk(mesh[0], deep=True))
     ends = np.arange(0, 3 * len(mesh[1]) + 1, 3, dtype=np.int64)
     corners = mesh[1].astype(np.int64).ravel()
-    triangles.SetData(numpy_to_vtkIdTypeArray(ends, 1), numpy_to_vtkIdTypeArray(corners, 1))
+    triangles.SetData(*(support.numpy_to_vtkIdTypeArray(one, 1) for one in (ends, corners)))
     surface.SetPoints(points)
     surface.SetPolys(triangles)
-    locator, cell = vtkStaticCellLocator(), vtkGenericCell()
+    locator, cell = model.vtkStaticCellLocator(), model.vtkGenericCell()
     locator.SetDataSet(surface)
     locator.BuildLocator()
-    time_on_way, index, part, square = mutable(0.0), mutable(0), mutable(0), mutable(0.0)
+    time_on_way, index, part, square = map(core.mutable, (0.0, 0, 0, 0.0))
     place, weights = [0.0] * 3, [0.0] * 3
 
     def closest(point: Vector3) -> float:

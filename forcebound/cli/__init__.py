@@ -12,7 +12,19 @@ from typing import Any
 
 import click
 
-from forcebound.cli import check, device, emulate, graph, identify, keys, look, run, study
+from forcebound.cli import (
+    check,
+    device,
+    emulate,
+    graph,
+    identify,
+    keys,
+    look,
+    recordings,
+    run,
+    study,
+    view,
+)
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
 from forcebound.files import printable
 
@@ -23,11 +35,14 @@ COMMANDS = (
     run.simulate,
     run.node,
     run.plot,
+    recordings.export,
+    recordings.recover,
     run.schema,
     graph.stop,
     graph.start,
     graph.param,
     graph.delay,
+    view.view,
     look.list_graphs,
     look.top,
     look.echo,

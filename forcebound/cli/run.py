@@ -1,7 +1,10 @@
 """Commands that run a graph and show the result."""
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -48,6 +51,7 @@ def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
+@click.option("--view", "has_view", is_flag=True, help="Open a live page of it in a browser.")
 @reports_errors
 def launch_graph(
     file: str,
@@ -57,6 +61,7 @@ def launch_graph(
     check: bool,
     show_args: bool,
     as_json: bool,
+    has_view: bool,
 ) -> None:
     """Run the graph of a launch file in real time, e.g. stiff_wall law:=certified."""
     from forcebound.launch.live import check_here, run_live
@@ -65,7 +70,22 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
-        _report(run_live(config, duration, record, file=described), record, as_json)
+        with _page() if has_view else nullcontext():
+            result = run_live(config, duration, record, file=described)
+        _report(result, record, as_json)
+
+
+@contextmanager
+def _page() -> Iterator[None]:
+    """A page of the graph that this process launches, from a process of its own."""
+    command = [sys.executable, "-m", "forcebound", "view", "--launcher", str(os.getpid())]
+    # Ctrl-C is for the launcher; the page ends with the graph.
+    page = subprocess.Popen(command, stdout=sys.stderr, start_new_session=True)
+    try:
+        yield
+    finally:
+        page.terminate()
+        page.wait()
 
 
 @click.command(short_help="Run a launch file in virtual time.")

@@ -19,8 +19,8 @@ from typing import Any
 
 from forcebound.bounding import LAWS
 from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
-from forcebound.config.device_file import with_device_file
-from forcebound.config.document import find, missing, read
+from forcebound.config.device_file import WHAT, with_device_file
+from forcebound.config.document import MAX_BYTES, find, missing, read
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
     BESIDE_MODEL,
@@ -39,7 +39,7 @@ from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.traces import shortest_of, trace_of
-from forcebound.config.tree import Value, from_plain, scalar
+from forcebound.config.tree import Value, from_plain, parse, scalar
 from forcebound.config.user_parts import (
     can_be_written,
     check_controller,
@@ -54,6 +54,7 @@ from forcebound.config.user_parts import (
     warn_uncertified,
 )
 from forcebound.errors import ConfigError
+from forcebound.files import read_text
 from forcebound.messages.packets import LINKS
 from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
@@ -173,6 +174,25 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
             entries[name] = Value(scalar(word.strip()), place, text=word.strip())
     value = Value(entries, Place(section))
     made = _model(Section(value, section, value, problems))
+    problems.raise_if_any()
+    return made
+
+
+def device_of(path: Path, without: Collection[str]) -> Any:
+    """Return the device of a file, as :func:`member_of` does, but for some of its parameters.
+
+    Raises:
+        ConfigError: If it cannot be read, has no device, or anything is wrong with that.
+    """
+    problems = Problems()
+    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
+    problems.raise_if_any()
+    section = None if root is None else root.entries.get("device")
+    if section is None or "kind" not in section.entries:
+        raise ConfigError(f"{path} has no section device: with a kind")
+    rest = {name: one for name, one in section.entries.items() if name not in without}
+    value = replace(section, content=rest)
+    made = _model(Section(value, "device", value, problems))
     problems.raise_if_any()
     return made
 

@@ -124,6 +124,17 @@ class DeviceExtras(Protocol):
         """Return which buttons were down at the last reading: bit i of button i."""
         ...
 
+    def point(self, place: Vector) -> Vector | None:
+        """Move the pointer that a simulated hand follows; None: this hand follows none.
+
+        Args:
+            place: In m; entries that it does not have stay as they are.
+
+        Returns:
+            Where the pointer is now, in m: within the hand's reach.
+        """
+        ...
+
 
 class DeviceModel(Protocol):
     """Parameters of a kind of device.

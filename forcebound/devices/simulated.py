@@ -12,6 +12,7 @@ from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.operators.no_hand import NoHand
+from forcebound.operators.pointer import PointerHand
 
 
 class Body(Protocol):
@@ -102,6 +103,7 @@ class SimulatedDevice:
         self._engaged_ns: int | None = None
         self._read_ns = 0
         self._target = self._target_at(0.0)
+        self._pointer = operator.follow(self._axes) if isinstance(operator, PointerHand) else None
 
     @property
     def axes(self) -> int:
@@ -151,6 +153,10 @@ class SimulatedDevice:
         """Return the ground truth; see :class:`Truth`."""
         return self._body.truth()
 
+    def point(self, place: Vector) -> Vector | None:
+        """Move the pointer of the hand; see :class:`forcebound.devices.DeviceExtras`."""
+        return None if self._pointer is None else self._pointer.point(place)
+
     def _told(self, force: Vector) -> Vector:
         """What the motor gives for a force of a write, in N, once its lag has passed."""
         if not self._scales:
@@ -186,7 +192,9 @@ class SimulatedDevice:
             return
         self._time_ns = time_ns
         end = self._target
-        if self._engaged_ns is not None:
+        if self._pointer is not None:
+            end = self._pointer.advance(duration)
+        elif self._engaged_ns is not None:
             end = self._target_at((time_ns - self._engaged_ns) * 1e-9)
         self._body.move(self._target, end, duration, self._motor.force)
         self._target = end

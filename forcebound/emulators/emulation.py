@@ -80,7 +80,8 @@ class Emulation:
         board.angles = self._mechanism.angles
         reply = board.receive(self._unread, time_ns)
         self._unread = b""
-        self._mechanism.hold(time_ns, board.torque)
+        sign = -1.0 if self._faults.is_on("reversed", time_ns) else 1.0
+        self._mechanism.hold(time_ns, tuple([sign * torque for torque in board.torque]))
         if reply:
             self.replies += 1
             self._is_used = True

@@ -14,8 +14,9 @@ KINDS = {
     "nan": "the readings of a reply are no numbers",
     "stall": "the board neither reads nor answers; its torque stays",
     "unplug": "the port is gone",
+    "reversed": "the motors turn the wrong way",
 }
-LASTING = ("stall", "unplug")  # without an end: for ever; the others: once
+LASTING = ("stall", "unplug", "reversed")  # without an end: for ever; the others: once
 FORM = "KIND[:at=TIME][,for=TIME], such as stall:at=2s,for=50ms"
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
-from forcebound.environments.mesh import RABBIT, TriangleMesh
+from forcebound.environments.mesh import RABBIT, Scale, TriangleMesh, unit_of
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import Surface
@@ -41,7 +41,7 @@ class PointCloud:
             file. Nothing: those of our rabbit.
         radius: Of each point; nothing: twice the median distance between neighbours. The skin lies
             a little more than that away from the points; gaps wider than twice as much are holes.
-        scale: Length of the file's unit in m, such as 0.001; nothing: it is in metres, and a cloud
+        scale: Length of the file's unit in m, such as 0.001; metres: it is in metres, and a cloud
             beyond 2 m is refused.
         position: Of the file's origin.
         orientation: Of the file's axes, a quaternion w, x, y, z; any length.
@@ -52,7 +52,7 @@ class PointCloud:
 
     file: Path | None = None
     radius: Annotated[Length, POSITIVE] | None = None
-    scale: Annotated[Ratio, POSITIVE] | None = None
+    scale: Scale = "metres"
     position: tuple[Length, Length, Length] = (0.055, 0.0, 0.0)
     orientation: tuple[Ratio, Ratio, Ratio, Ratio] = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 1000.0
@@ -90,7 +90,7 @@ class PointCloud:
                 shape="points",
                 position=self.position,
                 orientation=unit_quaternion(self.orientation),
-                size=(1.0 if self.scale is None else self.scale,),
+                size=(unit_of(self.scale) or 1.0,),
                 file=str(self._path),
                 digest=_cloud(self._version()).digest,
             ),

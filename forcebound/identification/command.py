@@ -15,12 +15,13 @@ import numpy as np
 from forcebound import realtime
 from forcebound.analysis.plots import check_picture
 from forcebound.config.document import find
-from forcebound.config.loader import load_tried, member_of
+from forcebound.config.loader import device_of, load_tried, member_of
 from forcebound.config.resolved import kind_of
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
+from forcebound.hardware import ports
 from forcebound.hardware.line import EMULATED
 from forcebound.identification import document as device_file
 from forcebound.identification.clock import Clock, RealClock, VirtualClock
@@ -145,6 +146,7 @@ def measure(
     plan: Callable[[bool], Plan],
     say: Callable[[str], None],
     ready: Callable[[str], None],
+    accept: Callable[[str], None] = lambda serial: None,
 ) -> Session:
     """Open a device, identify it, and close it.
 
@@ -153,6 +155,7 @@ def measure(
         plan: Returns how, for a device with joints or without.
         say: Is told what comes next.
         ready: Is told what the user has to do, and returns when it is done.
+        accept: Is told the serial number before anything moves; raises if it is another device.
 
     Raises:
         DeviceError: As :func:`forcebound.identification.procedure.identify`.
@@ -161,6 +164,8 @@ def measure(
     device = _patient(model).open(None, HOLD / target.rate)
     try:
         kinematics = getattr(device, "kinematics", None)
+        serial = str(getattr(device, "serial_number", "")) or _serial_number(model)
+        accept(serial)
         chosen = plan(kinematics is not None)
         is_virtual = isinstance(device, SimulatedDevice)
         clock: Clock = VirtualClock() if is_virtual else RealClock()
@@ -169,7 +174,6 @@ def measure(
             ready(WARNING.format(reach=chosen.reach, place=place, force=chosen.force, unit=unit))
         with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
             found = identify(device, model, clock, chosen, say, _middle_of(model))
-        serial = str(getattr(device, "serial_number", "") or "")
     finally:
         device.close()
     start = tuple(0.5 * (low + high) for low, high in found.measured_range)
@@ -184,6 +188,15 @@ def _patient(model: Any) -> Any:
     if getattr(model, "port", None) != EMULATED or model.watchdog_limit != "auto":
         return model
     return replace(model, watchdog_limit=PATIENCE)
+
+
+def _serial_number(model: Any) -> str:
+    """Return the serial number of the USB device at a model's port; empty if there is none."""
+    name = getattr(model, "port", EMULATED)
+    if name == EMULATED:
+        return ""
+    path = os.path.realpath(ports.find(name, kind_of("device", model)))
+    return next((port.serial_number for port in ports.listed() if port.path == path), "")
 
 
 @contextmanager
@@ -262,31 +275,27 @@ def check(path: Path, say: Callable[[str], None], ready: Callable[[str], None]) 
         DeviceError: If the device fails.
     """
     content = device_file.read(path)
-    words, identified = content["device"], content["identified"]
-    given = [f"{key}:={value}" for key, value in words.items() if _is_argument(key, value)]
-    plan = identified["plan"]
-    target = Target(member_of("device", words["kind"], given), plan["rate"], None)
-    short = Plan(plan["reach"], plan["force"], plan["rate"], poses=(0.0,), pushes=8)
-    session = measure(target, lambda is_joint: short, say, ready)
-    if identified["serial_number"] != session.serial:
-        raise ConfigError(
-            f"{path} is of the device with the serial number {identified['serial_number'] or '-'},"
-            f" this one has {session.serial or '-'}: identify this one"
-        )
+    model, identified = device_of(path, device_file.METHODS), content["identified"]
+    device_file.check_whole(path, identified, model.axes)
+    plan, number = identified["plan"], identified["serial_number"]
+    target = Target(model, plan["rate"], None)
+    short = Plan(plan["reach"], plan["force"], plan["rate"], poses=(0.0,), pushes=8, strokes=0)
+
+    def accept(serial: str) -> None:
+        if serial != number:
+            raise ConfigError(
+                f"{path} is of the device with the serial number {number or '-'}, this one has"
+                f" {serial or '-'}: identify this one"
+            )
+
+    session = measure(target, lambda is_joint: short, say, ready, accept)
     rows = [
         _compared(name, numbers, getattr(axis, name), number)
         for name, numbers in identified["numbers"].items()
-        if name in ("damping", "friction", "presliding", "resolution")
+        if name in device_file.COMPARED
         for number, axis in enumerate(session.found.axes)
     ]
     return {"file": str(path), "numbers": rows, "passed": all(row["holds"] for row in rows)}
-
-
-def _is_argument(key: str, value: Any) -> bool:
-    """Whether a key of the file describes the device, not what was measured of it."""
-    return key not in (*device_file.METHODS, "kind", "sources") and not isinstance(
-        value, list | Mapping
-    )
 
 
 def _compared(name: str, numbers: Mapping[str, Any], now: Any, axis: int) -> dict[str, Any]:

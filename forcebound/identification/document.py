@@ -38,6 +38,8 @@ METHODS = {
     "gain_error": "force for a hanging weight, how far motors are from their mean; upper bound",
     "largest_speed": "moved by hand, the fastest and a quarter more; a rule, no bound",
 }
+PLANNED = ("reach", "force", "rate")  # of the plan, for a check
+COMPARED = ("damping", "friction", "presliding", "resolution")  # in a check
 LOWER = ("damping", "friction")  # a lower bound is the careful one
 
 
@@ -253,3 +255,36 @@ def read(path: Path) -> dict[str, Any]:
             f"{path} has no section identified: write it with `forcebound identify DEVICE -o FILE`"
         )
     return document
+
+
+def check_whole(path: Path, identified: Mapping[str, Any], axes: int) -> None:
+    """Check that the section ``identified`` has what a check of the device needs.
+
+    Raises:
+        ConfigError: If it was damaged, or is of a device with another number of axes.
+    """
+    plan = identified.get("plan")
+    told = plan if isinstance(plan, dict) else {}
+    wrong = [f"plan: {name}" for name in PLANNED if not _is_positive(told.get(name))]
+    for name in COMPARED:
+        one = identified["numbers"].get(name)
+        for key in ("found", "stated"):
+            values = one.get(key) if isinstance(one, dict) else None
+            each = values if isinstance(values, list) else [values]
+            if len(each) != axes or not all(map(_is_number, each)):
+                wrong.append(f"numbers: {name}: {key}")
+    if not isinstance(identified.get("serial_number"), str):
+        wrong.append("serial_number")
+    if wrong:
+        raise ConfigError(
+            f"{path}: no numbers for a device of {axes} axes in identified: {', '.join(wrong)}; the"
+            " file is damaged, or of another device: identify it again with `forcebound identify`"
+        )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _is_positive(value: Any) -> bool:
+    return _is_number(value) and value > 0.0

@@ -154,11 +154,11 @@ def identify(
     span = tuple((start - half, start + half) for start in rig.start)
     losses = [_losses(*one, plan) for one in zip(passes, kicks, span, strict=True)]
     drive.take_over(rest(rig, experiments.STOPPING).readings[-1])
-    say("there and back with a force that jumps: does it come late?")
-    strokes = [
-        experiments.strokes(drive, axis, speeds[axis], plan.reach, plan.strokes)
-        for axis in range(rig.axes)
-    ]
+    strokes: list[list[Pass]] = [[] for _ in range(rig.axes)]
+    if plan.strokes:
+        say("there and back with a force that jumps: does it come late?")
+        for axis, own in enumerate(strokes):
+            own += experiments.strokes(drive, axis, speeds[axis], plan.reach, plan.strokes)
     say("pushes below the friction: how far does it yield?")
     forces = tuple(_below_friction(axis, one) for axis, one in enumerate(losses))
     pushed = experiments.pushes(drive, forces, plan.pushes)

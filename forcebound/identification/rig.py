@@ -126,7 +126,7 @@ class Rig:
         clock.wait_until(self._next_ns)
         read_ns = clock.now()
         reading = device.read(read_ns)
-        self._check(read_ns, reading)
+        self._check(clock.now(), reading)  # a late reply is of a later place
         wanted, largest = controller((read_ns - start_ns) * 1e-9, reading), self.limits.force
         force = tuple([min(max(one, -largest), largest) for one in wanted])
         held = device.write(clock.now(), force)

@@ -7,6 +7,7 @@ were started by hand (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +16,12 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.folders import is_own
 from forcebound.launch.live import RunDocument, own_run_directories, run_folders
 from forcebound.launch.run_lock import is_held
+from forcebound.network import sockets
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
+
+STARTS = 60.0  # s, within which a launcher makes its run directory
+LOOK_NS = 100_000_000  # between two looks for it
 
 
 def running(folders: Iterable[Path] | None = None) -> dict[Path, RunDocument]:
@@ -69,6 +74,21 @@ def find(
     if of_graph and not document.is_graph:
         raise ConfigError(f"in {run} runs an environment alone, and no graph")
     return run_dir
+
+
+def find_launched(launcher: int) -> Path:
+    """Return the run directory of the graph of a launcher, by its process id, once it runs.
+
+    Raises:
+        RunError: If it does not within a minute.
+    """
+    end = time.monotonic() + STARTS
+    while time.monotonic() < end:
+        for run_dir, document in running().items():
+            if document.launcher == launcher:
+                return run_dir
+        sockets.wait((), LOOK_NS)
+    raise RunError(f"process {launcher} has started no graph for {STARTS:g} s")
 
 
 def _is_named(document: RunDocument, name: str) -> bool:

@@ -280,8 +280,8 @@ CAUSES |= {
         command="forcebound bench servo",
     ),
     "delay": Text(
-        action="half of the answers are {p50:.2g ms} old or older: less delay on the links, or an "
-        "environment that answers faster"
+        action="half of the answers are {p50:.2g ms} old or older: less delay on the links, an "
+        "environment that answers faster, or a controller of kind local_model"
     ),
     "overruns": Text(
         action="{rate:.2g} hold-limit overruns/s cost energy of the ledger: device.hold_limit: "

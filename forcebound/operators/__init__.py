@@ -47,6 +47,7 @@ OPERATORS: Table[type[Operator]] = Table(
         "chirp": "forcebound.operators.chirp:ChirpHand",
         "following": "forcebound.operators.following:FollowingHand",
         "palpating": "forcebound.operators.palpating:PalpatingHand",
+        "pointer": "forcebound.operators.pointer:PointerHand",
         "pressing": "forcebound.operators.pressing:PressingHand",
         "sinusoidal": "forcebound.operators.sinusoidal:SinusoidalHand",
         "stroking": "forcebound.operators.stroking:StrokingHand",

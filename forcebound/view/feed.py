@@ -1,0 +1,141 @@
+"""What pages see of a running graph: samples, contacts, the scene, events.
+
+The graph is looked at some thirty times a second; each frame has all samples since the last one.
+"""
+
+import math
+import os
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from forcebound import realtime
+from forcebound.errors import ConfigError, PacketError
+from forcebound.geometry.mesh_file import read_mesh
+from forcebound.launch.live import RunDocument, recorded_streams
+from forcebound.launch.run_lock import is_held
+from forcebound.messages.codec import decode
+from forcebound.messages.packets import (
+    TOPICS,
+    EnvironmentReply,
+    Event,
+    Packet,
+    Scene,
+    Telemetry,
+)
+from forcebound.network.sockets import Network
+
+SHOWN = ("telemetry", "environment_reply", "scene", "event")
+SAMPLES = {
+    "position": "position",
+    "commanded": "commanded_force",
+    "applied": "applied_force",
+    "limit": "force_limit",
+    "energy": "estimated_energy",
+    "true_energy": "true_energy",
+    "hand_force": "hand_force",
+}
+
+
+class Feed:
+    """The streams of a running graph; to be closed."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._run_dir = run_dir
+        self._cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking disturbs nobody
+        self._network = Network()
+        self._streams = [
+            (TOPICS[topic].packet, self._network.subscriber(endpoint, newest_only=False))
+            for topic, endpoint in recorded_streams(run_dir, SHOWN)
+        ]
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+        self.scene: dict[str, Any] | None = None  # the newest
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the graph has ended."""
+        return not is_held(self._run_dir)
+
+    def look(self) -> list[dict[str, Any]]:
+        """Return the messages to the pages about what has come since the last look."""
+        samples: list[Telemetry] = []
+        messages: list[dict[str, Any]] = []
+        contact: EnvironmentReply | None = None
+        for packet in self._received():
+            if isinstance(packet, Telemetry):
+                samples.append(packet)
+            elif isinstance(packet, EnvironmentReply):
+                contact = packet
+            elif isinstance(packet, Scene):
+                self.scene = {"type": "scene", **_plain(packet)}
+                messages.append(self.scene)
+            elif isinstance(packet, Event):
+                messages.append(self._event(packet))
+        if samples:
+            messages.append(_frame(samples, contact))
+        return messages
+
+    def triangles(self, digest: str) -> list[Any] | None:
+        """Return the corners of a mesh of the scene, in m, shape (n, 3, 3); None: not here."""
+        for thing in (self.scene or {}).get("objects", ()):
+            if thing.get("digest") == digest and thing.get("file"):
+                with suppress(ConfigError):
+                    scale = thing["size"][0] if thing.get("size") else None
+                    mesh = read_mesh(Path(thing["file"]), scale, may_be_open=True)
+                    return mesh.corners.tolist() if mesh.digest == digest else None
+        return None
+
+    def close(self) -> None:
+        """Close the streams."""
+        self._network.close()
+        os.sched_setaffinity(0, self._cores)
+
+    def _received(self) -> Iterable[Packet]:
+        for kind, subscriber in self._streams:
+            for data in subscriber.receive():
+                try:
+                    yield decode(data, kind)
+                except PacketError:
+                    continue  # the graph counts such packets itself
+
+    def _event(self, event: Event) -> dict[str, Any]:
+        at = (event.time_ns + self._ahead_ns) * 1e-9
+        return {
+            "type": "event",
+            "time": at,
+            "node": event.node,
+            "is_fault": event.is_fault,
+            "message": event.message,
+        }
+
+
+def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> dict[str, Any]:
+    frame: dict[str, Any] = {
+        "type": "frame",
+        "time": [sample.time_ns * 1e-9 for sample in samples],
+        "delay": [sample.loop_delay for sample in samples],
+        "engagement": samples[-1].engagement,
+        "misses": samples[-1].deadline_misses,
+        "tip": samples[-1].true_position or samples[-1].position,
+        "proxy": None if contact is None else contact.proxy,
+        "normal": None if contact is None else contact.normal,
+    }
+    for name, field in SAMPLES.items():
+        frame[name] = [_finite(getattr(sample, field)) for sample in samples]
+    return frame
+
+
+def _finite(value: Any) -> Any:
+    """A value that JSON can have."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _plain(packet: Packet) -> dict[str, Any]:
+    fields: dict[str, Any] = msgspec.to_builtins(packet)
+    return {name: value for name, value in fields.items() if name not in ("packet", "version")}

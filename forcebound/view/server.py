@@ -1,0 +1,250 @@
+"""The server of the page: files, and a WebSocket for each page that is open."""
+
+import asyncio
+import json
+import mimetypes
+import socket
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import tornado.httpserver
+import tornado.web
+import tornado.websocket
+
+from forcebound.errors import ConfigError, ForceboundError
+from forcebound.monitor.listing import list_graphs
+from forcebound.view.access import Access, hosts_of
+from forcebound.view.controls import Controls, Pointer
+from forcebound.view.feed import Feed
+
+PAGE = Path(__file__).parent / "page"
+FRAME = 1.0 / 30.0  # s between two looks at the graph
+NODES = 1.0  # s between two looks at its processes
+FAREWELL = 1.0  # s that pages have to close
+MOST_PAGES = 32
+MOST_MESSAGE = 64_000  # B, of a message from a page
+MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
+POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
+
+
+class Server:
+    """A server for the pages of one running graph.
+
+    Args:
+        run_dir: Of the graph.
+        listen: Address of this machine to listen at.
+        port: 0: any that is free.
+
+    Attributes:
+        access: Who may look; it has the addresses of the page.
+
+    Raises:
+        ConfigError: If the address cannot be listened at, or no graph runs.
+    """
+
+    def __init__(self, run_dir: Path, listen: str = "127.0.0.1", port: int = 0) -> None:
+        self._run_dir = run_dir
+        listening = _bound(listen, port)
+        self.access = Access(hosts_of(listen), listening.getsockname()[1])
+        self.controls = Controls(run_dir)
+        self.pointer = Pointer(run_dir)
+        self.feed = Feed(run_dir)
+        self.pages: set[_Page] = set()
+        self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
+        own = {"server": self}
+        routes = [
+            (r"/", _Index, own),
+            (r"/live", _Page, own),
+            (r"/mesh/([0-9a-f]{64})", _Mesh, own),
+            (r"/([a-z]+\.(?:js|css|svg))", _File, own),
+        ]
+        application = tornado.web.Application(
+            routes, websocket_ping_interval=10, websocket_max_message_size=MOST_MESSAGE
+        )
+        self._http = tornado.httpserver.HTTPServer(application)
+        self._http.add_socket(listening)
+
+    async def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Show the graph until it ends, or ``until`` says so."""
+        self._loop = asyncio.get_running_loop()
+        next_nodes = 0.0
+        try:
+            while not (self.feed.is_over or until()):
+                started = time.monotonic()
+                for message in self.feed.look():
+                    self.tell(message)
+                self.pointer.send()
+                if self.pages and started >= next_nodes:
+                    next_nodes = started + NODES
+                    self._loop.run_in_executor(self.workers, self._look_at_nodes)
+                await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
+            self.tell({"type": "over"})
+        finally:
+            await self._close()
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Send a message to every page; one that does not read misses it."""
+        if self.pages:
+            text = json.dumps(message)
+            for page in tuple(self.pages):
+                page.tell(text)
+
+    def newcomer(self) -> list[dict[str, Any]]:
+        """Return what a page is told first."""
+        scene = self.feed.scene
+        return [self.controls.describe(), self.controls.parameters(), *([scene] if scene else [])]
+
+    def _look_at_nodes(self) -> None:
+        """Tell the pages of the processes; in a thread, since it takes time."""
+        try:
+            (graph,) = list_graphs(0.3, self._run_dir)
+        except (ForceboundError, ValueError):
+            return  # it ended just now
+        processes = [asdict(process) for process in graph.processes]
+        self.later(self.tell, {"type": "nodes", "phase": graph.phase, "processes": processes})
+
+    def later(self, call: Callable[..., object], *arguments: object) -> None:
+        """Call something in the server's own thread, from another one."""
+        self._loop.call_soon_threadsafe(call, *arguments)
+
+    async def _close(self) -> None:
+        for page in tuple(self.pages):
+            page.close()
+        end = time.monotonic() + FAREWELL
+        while self.pages and time.monotonic() < end:
+            await asyncio.sleep(FRAME)
+        self._http.stop()
+        await self._http.close_all_connections()
+        self.workers.shutdown(wait=True, cancel_futures=True)
+        self.feed.close()
+        self.pointer.close()
+
+
+def _bound(listen: str, port: int) -> socket.socket:
+    try:
+        family, *_, address = socket.getaddrinfo(listen, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.create_server(address[:2], family=family)
+    except OSError as error:
+        words = f"cannot listen at {listen}, port {port}: {error.strerror}"
+        raise ConfigError(words) from error
+    listening.setblocking(False)
+    return listening
+
+
+class _Handler(tornado.web.RequestHandler):
+    """A request from a browser that calls this server by its own name."""
+
+    def initialize(self, server: Server) -> None:
+        self.server = server
+
+    def prepare(self) -> None:
+        if not self.server.access.permits_host(self.request.headers.get("Host")):
+            raise tornado.web.HTTPError(403, "another host")
+
+    def set_default_headers(self) -> None:
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+    def log_exception(self, *_: object) -> None:
+        """Say nothing: a refusal is the browser's to tell."""
+
+
+class _Index(_Handler):
+    def get(self) -> None:
+        if not self.server.access.may_look(self.get_query_argument("token", "")):
+            raise tornado.web.HTTPError(403, "no token")
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.write((PAGE / "index.html").read_bytes())
+
+
+class _File(_Handler):
+    def get(self, name: str) -> None:
+        file = PAGE / name
+        if not file.is_file():
+            raise tornado.web.HTTPError(404)
+        self.set_header("Content-Type", mimetypes.guess_type(name)[0] or "text/plain")
+        self.write(file.read_bytes())
+
+
+class _Mesh(_Handler):
+    """Triangles of a mesh of the scene."""
+
+    def get(self, digest: str) -> None:
+        if not self.server.access.may_look(self.get_query_argument("token", "")):
+            raise tornado.web.HTTPError(403, "no token")
+        corners = self.server.feed.triangles(digest)
+        if corners is None:
+            raise tornado.web.HTTPError(404)
+        self.write({"corners": corners})
+
+
+class _Page(tornado.websocket.WebSocketHandler):
+    """One open page."""
+
+    def initialize(self, server: Server) -> None:
+        self._server = server
+        self._may_change = False
+
+    def check_origin(self, origin: str) -> bool:
+        return self._server.access.permits_origin(origin, self.request.headers.get("Host"))
+
+    def prepare(self) -> None:
+        access = self._server.access
+        token = self.get_query_argument("token", "")
+        if not access.permits_host(self.request.headers.get("Host")) or not access.may_look(token):
+            raise tornado.web.HTTPError(403, "no token, or another host")
+        if len(self._server.pages) >= MOST_PAGES:
+            raise tornado.web.HTTPError(503, "too many pages")
+        self._may_change = access.may_change(token)
+
+    def open(self, *_: str, **__: str) -> None:
+        self.set_nodelay(True)
+        for message in self._server.newcomer():
+            self.tell(json.dumps({**message, "may_change": self._may_change}))
+        self._server.pages.add(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        try:
+            wanted = json.loads(message)
+            do = wanted["do"]
+        except (ValueError, TypeError, KeyError):
+            return
+        if not self._may_change:
+            self._answer(wanted, "this page may only look")
+        elif do == "point":
+            self._server.pointer.point(wanted.get("target"))
+        else:
+            self._server.workers.submit(self._act, wanted)
+
+    def on_close(self) -> None:
+        self._server.pages.discard(self)
+
+    def tell(self, text: str) -> None:
+        """Send a message unless the page has stopped reading."""
+        stream = getattr(self.ws_connection, "stream", None)
+        if stream is None or len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
+            return
+        try:
+            self.write_message(text)
+        except tornado.websocket.WebSocketClosedError:
+            self._server.pages.discard(self)
+
+    def _act(self, wanted: dict[str, Any]) -> None:
+        """Do what the page wants; in the thread of changes."""
+        server = self._server
+        server.later(self._answer, wanted, server.controls.act(wanted))
+        with suppress(ForceboundError):  # the graph has ended
+            server.later(server.tell, server.controls.parameters())
+
+    def _answer(self, wanted: dict[str, Any], error: str | None) -> None:
+        self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
+
+    def log_exception(self, *_: object) -> None:
+        """Say nothing: a refusal is the browser's to tell."""

@@ -1,0 +1,98 @@
+"""A hand that follows a pointer: its target, on a device, and the requests for it."""
+
+import math
+from typing import Any
+
+import pytest
+
+from forcebound.config.loader import load
+from forcebound.devices.phantom import PhantomPremium15
+from forcebound.launch.build import build_device
+from forcebound.nodes.device import DeviceNode
+from forcebound.operators.pointer import PointerHand
+
+MS = 1_000_000
+HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
+
+
+def test_target_rests_until_somebody_points_and_then_goes_there() -> None:
+    target = HAND.follow(3)
+    assert target.advance(1.0) == (0.01, -0.01, 0.0)
+    target.point((0.02,))
+    for _ in range(200):
+        place = target.advance(0.001)
+    assert place == pytest.approx((0.02, -0.01, 0.0), abs=1e-9)
+
+
+def test_target_is_no_faster_than_its_speed_and_stays_within_reach() -> None:
+    target = HAND.follow(2)
+    assert target.point((5.0, -5.0)) == pytest.approx((0.06, -0.06))
+    before = target.advance(1e-9)
+    for _ in range(300):
+        after = target.advance(0.001)
+        assert math.dist(before, after) <= 0.0005 * (1 + 1e-9)
+        before = after
+    assert before == pytest.approx((0.06, -0.06), abs=1e-6)
+
+
+def test_low_pass_does_not_depend_on_the_steps() -> None:
+    one, many = HAND.follow(1), HAND.follow(1)
+    one.point((0.011,))
+    many.point((0.011,))
+    for _ in range(10):
+        last = many.advance(0.0005)
+    assert one.advance(0.005) == pytest.approx(last, abs=1e-12)
+
+
+def node(*words: str) -> DeviceNode:
+    made = build_device(load("pointer_wall", words))
+    made.engage()
+    return made
+
+
+def run(device: DeviceNode, start_ns: int, ticks: int) -> list[Any]:
+    packets: list[Any] = []
+    for tick in range(ticks):
+        for part_ns in (0, 400_000):
+            packets += device.step(start_ns + tick * MS + part_ns, [])
+    return packets
+
+
+def test_device_follows_the_pointer_that_a_request_moves() -> None:
+    device = node()
+    assert device.handle({"request": "point", "target": [0.005]}) == {"target": [0.005]}
+    last = run(device, 0, 1500)[-1]
+    assert last.true_position[0] == pytest.approx(0.005, abs=4e-4)  # 0.12 N over 400 N/m
+
+
+@pytest.mark.parametrize("target", [None, [], [0.0, 0.0], ["x"], [math.nan], "0.1"])
+def test_a_pointer_that_is_no_place_is_refused(target: object) -> None:
+    answer = node().handle({"request": "point", "target": target})
+    assert answer == {"error": "target: expected 1 to 1 numbers in m"}
+
+
+def test_a_hand_that_follows_no_pointer_says_so() -> None:
+    device = build_device(load("stiff_wall"))
+    answer = device.handle({"request": "point", "target": [0.0]})
+    assert answer == {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
+    assert PhantomPremium15().open(None, 0.001).point((0.0,)) is None
+
+
+def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
+    device = node("law:=certified")
+    before = run(device, 0, 50)
+    assert device.handle({"request": "law", "law": "none"}) == {"law": "none"}
+    after = run(device, 50 * MS, 50)
+    [event] = [p for p in after if getattr(p, "event", "") == "law_changed"]
+    assert event.data == {"law": "none"}
+    assert before[-1].estimated_energy != 0.0
+    at = after.index(event)
+    assert not any(after[at - 1].applied_force)
+
+
+def test_an_unknown_law_is_refused_and_nothing_changes() -> None:
+    device = node()
+    answer = device.handle({"request": "law", "law": "nothing"})
+    assert answer is not None
+    assert answer["error"].startswith("law: expected one of ")
+    assert not [p for p in run(device, 0, 20) if getattr(p, "event", "") == "law_changed"]

@@ -1,0 +1,186 @@
+"""The page's server: who gets in, what pages are told, and what they may change."""
+
+import asyncio
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tornado.httpclient
+import tornado.websocket
+from live_graph import LiveGraph, live_graph
+from waiting import PATIENCE
+
+from forcebound.errors import ConfigError
+from forcebound.view.access import LOOPBACK, Access, hosts_of
+from forcebound.view.server import Server
+
+
+def test_only_the_servers_own_host_and_origin_get_in() -> None:
+    access = Access(LOOPBACK, 8000)
+    assert access.permits_host("127.0.0.1:8000")
+    assert access.permits_host("localhost:8000")
+    for host in ("127.0.0.1:8001", "evil.example", "evil.example:8000", "", None):
+        assert not access.permits_host(host)
+    assert access.permits_origin("http://localhost:8000", "localhost:8000")
+    assert access.permits_origin(None, "localhost:8000")  # a program, no page
+    for origin in (
+        "http://evil.example",
+        "http://127.0.0.1:8000",
+        "null",
+        "https://localhost:8000",
+    ):
+        assert not access.permits_origin(origin, "localhost:8000")
+
+
+def test_the_watching_token_may_look_and_not_change() -> None:
+    access = Access(LOOPBACK, 8000)
+    assert access.may_look(access.token)
+    assert access.may_change(access.token)
+    assert access.may_look(access.watching)
+    assert not access.may_change(access.watching)
+    assert not access.may_look("")
+    assert not access.may_look("ü" * 22)
+    assert Access(LOOPBACK, 8000).token != access.token
+
+
+@pytest.mark.parametrize(
+    ("listen", "hosts"),
+    [
+        ("127.0.0.1", LOOPBACK),
+        ("::1", LOOPBACK),
+        ("192.0.2.7", ("192.0.2.7",)),
+        ("fd00::7", ("[fd00::7]",)),
+        ("lab-pc", ("lab-pc",)),
+    ],
+)
+def test_hosts_of_an_address(listen: str, hosts: tuple[str, ...]) -> None:
+    assert hosts_of(listen) == hosts
+
+
+@contextmanager
+def pointed(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[LiveGraph, Path]]:
+    """A running graph whose hand follows a pointer, and its run directory."""
+    with live_graph("pointer_wall", is_alone=False) as graph:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
+        graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
+        graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
+        yield graph, graph.run_dir
+
+
+UPGRADE = {  # to a WebSocket; the key is that of RFC 6455
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+class Page:
+    """A page that a program plays; to be closed."""
+
+    def __init__(self, socket: tornado.websocket.WebSocketClientConnection) -> None:
+        self._socket = socket
+
+    async def until(self, kind: str, wanted: Any = lambda message: True) -> dict[str, Any]:
+        """The first message of a kind that is as wanted."""
+        while True:
+            text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
+            assert text is not None, "the server has closed the page"
+            message: dict[str, Any] = json.loads(text)
+            if message["type"] == kind and wanted(message):
+                return message
+
+    async def send(self, **message: Any) -> None:
+        await self._socket.write_message(json.dumps(message))
+
+    async def close(self) -> None:
+        self._socket.close()
+        while await asyncio.wait_for(self._socket.read_message(), PATIENCE) is not None:
+            pass
+
+    async def asks(self, **request: Any) -> str | None:
+        """What the server says is wrong with a request."""
+        await self.send(id=7, **request)
+        answer = await self.until("answer", lambda message: message["id"] == 7)
+        error: str | None = answer["error"]
+        return error
+
+
+async def opened(server: Server, token: str) -> Page:
+    url = f"ws://127.0.0.1:{server.access.port}/live?token={token}"
+    return Page(await tornado.websocket.websocket_connect(url))
+
+
+async def status_of(server: Server, path: str, **headers: str) -> int:
+    url = f"http://127.0.0.1:{server.access.port}{path}"
+    client = tornado.httpclient.AsyncHTTPClient(force_instance=True)
+    code = (await client.fetch(url, headers=headers, raise_error=False)).code
+    client.close()
+    return code
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def visit(run_dir: Path) -> None:
+        server = Server(run_dir)
+        is_over = False
+        serving = asyncio.create_task(server.run(lambda: is_over))
+        token, watching = server.access.token, server.access.watching
+        port = server.access.port
+
+        assert await status_of(server, f"/?token={token}") == 200
+        assert await status_of(server, f"/?token={watching}") == 200
+        assert await status_of(server, "/app.js") == 200
+        for path in ("/", "/?token=guess", "/nothing.js", "/..%2fserver.py"):
+            assert await status_of(server, path) in (403, 404)
+        assert await status_of(server, f"/?token={token}", Host="evil.example") == 403
+        for headers in ({"Origin": "http://evil.example"}, {"Host": f"evil.example:{port}"}):
+            assert await status_of(server, f"/live?token={token}", **UPGRADE, **headers) == 403
+        assert await status_of(server, "/live?token=guess", **UPGRADE) == 403
+
+        page, audience = await opened(server, token), await opened(server, watching)
+        hello = await page.until("hello")
+        assert (hello["name"], hello["axes"], hello["may_change"]) == ("pointer_wall", 1, True)
+        assert "certified" in hello["laws"]
+        assert not (await audience.until("hello"))["may_change"]
+        assert "only look" in str(await audience.asks(do="law", law="none"))
+
+        await page.send(do="point", target=[0.02])
+        inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
+        assert inside["applied"][-1][0] > 0.0
+
+        assert await page.asks(do="set", settings={"environment.stiffness": "3 N/mm"}) is None
+        assert await page.asks(do="set", settings={"environment.stifness": 3}) is not None
+        changed = await page.until(
+            "parameters", lambda m: m["values"]["environment.stiffness"] == "3000 N/m"
+        )
+        assert changed["values"]["environment.compute_delay"] == "0 s"
+        assert "no such control" in str(await page.asks(do="format the disk"))
+        assert "expected one of" in str(await page.asks(do="law", law="nothing"))
+        assert await page.asks(do="break") is None
+        event = await page.until("event", lambda m: m["message"].startswith("law:"))
+        assert event["message"] == "law: none from now on"
+        assert await page.asks(do="safe") is None
+        await page.until("frame", lambda frame: frame["engagement"] == 1.0)
+        await page.until("nodes", lambda m: any(p["node"] == "device" for p in m["processes"]))
+        await page.close()
+        await audience.close()
+        is_over = True
+        await serving
+
+    with pointed(monkeypatch) as (graph, run_dir):
+        asyncio.run(visit(run_dir))
+        ended = graph.end()
+    assert [event.data["law"] for event in ended.events("law_changed")] == ["none", "certified"]
+    assert ended.summary["law"] == "certified, then none, then certified"
+
+
+def test_an_address_that_is_not_here_is_told(run_dir: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot listen at 192\.0\.2\.1, port 0"):
+        Server(run_dir, "192.0.2.1")
