@@ -88,5 +88,5 @@ def new(folder: Path) -> None:
     except OSError as error:
         raise ConfigError(f"cannot write {folder}: {error.strerror}") from None
     show(f"{folder}: {', '.join(STARTER)}")
-    show(f"run it:   forcebound simulate {folder / STARTER[0]}")
-    show(f"check it: forcebound check environment {folder / STARTER[1]}")
+    show(f"run it:   `forcebound simulate {folder / STARTER[0]}`")
+    show(f"check it: `forcebound check environment {folder / STARTER[1]}`")
