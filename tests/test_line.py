@@ -53,6 +53,22 @@ def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends
     assert os.read(board, 100) == ZERO
 
 
+def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
+    board, slave = os.openpty()
+    line = Line("none", os.ttyname(slave), ZERO, 0.01, {}, None)
+    line.send(FORCE, has_force=True)
+    read = b""
+    while ZERO not in read:
+        read += os.read(board, 100)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match="the guardian of the port has written zero force"):
+            line.fail(DeviceError("the device sends what nobody asked for"))
+            line.send(FORCE, has_force=True)
+    line.close()
+    os.close(slave)
+    os.close(board)
+
+
 def test_a_line_that_is_closed_leaves_zero_force() -> None:
     board, slave = os.openpty()
     line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
