@@ -28,7 +28,7 @@ RADIUS = 0.02
 
 def _mesh(shape: meshes.Mesh) -> Mesh:
     vertices, faces = shape
-    return Mesh(vertices[faces], vertices[faces], True, "")
+    return Mesh(vertices, faces, True, "")
 
 
 def _places(grid: Grid) -> Any:

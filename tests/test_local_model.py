@@ -5,6 +5,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from msgspec import structs
 
 from forcebound.controllers.local_model import LocalModel, OpenLocalModel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
@@ -222,6 +223,22 @@ def test_a_stiffness_that_changes_is_followed_and_nothing_winds_up_where_nothing
         found.add(depth, speed, 5000.0 * depth + 3.0 * speed)
     assert found.stiffness == pytest.approx(5000.0, rel=0.01)
     assert found.damping == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_device_that_starts_anew_finds_a_model_that_knows_nothing_of_before() -> None:
+    opened = far(LocalModel(), 0)
+    again = structs.replace(state(0, 0.012), time_ns=10_000 * MS)
+    assert opened.on_state(again, 10_000 * MS) is None
+    opened.query(again)
+    opened.on_reply(reply(0, 0.0), 10_000 * MS)
+    then = structs.replace(state(1, 0.012), time_ns=10_001 * MS)
+    assert opened.on_state(then, 10_001 * MS) == (0.0,)
+
+
+def test_a_state_that_comes_late_is_no_start() -> None:
+    opened = far(LocalModel(), 0)
+    expected = opened.on_state(state(300, 0.012), 300 * MS)
+    assert opened.on_state(state(290, 0.012), 301 * MS) == pytest.approx(expected, rel=1e-3)
 
 
 def test_answers_that_come_twice_late_or_to_no_question_do_no_harm() -> None:

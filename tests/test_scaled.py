@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from msgspec import structs
 
 from forcebound.config.loader import load, member_of
 from forcebound.controllers.guard import GuardedController
@@ -92,6 +93,14 @@ def test_there_is_no_force_while_the_clutch_is_down_and_a_ramp_after_it() -> Non
     assert forces[250] == pytest.approx(2.0)
     assert max(b - a for a, b in pairwise(forces[200:])) < 0.05
     assert forces[-1] == 4.0
+
+
+def test_the_point_stays_when_the_device_counts_its_ticks_anew() -> None:
+    opened = Scaled(motion_scale=2.0).open(1)
+    before = [go(opened, tick, 0.001 * tick) for tick in range(10)][-1]
+    again = structs.replace(state(0, (-0.03,)), time_ns=10_000 * MS)
+    opened.on_state(again, 10_000 * MS)
+    assert opened.query(again)[0] == (before,)
 
 
 def test_beyond_the_border_the_point_drifts_and_a_spring_says_so() -> None:

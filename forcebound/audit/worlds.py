@@ -93,10 +93,11 @@ def _surface(n: Numbers) -> Surface:
 def _solid(n: Numbers) -> EnvironmentModel:
     """Return a sphere, a box with a groove, or a wedge of two planes, their surface near 0 m."""
     size = _between(5e-3, 0.1, abs(2.0 * n["share_1"] - 1.0))
+    edge = 2.0 * size
     shapes = (
         (Shape("sphere", position=(size, 0.0, 0.0), radius=size),),
         (
-            Shape("box", position=(size, 0.0, 0.0), size=(2.0 * size,) * 3),
+            Shape("box", position=(size, 0.0, 0.0), size=(edge, edge, edge)),
             Shape("cylinder", radius=0.3 * size, length=3.0 * size, is_removed=True),
         ),
         (Shape("plane", axis=(-1.0, 1.0, 0.3)), Shape("plane", axis=(-1.0, -0.5, -1.0))),
@@ -107,9 +108,9 @@ def _solid(n: Numbers) -> EnvironmentModel:
     )  # fmt: skip
 
 
-def _mesh(n: Numbers, file: Path | None, **values: Any) -> EnvironmentModel:
+def _of_file(kind: str, n: Numbers, file: Path | None = None, **values: Any) -> EnvironmentModel:
     return _environment(
-        "mesh", file=file, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
+        kind, file=file, stiffness=n["stiffness"], damping=10.0 * n["share_3"],
         surface=_surface(n), **values,
     )  # fmt: skip
 
@@ -134,6 +135,7 @@ def _fixtures(n: Numbers) -> EnvironmentModel:
     return WithFixtures(_solid(n), fixtures)
 
 
+BACK = (0.042, 0.0, 0.008)  # m, of the rabbit: its back is near 0 m
 OPEN_BOX = Path(__file__).parent / "open_box.obj"  # a face is missing
 
 BOXES = Path(__file__).parents[1] / "launch" / "push_boxes.xml"  # needs the extra mujoco
@@ -196,8 +198,11 @@ WORLDS: dict[str, Callable[[Numbers], EnvironmentModel]] = {
     ),
     "solid": _solid,
     "fixtures": _fixtures,
-    "mesh": lambda n: _mesh(n, None, position=(0.042, 0.0, 0.008)),
-    "mesh_with_hole": lambda n: _mesh(
+    "mesh": lambda n: _of_file("mesh", n, position=BACK),
+    "distance_field": lambda n: _of_file("distance_field", n, position=BACK),
+    "point_cloud": lambda n: _of_file("point_cloud", n, position=BACK),
+    "mesh_with_hole": lambda n: _of_file(
+        "mesh",
         n,
         OPEN_BOX,
         scale=_between(0.01, 0.1, n["share_1"]),

@@ -22,6 +22,7 @@ from forcebound.cli import (
     look,
     recordings,
     run,
+    start,
     study,
     view,
 )
@@ -38,6 +39,8 @@ COMMANDS = (
     recordings.export,
     recordings.recover,
     run.schema,
+    start.new,
+    start.completion,
     graph.stop,
     graph.start,
     graph.param,

@@ -5,10 +5,15 @@ answers stay away: nobody else knows that the environment is gone.
 """
 
 from forcebound.controllers.plane import Asked
-from forcebound.messages.packets import EnvironmentReply
+from forcebound.messages.packets import DeviceState, EnvironmentReply
 
 REMEMBERED = 4096  # questions that are kept; at 4 kHz those of one second
 ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
+
+
+def has_restarted(before: DeviceState, state: DeviceState) -> bool:
+    """Return whether the device counts its ticks anew; a state that is late is older, too."""
+    return state.seq < before.seq and state.time_ns > before.time_ns
 
 
 class Exchange:

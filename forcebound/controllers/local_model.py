@@ -21,7 +21,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from forcebound.controllers.exchange import Exchange
+from forcebound.controllers.exchange import Exchange, has_restarted
 from forcebound.controllers.plane import Asked, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
 from forcebound.controllers.vectors import along
@@ -103,6 +103,9 @@ class OpenLocalModel:
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Return the force of the shown plane; None without a living environment."""
+        if self._states and has_restarted(self._states[-1], state):
+            self._states.clear()
+            self._know_nothing()
         dt = (state.time_ns - self._states[-1].time_ns) * 1e-9 if self._states else 0.0
         self._states.append(state)
         self._time_ns = time_ns

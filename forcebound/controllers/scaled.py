@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from forcebound.controllers import Notice
+from forcebound.controllers.exchange import has_restarted
 from forcebound.controllers.vectors import along
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.quantities import (
@@ -170,16 +171,17 @@ class OpenScaled:
         self._zero: Vector = (0.0,) * axes
         self._point: Vector | None = None  # X, m
         self._velocity = self._zero  # of X, m/s
-        self._position = self._zero  # of the device, m
+        self._before: DeviceState | None = None
         self._excess = self._zero  # of it beyond the border, m
-        self._time_ns = 0  # of the newest state, device's clock
 
     def on_state(self, state: DeviceState, time_ns: int) -> None:
         """Move the point; the environment's reply brings the force."""
-        model = self._model
-        dt = (state.time_ns - self._time_ns) * 1e-9
-        moved = along(state.position, self._position, -1.0)
-        self._time_ns, self._position = state.time_ns, state.position
+        model, before = self._model, self._before
+        if before is None or has_restarted(before, state):
+            before = state
+        dt = (state.time_ns - before.time_ns) * 1e-9
+        moved = along(state.position, before.position, -1.0)
+        self._before = state
         self._clutch.take(state)
         distance = math.hypot(*state.position)
         excess = max(distance - model.border, 0.0) if model.border else 0.0
@@ -201,7 +203,7 @@ class OpenScaled:
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:
         """Return the scaled force of the environment, and that of the border."""
         border = along(self._zero, self._excess, self._model.border_stiffness)
-        share = self._clutch.share(self._time_ns)
+        share = 0.0 if self._before is None else self._clutch.share(self._before.time_ns)
         return along(border, reply.force, share * self._model.force_factor)
 
     def notices(self) -> Sequence[Notice]:

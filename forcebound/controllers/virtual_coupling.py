@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from forcebound.controllers.exchange import Exchange
+from forcebound.controllers.exchange import Exchange, has_restarted
 from forcebound.controllers.passivity import colgate_schenkel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.vectors import along, dot
@@ -107,6 +107,8 @@ class OpenVirtualCoupling:
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Move the proxy; return the coupling's force, None without a living environment."""
+        if self._state is not None and has_restarted(self._state, state):
+            self._let_go()
         dt = 0.0 if self._state is None else (state.time_ns - self._state.time_ns) * 1e-9
         self._state, self._time_ns = state, time_ns
         share = self._exchange.share(time_ns)

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from forcebound.environments.mesh import TriangleMesh
+from forcebound.environments.mesh import Scale, TriangleMesh
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
 from forcebound.folders import cache_folder
@@ -41,7 +41,7 @@ class DistanceField:
             rabbit.
         spacing: Of the grid; nothing: a hundredth of the mesh's longest edge. What is thinner than
             a few is not felt. An array needs it.
-        scale: Length of the mesh's unit in m, such as 0.001; nothing: it is in metres.
+        scale: Length of the mesh's unit in m, such as 0.001; metres: it is in metres.
         origin: Of an array, the place of its first number.
         position: Of the file's origin.
         orientation: Of the file's axes, a quaternion w, x, y, z; any length.
@@ -52,7 +52,7 @@ class DistanceField:
 
     file: Path | None = None
     spacing: Annotated[Length, POSITIVE] | None = None
-    scale: Annotated[Ratio, POSITIVE] | None = None
+    scale: Scale = "metres"
     origin: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     position: tuple[Length, Length, Length] = (0.055, 0.0, 0.0)
     orientation: tuple[Ratio, Ratio, Ratio, Ratio] = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)

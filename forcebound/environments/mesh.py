@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
@@ -28,14 +28,22 @@ if TYPE_CHECKING:
 RABBIT = Path(__file__).parent.parent / "launch" / "rabbit.ply"
 CACHED = 4  # meshes
 
+#: Length of a file's unit in m; "metres": it is in metres, and refused if it seems not to be.
+Scale: TypeAlias = Annotated[Ratio, POSITIVE] | Literal["metres"]
+
+
+def unit_of(scale: Scale) -> float | None:
+    """Return the length of the unit, in m; None: metres, if the size looks so."""
+    return None if isinstance(scale, str) else scale
+
 
 @dataclass(frozen=True)
 class TriangleMesh:
     """A triangle mesh that the hand touches: spring, damper and surface around a god-object.
 
-    Args:
+    Attributes:
         file: STL, OBJ or PLY; closed, with 2 million triangles at most. Nothing: our rabbit.
-        scale: Length of the file's unit in m, such as 0.001; nothing: it is in metres, and a mesh
+        scale: Length of the file's unit in m, such as 0.001; metres: it is in metres, and a mesh
             beyond 2 m is refused.
         position: Of the file's origin.
         orientation: Of the file's axes, a quaternion w, x, y, z; any length.
@@ -46,7 +54,7 @@ class TriangleMesh:
     """
 
     file: Path | None = None
-    scale: Annotated[Ratio, POSITIVE] | None = None
+    scale: Scale = "metres"
     position: tuple[Length, Length, Length] = (0.055, 0.0, 0.0)
     orientation: tuple[Ratio, Ratio, Ratio, Ratio] = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
     may_be_open: bool = False
@@ -85,7 +93,7 @@ class TriangleMesh:
                 shape="mesh",
                 position=self.position,
                 orientation=unit_quaternion(self.orientation),
-                size=(1.0 if self.scale is None else self.scale,),
+                size=(unit_of(self.scale) or 1.0,),
                 file=str(self.path),
                 digest=self.mesh().digest,
             ),
@@ -107,7 +115,7 @@ class TriangleMesh:
             version = (status.st_mtime_ns, status.st_size)
         except (OSError, ValueError):
             version = (0, 0)  # reading it says what is wrong
-        return self.path, version, self.scale, self.may_be_open
+        return self.path, version, unit_of(self.scale), self.may_be_open
 
     def mesh(self) -> "Mesh":
         """Return the mesh, read once.
