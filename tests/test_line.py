@@ -60,10 +60,11 @@ def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
     read = b""
     while ZERO not in read:
         read += os.read(board, 100)
-    for _ in range(2):
-        with pytest.raises(DeviceError, match="the guardian of the port has written zero force"):
-            line.fail(DeviceError("the device sends what nobody asked for"))
-            line.send(FORCE, has_force=True)
+    said = "the guardian of the port has written zero force"
+    with pytest.raises(DeviceError, match=said):
+        line.fail(DeviceError("the device sends what nobody asked for"))
+    with pytest.raises(DeviceError, match=said):
+        line.send(FORCE, has_force=True)
     line.close()
     os.close(slave)
     os.close(board)
