@@ -37,6 +37,7 @@ COMMANDS = (
     run.plot,
     recordings.export,
     recordings.recover,
+    recordings.replay,
     run.schema,
     graph.stop,
     graph.start,
