@@ -99,6 +99,26 @@ def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
     assert tilts[1] < 0.3 * tilts[0]
 
 
+def test_shading_leaves_a_sharp_valley_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "groove.ply"
+    outline = [(0.0, 0.0), (-0.04, 0.04), (-0.04, -0.04), (0.04, -0.04), (0.04, 0.04)]
+    trimesh.Trimesh(*meshes.prism(outline, 0.05), process=False).export(path)
+    surface = Surface(force_shading=True)
+    groove = TriangleMesh(path, position=STILL, orientation=(1.0, 0.0, 0.0, 0.0), surface=surface)
+    opened = groove.open(3)
+    opened.force((0.0, 0.03, 0.0), STILL, 0.0)
+    force = opened.force((0.0, -0.002, 0.0), STILL, 0.0)
+    assert force == pytest.approx((0.0, -2.0, 0.0), abs=1e-3)
+    force = opened.force((0.004, 0.001, 0.0), STILL, 0.0)  # behind one slope alone
+    assert force[0] == pytest.approx(-force[1], rel=1e-3)
+
+
+def test_whole_numbers_are_positions_too(box: TriangleMesh) -> None:
+    opened = box.open(3)
+    assert opened.force((0, 0, 0), (0, 0, 0), 0) == (0.0, 0.0, 0.0)
+    assert opened.force((0.012, 0, 0), (0, 0, 0), 0)[0] == pytest.approx(2.0, rel=1e-3)
+
+
 def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
     path = tmp_path / "part.stl"
     vertices, faces = meshes.box()

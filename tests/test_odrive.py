@@ -148,6 +148,20 @@ def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> N
     assert board.torque == (-0.1,)  # a positive one resists
 
 
+class LatePort(FakePort):
+    """A port whose machine is busy: a silence, however long, tells nothing."""
+
+    def drain(self, quiet: float = 0.0) -> bytes:
+        return b"" if quiet else super().drain()
+
+
+def test_the_answer_to_an_empty_line_may_be_late() -> None:
+    line: Any = FakeLine(ODriveBoard(1))
+    line.port = LatePort(line.port.board)
+    assert OpenODrive(ODrive(port="auto"), line, HOLD).read(0) == (0.0,)
+    assert line.failure is None
+
+
 def test_the_start_has_the_order_that_the_firmware_needs() -> None:
     _, _, line = switched_on(watchdog_limit=0.021)
     text = b"".join(line.port.written).decode()

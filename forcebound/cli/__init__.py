@@ -22,6 +22,7 @@ from forcebound.cli import (
     look,
     recordings,
     run,
+    start,
     study,
     view,
 )
@@ -39,6 +40,8 @@ COMMANDS = (
     recordings.recover,
     recordings.replay,
     run.schema,
+    start.new,
+    start.completion,
     graph.stop,
     graph.start,
     graph.param,

@@ -55,7 +55,7 @@ CLEARANCE = 1e-7  # of the mesh's size
 PLANES = 8  # of a sweep at most
 SLACK = 1e-6  # of the clearance, by which a point may be behind a plane: rounding
 SWEEPS = 64  # of a question at most; what is left is done in the next
-SHADED = 0.5  # least cosine between a normal and its smoothed one
+SHADED = 0.94  # cosine of 20 degrees, half of a crease: the proxy lies on one smooth face
 IDLE = 2  # sweeps that bring nothing before it is enough: where many planes meet, each finds others
 STILL = 1e-3  # of the clearance: a shorter move is none
 FAR = 1e3  # sizes of the mesh; a goal beyond is taken to be there
@@ -122,14 +122,16 @@ class MeshSolid:
         return along(at, normal, 2.0 * self.clearance), normal
 
     def shade(self, point: Vector3, normal: Vector3) -> Vector3:
-        """Return the normal between the smoothed ones of the triangle's corners."""
+        """Return the normal between the smoothed ones of the triangle's corners.
+
+        Where the proxy lies on several faces that meet at a sharp edge, ``normal`` stays.
+        """
         if self._normals is None:
             return normal
         place, at, _ = self.tree.closest(point)
-        weights = barycentric(at, *(corner(self.tree.triangles, place, k) for k in range(3)))
-        x, y, z = (weights @ self._normals[place]).tolist()
-        smooth = unit((x, y, z))
-        side = dot(smooth, normal)
+        a, b, c = (corner(self.tree.triangles, place, k) for k in range(3))
+        x, y, z = (barycentric(at, a, b, c) @ self._normals[place]).tolist()
+        smooth, side = unit((x, y, z)), dot(unit(cross(sub(b, a), sub(c, a))), normal)
         if not self._is_closed and side < 0.0:
             smooth, side = scale(smooth, -1.0), -side
         return smooth if side > SHADED else normal

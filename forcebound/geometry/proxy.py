@@ -287,5 +287,5 @@ def _pull(device: Vector3, touch: Touch) -> tuple[float, float]:
 
 
 def _within_reach(position: Vector3) -> Vector3:
-    x, y, z = (max(-FARTHEST, min(FARTHEST, entry)) for entry in position)
+    x, y, z = (max(-FARTHEST, min(FARTHEST, float(entry))) for entry in position)
     return (x, y, z)

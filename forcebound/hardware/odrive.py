@@ -54,7 +54,7 @@ from forcebound.devices.stated_joints import (
     TorqueOfJoints,
 )
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import QUIET, Line
+from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
     WATCHDOG_EXPIRED,
     error_words,
@@ -196,8 +196,7 @@ class OpenODrive(SerialDevice):
         self._requests = Requests(line, model.reply_within)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.kinematics()
-        self._requests.tell(b"\n" + zero_torque(model.joints))
-        line.port.drain(QUIET)  # what a former user has left
+        self._requests.begin(b"\n" + zero_torque(model.joints))
         check_firmware(self._requests)
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
