@@ -81,11 +81,10 @@ def test_recorded_inputs_give_the_recorded_forces_to_the_bit(
     assert found.unknown_commands == 0
 
 
-def with_late_ticks(config: GraphConfig, **model: object) -> GraphConfig:
+def with_late_ticks(config: GraphConfig, **fields: object) -> GraphConfig:
+    model: Any = config.device.model
     servo = with_fields(config.device.servo, late_ticks=LateTicks(rate=40.0))
-    return with_fields(
-        config, device=DeviceConfig(with_fields(config.device.model, **model), servo)
-    )
+    return with_fields(config, device=DeviceConfig(with_fields(model, **fields), servo))
 
 
 @pytest.mark.parametrize("watchdog", ["silent", "reporting", "guarding", "none"])
