@@ -38,6 +38,7 @@ COMMANDS = (
     run.plot,
     recordings.export,
     recordings.recover,
+    recordings.replay,
     run.schema,
     start.new,
     start.completion,
