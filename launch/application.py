@@ -87,12 +87,13 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
 
 
 def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
-    places = {name.rpartition(".")[0] for name in changed}
-    for place in sorted(places - {"environment"}):
-        _change_link(graph, place.removeprefix("links."), new)
-    for node in graph.nodes:
-        if "environment" in places and isinstance(node, EnvironmentNode):
-            change_environment(node, new.environment)
+    links = {name.split(".")[1] for name in changed if name.startswith("links.")}
+    for topic in sorted(links):
+        _change_link(graph, topic, new)
+    if any(name.startswith("environment.") for name in changed):
+        for node in graph.nodes:
+            if isinstance(node, EnvironmentNode):
+                change_environment(node, new.environment)
 
 
 def _change_link(graph: Runner | Simulation, topic: str, config: GraphConfig) -> None:

@@ -269,18 +269,19 @@ class DeviceNode(Node):
             chain.disengage()
         gives = is_engaged and self._next_law is None
         commanded = chain.force(time_ns) if gives else self._zero
-        position, applied, limit = self._bounded.write(time_ns, commanded, chain.engagement)
-        self._applied = applied
+        written = self._bounded.write(time_ns, commanded, chain.engagement)
+        self._applied = written.applied
+        cut_ns, cut_position = written.cut or (None, None)
         answered = chain.answered_tick if is_engaged else None
         truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
             time_ns,
             self._elapsed(time_ns),
-            position,
+            written.position,
             commanded,
-            applied,
-            limit,
+            written.applied,
+            written.limit,
             self._bounded.bounder.estimated_energy,
             truth.energy,
             truth.position,
@@ -290,6 +291,12 @@ class DeviceNode(Node):
             None if answered is None else (time_ns - chain.answered_ns) * 1e-9,
             self.deadline_misses,
             chain.rejected,
+            written.read_ns,
+            written.write_ns,
+            written.joints,
+            written.torques,
+            cut_ns,
+            cut_position,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

@@ -16,13 +16,19 @@ from forcebound.errors import ConfigError
 GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 
 
-def test_no_world_and_no_controller_makes_a_certified_law_leak() -> None:
-    found = run_worlds(runs=1, searched=0, workers=0)
-    rows = [row for row in found["worlds"] if row["is_certified"]]
+@pytest.mark.parametrize(
+    ("law", "controllers"),
+    [("certified", sorted(CONTROLLERS)), ("certified_memoryless", ["direct"])],
+)
+def test_no_world_and_no_controller_makes_a_certified_law_leak(
+    law: str, controllers: list[str]
+) -> None:
+    found = run_worlds([law], controllers=controllers, runs=1, searched=0, workers=0)
+    rows = found["worlds"]
     assert {row["world"] for row in rows} == set(WORLDS)
-    assert all(set(row["controllers"]) == set(CONTROLLERS) for row in rows)
+    assert all(sorted(row["controllers"]) == controllers for row in rows)
     assert min(row["margin_min_j"] for row in rows) >= -ENERGY_TOLERANCE
-    assert all(row["holds"] for row in rows)
+    assert all(row["is_certified"] and row["holds"] for row in rows)
 
 
 @pytest.mark.parametrize("world", sorted(WORLDS))

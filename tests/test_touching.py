@@ -71,6 +71,21 @@ def test_parameters_within_a_section_have_names_of_their_own() -> None:
     assert restore(to_document(new)) == new
 
 
+def test_a_running_graph_takes_over_a_parameter_within_a_section(tmp_path: Path) -> None:
+    slippery = "{ environment.surface.friction: 0, environment.surface.static_friction: 0 }"
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "forcebound: 1\ninclude: sliding_friction.yaml\nphases:\n"
+        "  - { name: rough, duration: 1.2 s }\n"
+        f"  - {{ name: slippery, duration: 0.5 s, set: {slippery} }}\n"
+    )
+    commanded = run_virtual(load(path)).columns.commanded_force
+    across = np.hypot(commanded[:, 1], commanded[:, 2])
+    assert across[1100] > 0.3 * commanded[1100, 0]
+    assert commanded[1500, 0] > 1.0
+    assert across[1250:].max() < 1e-12
+
+
 def test_a_wrong_parameter_within_a_section_is_told() -> None:
     config = load("sliding_friction")
     with pytest.raises(ConfigError, match=r"static_friction must be at least friction, 0\.9"):

@@ -5,7 +5,6 @@ lowest energy. The law ``none`` meets a few of the random cases: what it gives a
 attack can do.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
@@ -74,7 +73,7 @@ def plan(
     for world in worlds:
         for controller in controllers:
             for law in (UNBOUNDED, *laws):
-                number = math.ceil(UNBOUNDED_SHARE * runs) if law == UNBOUNDED else runs
+                number = int(UNBOUNDED_SHARE * runs) if law == UNBOUNDED else runs
                 for first in range(0, number, PIECE):
                     piece = min(PIECE, number - first)
                     tasks.append(WorldTask(law, world, controller, False, seed + first, piece))

@@ -4,13 +4,13 @@ import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from forcebound.environments.mesh import RABBIT, Scale, TriangleMesh, unit_of
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import Surface
-from forcebound.geometry.vectors import unit_quaternion
+from forcebound.geometry.vectors import Quaternion, Vector3, unit_quaternion
 from forcebound.messages.packets import SceneObject
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -23,11 +23,13 @@ from forcebound.quantities import (
 )
 
 if TYPE_CHECKING:
+    Version: TypeAlias = tuple[Path, tuple[int, int], float | None, bool]
     from forcebound.geometry.cloud_file import Cloud
     from forcebound.geometry.implicit import ImplicitSolid
 
 RADII = 2.0  # spacings in the radius of a point where nothing is said
 CACHED = 4  # clouds
+STEPS = 400  # of an answer, 3 us each
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class PointCloud:
         Raises:
             ConfigError: If one will not do.
         """
-        self._size(self._cloud())
+        _radius(self._version(), self.radius)
         self.surface.check_files()
 
     def solid(self) -> "ImplicitSolid":
@@ -77,18 +79,11 @@ class PointCloud:
         Raises:
             ConfigError: As :meth:`check_files`.
         """
-        from forcebound.geometry.implicit import ImplicitSolid
-        from forcebound.geometry.points import CLOUD, cloud_data
-
-        cloud = self._cloud()
         orientation = unit_quaternion(self.orientation)
-        radius = self._size(cloud)
-        data = cloud_data(cloud.points, radius, self.position, orientation)
-        return ImplicitSolid(CLOUD, data, dip=radius / 20)
+        return _solid(self._version(), self.radius, self.position, orientation)
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the points."""
-        cloud = self._cloud()
         return (
             SceneObject(
                 name="points",
@@ -97,7 +92,7 @@ class PointCloud:
                 orientation=unit_quaternion(self.orientation),
                 size=(unit_of(self.scale) or 1.0,),
                 file=str(self._path),
-                digest=cloud.digest,
+                digest=_cloud(self._version()).digest,
             ),
         )
 
@@ -109,27 +104,42 @@ class PointCloud:
     def _path(self) -> Path:
         return RABBIT if self.file is None else self.file
 
-    def _cloud(self) -> "Cloud":
-        return _cloud(TriangleMesh(self._path, self.scale).version())
-
-    def _size(self, cloud: "Cloud") -> float:
-        """The radius of a point."""
-        from forcebound.geometry.points import MOST_CUBES, cubes_of, spacing_of
-
-        radius = RADII * spacing_of(cloud.points) if self.radius is None else self.radius
-        cubes = cubes_of(cloud.points, radius)
-        if cubes > MOST_CUBES:
-            least = radius * (cubes / MOST_CUBES) ** (1 / 3)
-            raise ConfigError(
-                f"a radius of {1e3 * radius:.3g} mm is too small for points so far apart: say a"
-                f" radius of at least {1e3 * least:.2g} mm",
-                field="radius",
-            )
-        return radius
+    def _version(self) -> "Version":
+        return TriangleMesh(self._path, self.scale).version()
 
 
 @lru_cache(CACHED)
-def _cloud(version: tuple[Path, object, float | None, bool]) -> "Cloud":
+def _cloud(version: "Version") -> "Cloud":
     from forcebound.geometry.cloud_file import read_points
 
     return read_points(version[0], version[2])
+
+
+@lru_cache(CACHED)
+def _radius(version: "Version", radius: float | None) -> float:
+    """The radius of a point, the one that is given if there is one."""
+    from forcebound.geometry.points import MOST_CUBES, cubes_of, spacing_of
+
+    points = _cloud(version).points
+    radius = RADII * spacing_of(points) if radius is None else radius
+    cubes = cubes_of(points, radius)
+    if cubes > MOST_CUBES:
+        least = radius * (cubes / MOST_CUBES) ** (1 / 3)
+        raise ConfigError(
+            f"a radius of {1e3 * radius:.3g} mm is too small for points so far apart: say a radius"
+            f" of at least {1e3 * least:.2g} mm",
+            field="radius",
+        )
+    return radius
+
+
+@lru_cache(CACHED)
+def _solid(
+    version: "Version", radius: float | None, position: Vector3, orientation: Quaternion
+) -> "ImplicitSolid":
+    from forcebound.geometry.implicit import ImplicitSolid
+    from forcebound.geometry.points import CLOUD, cloud_data
+
+    size = _radius(version, radius)
+    data = cloud_data(_cloud(version).points, size, position, orientation)
+    return ImplicitSolid(CLOUD, data, dip=size / 20, steps=STEPS)

@@ -22,12 +22,17 @@ from forcebound.geometry.vectors import Vector3, add, along, dot, norm, scale, s
 Data: TypeAlias = Any  # what a field's functions know of the solid
 Distance: TypeAlias = Callable[[Data, Vector3], float]
 Gradient: TypeAlias = Callable[[Data, Vector3], Vector3]
-Slide: TypeAlias = Callable[[Data, Vector3, Vector3, float], tuple[bool, Vector3, Vector3]]
+March: TypeAlias = Callable[
+    [Data, Vector3, Vector3, float], tuple[bool, Vector3, Vector3, float, int]
+]
+Slide: TypeAlias = Callable[[Data, Vector3, Vector3, float, int], tuple[bool, Vector3, Vector3]]
+Closest: TypeAlias = Callable[[Data, Vector3], tuple[Vector3, Vector3]]
 
 DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner than two is not felt
 STEPS = 512  # of a march at most along surfaces: a longer way has longer steps
 CUTS = 8  # planes of one round
-MOVES = 200  # of the proxy in one answer, over all rounds
+ROUNDS = 30  # from then on, one without gain is the last
+STEPS_IN_ALL = 2000  # of the marches of one answer
 LEGAL = 1e-9  # m, depth that counts as none
 STILL = 1e-10  # m, a move that counts as none
 
@@ -40,16 +45,18 @@ class Field(NamedTuple):
     shading: Gradient  # smoothed, where the other one jumps
 
 
-@cache
-def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector3, Vector3]]]:
-    """Return the compiled moves of a proxy on a field: ``slide`` and ``closest``."""
-    distance, gradient, _ = field
+def _march_of(distance: Distance) -> March:
+    """Return the straight way of a proxy on a field."""
 
-    def narrow(data: Data, outside: Vector3, inside: Vector3) -> Vector3:
-        """A place close behind the surface that lies between two places."""
+    def narrow(data: Data, outside: Vector3, inside: Vector3, depth: float) -> Vector3:
+        """A place between two, hardly deeper behind the surface than ``depth``.
+
+        Its plane tells where the surface is. On a hollow one it has to be on the way ahead, thus
+        not at the very surface, which the way leaves already where it begins.
+        """
         for _ in range(12):
             middle = scale(add(outside, inside), 0.5)
-            if distance(data, middle) < -LEGAL:
+            if distance(data, middle) < -depth:
                 inside = middle
             else:
                 outside = middle
@@ -58,23 +65,36 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
     @outlined
     def march(
         data: Data, start: Vector3, end: Vector3, dip: float
-    ) -> tuple[bool, Vector3, Vector3, float]:
-        """Whether something is in the way; the last legal place; the obstacle; how far it is."""
+    ) -> tuple[bool, Vector3, Vector3, float, int]:
+        """Whether something is in the way; the last legal place; the obstacle; how far it is.
+
+        Also the number of steps.
+        """
         way = sub(end, start)
         length = norm(way)
         direction = scale(way, 1.0 / length) if length > 0.0 else way
         smallest = max(dip, length / STEPS)
-        gone, here, legal = 0.0, start, start
+        gone, here, legal, steps = 0.0, start, start, 0
         while True:
             free = distance(data, here)
+            steps += 1
             if free < -dip:
-                return True, legal, narrow(data, legal, here), free
+                return True, legal, narrow(data, legal, here, 0.25 * dip), free, steps
             if free >= -LEGAL:
                 legal = here
             if not gone < length:
-                return False, end, end, free
+                return False, end, end, free, steps
             gone = min(gone + max(free, smallest), length)
             here = along(start, direction, gone) if gone < length else end
+
+    return march
+
+
+@cache
+def slide_of(field: Field) -> Slide:
+    """Return the compiled move of a proxy on a field; see :class:`ImplicitSolid`."""
+    distance, gradient, _ = field
+    march = _march_of(distance)
 
     @outlined
     def add_plane(data: Data, planes: Any, count: int, point: Vector3) -> None:
@@ -93,27 +113,30 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
             if depth <= LEGAL:
                 return True, point
             slope = gradient(data, point)
-            steepness = norm(slope)
-            if steepness == 0.0:
-                break
-            point = along(point, slope, (depth + 0.5 * LEGAL) / (steepness * steepness))
+            square = max(dot(slope, slope), 1e-12)
+            point = along(point, slope, (depth + 0.5 * LEGAL) / square)
         return False, point
 
     def slide(
-        data: Data, proxy: Vector3, goal: Vector3, dip: float
+        data: Data, proxy: Vector3, goal: Vector3, dip: float, most: int
     ) -> tuple[bool, Vector3, Vector3]:
         planes = np.empty((CUTS, 4))
-        place, before, target, count = proxy, proxy, goal, 0
-        for move in range(MOVES):
-            is_blocked, place, obstacle, free = march(data, place, target, dip)
+        place, before, target = proxy, proxy, goal
+        count, steps, rounds = 0, 0, 0
+        while steps < most:
+            is_blocked, place, obstacle, free, taken = march(data, place, target, dip)
             if not is_blocked:  # arrived: the solid is seen anew from here
-                if move == 0 and free >= 0.0:
+                if steps == 0 and free >= 0.0:
                     return False, goal, (0.0, 0.0, 0.0)
-                if free >= -LEGAL and norm(sub(place, before)) < STILL:
+                gain = norm(sub(before, goal)) - norm(sub(place, goal))
+                rounds += 1
+                is_still = free >= -LEGAL and norm(sub(place, before)) < STILL
+                if is_still or (rounds > ROUNDS and abs(gain) < LEGAL):
                     break
                 before, count = place, 0
             elif count == CUTS:
                 count = 0
+            steps += taken
             add_plane(data, planes, count, obstacle)
             count += 1
             found, target = closest_legal(goal, planes, count, 1e-12)
@@ -124,18 +147,25 @@ def kernels(field: Field) -> tuple[Slide, Callable[[Data, Vector3], tuple[Vector
             place = proxy
         return norm(sub(place, goal)) > LEGAL, place, unit(sub(place, goal))
 
+    return jit(slide)
+
+
+@cache
+def closest_of(field: Field) -> Closest:
+    """Return the compiled search of a field's closest point of the surface, and its normal."""
+    distance, gradient, _ = field
+
     def closest(data: Data, point: Vector3) -> tuple[Vector3, Vector3]:
-        """The closest point of the surface, by Newton's steps along the gradient; its normal."""
-        for _ in range(20):
+        for _ in range(20):  # Newton's steps along the gradient
             slope = gradient(data, point)
-            steepness = norm(slope)
+            square = max(dot(slope, slope), 1e-12)
             away = distance(data, point)
-            if steepness == 0.0 or abs(away) <= LEGAL:
+            if abs(away) <= LEGAL:
                 break
-            point = along(point, slope, -away / (steepness * steepness))
+            point = along(point, slope, -away / square)
         return point, unit(gradient(data, point))
 
-    return jit(slide), jit(closest)
+    return jit(closest)
 
 
 class ImplicitSolid:
@@ -146,22 +176,25 @@ class ImplicitSolid:
         data: What they know of it.
         dip: Depth, in m, to which a move may dip below a hollow surface; what is thinner than twice
             as much is not felt. Larger is faster.
+        steps: Distances that one move may ask for; what is left is done in the next.
     """
 
-    def __init__(self, field: Field, data: Data, dip: float = DIP) -> None:
-        self._dip = dip
+    def __init__(
+        self, field: Field, data: Data, dip: float = DIP, steps: int = STEPS_IN_ALL
+    ) -> None:
+        self._dip, self._steps = dip, steps
         self._data = data
-        self._slide, self._closest = kernels(field)
+        self._slide, self._closest = slide_of(field), closest_of(field)
         self._distance, self._shading = jit(field.distance), jit(field.shading)
         origin = (0.0, 0.0, 0.0)
-        self._slide(data, origin, origin, dip)
+        self._slide(data, origin, origin, dip, steps)
         self._closest(data, origin)
         self.shade(origin, origin)
         self.distance(origin)
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy towards the goal as far as nothing is entered."""
-        is_touching, place, normal = self._slide(self._data, proxy, goal, self._dip)
+        is_touching, place, normal = self._slide(self._data, proxy, goal, self._dip, self._steps)
         return (place, normal) if is_touching else (goal, None)
 
     def distance(self, point: Vector3) -> float:

@@ -125,4 +125,4 @@ def spacing_of(points: Any) -> float:
     for point in points[chosen]:
         squares = np.einsum("ij,ij->i", points - point, points - point)
         nearest.append(math.sqrt(np.partition(squares, 1)[1]))
-    return float(np.median(nearest))
+    return max(float(np.median(nearest)), 1e-9)
