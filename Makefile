@@ -48,6 +48,7 @@ bench: $(STAMP)
 	$(BIN)/forcebound bench loop
 	$(BIN)/forcebound bench delay
 	$(BIN)/forcebound bench sweep
+	$(BIN)/forcebound bench virtual
 	$(BIN)/python benchmarks/codec.py
 
 mutation: $(STAMP)

@@ -25,7 +25,7 @@ import ctypes
 import gc
 import os
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,16 +124,19 @@ class Fact:
         return SENTENCES[self.code].format_map(self.data)
 
 
-def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> int | None:
+def choose_core(
+    wanted: str | int, allowed: Collection[int] | None = None, taken: Sequence[int | None] = ()
+) -> int | None:
     """Return the core for the chain of nodes.
 
     Args:
         wanted: ``"auto"``, ``"none"`` or the number of a core.
         allowed: Cores that this process may use; by default what the kernel says.
+        taken: Those of the other graphs that run here.
 
     Returns:
-        The core; the highest one for ``"auto"``, because core 0 takes most interrupts. None for
-        ``"none"``.
+        The core. For ``"auto"`` the highest one of those that the fewest graphs have taken, because
+        core 0 takes most interrupts. None for ``"none"``.
 
     Raises:
         ConfigError: If the core is not one of those allowed.
@@ -142,7 +145,7 @@ def choose_core(wanted: str | int, allowed: Collection[int] | None = None) -> in
     if wanted == "none":
         return None
     if wanted == "auto":
-        return cores[-1]
+        return max(cores, key=lambda core: (-taken.count(core), core))
     if wanted not in cores:
         known = ", ".join(str(core) for core in cores)
         raise ConfigError(

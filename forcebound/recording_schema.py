@@ -39,6 +39,12 @@ DESCRIPTIONS: dict[str, str] = {
     "loop_delay": "time from the answered device state to this write, s",
     "deadline_misses": "ticks skipped so far",
     "rejected": "packets rejected so far, by reason",
+    "read_ns": "when the position was read, as the bounder has it, device's clock, ns",
+    "write_ns": "from when on the force acts, as the bounder has it, device's clock, ns",
+    "joints": "angles of an arm, rad",
+    "torques": "torques of an arm, N m; written to its motors",
+    "cut_ns": "when the watchdog dropped the force before this one, device's clock, ns",
+    "cut_position": "position when the watchdog dropped the force, m; of an arm its angles",
     "orientation": "orientation of the tip, unit quaternion w x y z",
     "buttons": "buttons of the device; bit i: button i is down",
     "proxy": "where the tip would be if it could enter nothing, m; absent: free motion",
@@ -53,9 +59,11 @@ DESCRIPTIONS: dict[str, str] = {
 }  # meaning and unit of the packets' fields, for the schemas
 
 _UNITS_OF = {
-    "ns": ("time_ns", "device_time_ns", "query_time_ns"),
+    "ns": ("time_ns", "device_time_ns", "query_time_ns", "read_ns", "write_ns", "cut_ns"),
     "s": ("elapsed", "loop_delay"),
-    "m": ("position", "true_position", "proxy", "objects"),
+    "m": ("position", "true_position", "proxy", "objects", "cut_position"),
+    "rad": ("joints",),
+    "N m": ("torques",),
     "m/s": ("velocity",),
     "N": ("force", "commanded_force", "applied_force", "force_limit", "hand_force"),
     "J": ("estimated_energy", "true_energy"),

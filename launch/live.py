@@ -32,7 +32,7 @@ from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.links import check_links
 from forcebound.launch.results import RunResult, run_metadata
-from forcebound.launch.run_lock import exclusive, shared
+from forcebound.launch.run_lock import exclusive, is_held, shared
 from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -130,7 +130,7 @@ def run_live(
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
-    core = realtime.choose_core(config.realtime.cores)
+    core = realtime.choose_core(config.realtime.cores, taken=_taken_cores())
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
         write_launch_document(run_dir, config)
@@ -368,6 +368,14 @@ def run_folders() -> set[Path]:
 def own_run_directories(folders: Iterable[Path]) -> list[Path]:
     """Return what is named like a run directory and belongs to this user, in folders of anybody."""
     return sorted(path for each in folders for path in each.glob(f"{PREFIX}*") if is_own(path))
+
+
+def _taken_cores() -> list[int | None]:
+    """Return the cores that this user's other graphs have for their nodes."""
+    held = filter(is_held, own_run_directories(run_folders()))
+    with suppress(OSError, ConfigError):  # one begins or ends just now
+        return [RunDocument.read(run_dir).core for run_dir in held]
+    return []
 
 
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:

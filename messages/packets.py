@@ -158,6 +158,12 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     loop_delay: float | None  # s from that state to this write
     deadline_misses: _Count  # ticks skipped so far
     rejected: _Counts  # packets rejected so far, by reason
+    read_ns: _Count | None = None  # ns, when the position was read, as the bounder has it
+    write_ns: _Count | None = None  # ns, from when on the force acts, as the bounder has it
+    joints: _Vector | None = None  # rad, reading of an arm
+    torques: _Vector | None = None  # N m, written to the motors of an arm
+    cut_ns: _Count | None = None  # ns, when the watchdog dropped the force before this one
+    cut_position: _Vector | None = None  # m (of an arm rad), reading then
 
 
 class Scene(_Wire, frozen=True, tag="scene"):

@@ -32,6 +32,11 @@ class Written(NamedTuple):
     position: Vector  # m, of the reading that the bounder used
     applied: Vector  # N
     limit: float  # N, largest magnitude that law and saturation allowed in this direction
+    read_ns: int  # when the bounder takes it that the position was read
+    write_ns: int  # from when on the bounder takes it that the force acts
+    joints: Vector | None  # rad, reading of an arm
+    torques: Vector | None  # N m, that were applied by an arm
+    cut: tuple[int, Vector] | None  # of the force before: when, in ns, and the reading then
 
 
 class BoundedDevice:
@@ -79,13 +84,17 @@ class BoundedDevice:
         self.bounder = ForceBounder(law, dissipation, device.axes)
         self._zero: Vector = (0.0,) * device.axes
         self._write_ns: int | None = None
+        self._applied = self._zero  # by the motors
         self.begin()
 
     def begin(self) -> None:
-        """Count and learn from now on: the force engages."""
+        """Count and learn from now on: the force engages. With no force held, the ledger begins."""
         self._hold_limit.restart()
         if self.learns:
             self._change_limit()
+        if not any(self._applied):
+            self._write_ns = None
+            self.bounder.overruns = self.bounder.refused_readings = self.bounder.late_writes = 0
         self._overruns = self.bounder.overruns
         self._refused = self.bounder.refused_readings
         self._late_writes = self.bounder.late_writes
@@ -116,7 +125,7 @@ class BoundedDevice:
         if self._jitter is not None:
             self._ahead_ns += self._jitter()
         read_ns += self._ahead_ns
-        position, force = reading, commanded
+        position, force, cut = reading, commanded, None
         if kinematics is not None:
             position = kinematics.position(reading)
             force = self._torque(kinematics.torque(reading, commanded), engagement)
@@ -124,11 +133,12 @@ class BoundedDevice:
             bounder.start(read_ns, reading)
             bounded = self._zero
         else:
-            cut = None if self._cut is None else self._cut()
+            if self._cut is not None:
+                cut = self._cut()
             if cut is not None:
                 bounder.report_cut(*cut)
             bounded = bounder.bound(read_ns, reading, force)
-        applied = device.write(time_ns, bounded)
+        self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         if self._stamps is not None:
             write_ns = self._stamps()[1]
@@ -143,10 +153,11 @@ class BoundedDevice:
         if self.learns and self._hold_limit.observe(interval_ns):
             self._change_limit()
         if kinematics is None:
-            return Written(position, applied, bounder.limit)
+            return Written(position, applied, bounder.limit, read_ns, write_ns, None, None, cut)
         scale = _length(commanded) / (_length(force) or math.inf)
         share = scale * _length(applied) / (_length(commanded) or math.inf)
-        return Written(position, tuple([share * f for f in commanded]), scale * bounder.limit)
+        tip, limit = tuple([share * f for f in commanded]), scale * bounder.limit
+        return Written(position, tip, limit, read_ns, write_ns, reading, applied, cut)
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""

@@ -89,7 +89,8 @@ class DeviceNode(Node):
         self._under = partial(
             BoundedDevice, device, dissipation=dissipation, learns=learns, clock=clock
         )
-        self._bounded = self._under(servo.law)
+        self._law = servo.law
+        self._bounded = self._under(self._law)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
@@ -146,13 +147,14 @@ class DeviceNode(Node):
         self._chain.reject(reason)
 
     def status(self) -> dict[str, Any]:
-        """Return ``engaged``, ``deadline_misses``, ``rejected`` and, of the bounder, ``bounder``.
+        """Return ``engaged``, ``law``, ``deadline_misses``, ``rejected`` and ``bounder``.
 
         The last is :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
         """
         return {
             "rejected": dict(self._chain.rejected),
             "engaged": self.is_engaged,
+            "law": self._law,
             "deadline_misses": self.deadline_misses,
             "bounder": self._bounded.report(),
         }
@@ -267,18 +269,19 @@ class DeviceNode(Node):
             chain.disengage()
         gives = is_engaged and self._next_law is None
         commanded = chain.force(time_ns) if gives else self._zero
-        position, applied, limit = self._bounded.write(time_ns, commanded, chain.engagement)
-        self._applied = applied
+        written = self._bounded.write(time_ns, commanded, chain.engagement)
+        self._applied = written.applied
+        cut_ns, cut_position = written.cut or (None, None)
         answered = chain.answered_tick if is_engaged else None
         truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
             time_ns,
             self._elapsed(time_ns),
-            position,
+            written.position,
             commanded,
-            applied,
-            limit,
+            written.applied,
+            written.limit,
             self._bounded.bounder.estimated_energy,
             truth.energy,
             truth.position,
@@ -288,6 +291,12 @@ class DeviceNode(Node):
             None if answered is None else (time_ns - chain.answered_ns) * 1e-9,
             self.deadline_misses,
             chain.rejected,
+            written.read_ns,
+            written.write_ns,
+            written.joints,
+            written.torques,
+            cut_ns,
+            cut_position,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)
@@ -295,9 +304,10 @@ class DeviceNode(Node):
 
     def _change_law(self, law: str, time_ns: int) -> Event:
         """Begin a new ledger under another law; no force is held."""
-        self._next_law = None
+        self._next_law, self._law = None, law
         self._bounded = self._under(law)
         self._bounded.begin()
+        self._overload = Overload(self._period_ns)  # the ticks that the loading costs are no news
         return self.events.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
 
     def _begin_next_tick(self, time_ns: int) -> None:

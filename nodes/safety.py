@@ -94,14 +94,10 @@ class SafetyChain:
             self._ramp_start_ns = time_ns
         since = time_ns - self._ramp_start_ns
         if since >= self._engage_time_ns:
-            self.engagement = scale = 1.0
+            self.engagement = 1.0
         else:
-            self.engagement = scale = since / self._engage_time_ns
-        force = command.force
-        magnitude = abs(force[0]) if self._axes == 1 else math.hypot(*force)
-        if magnitude > self._saturation:
-            scale *= self._saturation / magnitude
-        return force if scale == 1.0 else tuple([scale * f for f in force])
+            self.engagement = since / self._engage_time_ns
+        return ramped(command.force, self.engagement, self._saturation)
 
     def disengage(self) -> None:
         """Restart the ramp at the next fresh command."""
@@ -123,3 +119,12 @@ class SafetyChain:
         if held is not None and (tick, command.seq) <= (held.device_seq, held.seq):
             return "not_newer"
         return None
+
+
+def ramped(force: Vector, engagement: float, saturation: float) -> Vector:
+    """Return a command's force after saturation and engage ramp, in N; its direction is kept."""
+    scale = engagement
+    magnitude = abs(force[0]) if len(force) == 1 else math.hypot(*force)
+    if magnitude > saturation:
+        scale *= saturation / magnitude
+    return force if scale == 1.0 else tuple([scale * f for f in force])

@@ -88,6 +88,8 @@ TELEMETRY = Telemetry(
     loop_delay=0.0004,
     deadline_misses=0,
     rejected={"not_finite": 1},
+    read_ns=123456789400000,
+    write_ns=123456789412345,
 )
 SCENE = Scene(
     seq=12,

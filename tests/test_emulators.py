@@ -38,8 +38,9 @@ class Client:
         *faults: Fault,
         values: dict[str, object] | None = None,
         latency: float = 0.0,
+        hand: PressingHand | None = HAND,
     ):
-        emulated = assembler("haply_2diy")(values or {}, HAND)
+        emulated = assembler("haply_2diy")(values or {}, hand)
         self.emulation = Emulation(emulated, Faults(faults), truth, latency)
         self.time_ns = 5_000 * MS
         self.emulation.start(self.time_ns)
@@ -89,6 +90,21 @@ def test_the_hand_brings_the_tip_home_when_the_port_is_closed(truth: TruthFile) 
     assert found is not None
     assert degrees(home) == pytest.approx((11.95, 167.98), abs=0.01)
     assert math.dist(found.position, (0.0, -0.0693)) < 2e-3  # friction holds it short of home
+
+
+def test_an_arm_that_nobody_holds_is_thrown_into_its_stops_and_put_back(truth: TruthFile) -> None:
+    client = Client(truth, hand=None)
+    truth.announce()
+    home = degrees(client.exchange())
+    for torques in ((-0.1, 0.1), (0.1, 0.1)):  # the elbows apart, into a singular pose; both aside
+        truth.engage(client.time_ns)
+        thrown = b"\2\5" + struct.pack("<2f", *torques)
+        for _ in range(100):
+            client.exchange(thrown)
+        assert degrees(client.exchange()) != home
+        truth.announce()
+        client.exchange()
+        assert degrees(client.exchange()) == home
 
 
 def test_torque_moves_the_arm_and_is_in_the_truth(truth: TruthFile) -> None:

@@ -18,6 +18,8 @@ from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import control_endpoint
 from forcebound.recording import read
+from forcebound.recordings.rerun import device_of
+from forcebound.recordings.verification import verify
 
 NODES = ("environment", "controller", "device", "recorder")
 
@@ -86,7 +88,9 @@ def test_nothing_survives_a_launcher_that_is_killed(launched: Launched) -> None:
     until(lambda: not any(map(is_alive, pids.values())), "the processes to be gone")
     until(lambda: launched.run_dirs == [], "the run directory to be gone")
     assert launched.telemetry()[-1].applied_force == (0.0,)
-    assert read(launched.record).complete
+    recording = read(launched.record)
+    assert recording.complete
+    assert verify(recording, device_of(recording)).is_same  # its forces follow from its inputs
 
 
 @pytest.mark.live

@@ -53,6 +53,23 @@ def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends
     assert os.read(board, 100) == ZERO
 
 
+def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
+    board, slave = os.openpty()
+    line = Line("none", os.ttyname(slave), ZERO, 0.01, {}, None)
+    line.send(FORCE, has_force=True)
+    read = b""
+    while ZERO not in read:
+        read += os.read(board, 100)
+    said = "the guardian of the port has written zero force"
+    with pytest.raises(DeviceError, match=said):
+        line.fail(DeviceError("the device sends what nobody asked for"))
+    with pytest.raises(DeviceError, match=said):
+        line.send(FORCE, has_force=True)
+    line.close()
+    os.close(slave)
+    os.close(board)
+
+
 def test_a_line_that_is_closed_leaves_zero_force() -> None:
     board, slave = os.openpty()
     line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)

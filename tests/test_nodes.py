@@ -108,8 +108,9 @@ def test_no_force_before_the_launcher_says_so() -> None:
     assert telemetry.device_seq is None
     assert device.engaged_ns is None
     node.engage()
-    assert tick(node, 1 * MS, (2.0,)).applied_force == (2.0,)
+    assert tick(node, 1 * MS, (2.0,)).applied_force == (0.0,)  # the ledger begins
     assert device.engaged_ns == 1 * MS
+    assert tick(node, 2 * MS, (2.0,)).applied_force == (2.0,)
 
 
 def test_a_force_that_answers_its_own_tick_is_written_in_it() -> None:

@@ -18,6 +18,7 @@ from forcebound.hardware.odrive_lines import (
     answer,
     error_words,
     number,
+    on_wire,
     position,
     request,
     torque_request,
@@ -147,6 +148,20 @@ def test_it_is_switched_on_by_its_first_writes_and_gives_no_torque_before() -> N
     assert board.torque == (-0.1,)  # a positive one resists
 
 
+class LatePort(FakePort):
+    """A port whose machine is busy: a silence, however long, tells nothing."""
+
+    def drain(self, quiet: float = 0.0) -> bytes:
+        return b"" if quiet else super().drain()
+
+
+def test_the_answer_to_an_empty_line_may_be_late() -> None:
+    line: Any = FakeLine(ODriveBoard(1))
+    line.port = LatePort(line.port.board)
+    assert OpenODrive(ODrive(port="auto"), line, HOLD).read(0) == (0.0,)
+    assert line.failure is None
+
+
 def test_the_start_has_the_order_that_the_firmware_needs() -> None:
     _, _, line = switched_on(watchdog_limit=0.021)
     text = b"".join(line.port.written).decode()
@@ -176,7 +191,7 @@ def test_angles_are_those_of_the_shafts() -> None:
 def test_what_is_given_is_what_the_wire_has() -> None:
     device, board, line = switched_on(ODriveBoard(2))
     given = device.write(0, (0.1234567891, -0.05))
-    assert given == (0.123457, -0.05)
+    assert given == (0.123456, -0.05)
     assert board.torque == (-0.123457, 0.05)
     assert line.forces[-1]
 
@@ -351,3 +366,11 @@ def test_three_motors_are_switched_on_one_after_the_other() -> None:
     device, board, _ = switched_on(ODriveBoard(3))
     assert device.write(0, (0.1, 0.05, -0.1)) == (0.1, 0.05, -0.1)
     assert board.torque == (-0.1, -0.05, 0.1)
+
+
+@pytest.mark.parametrize("torque", [0.0329959569, -0.0329959569, 0.1, 1e-7, -0.0, 2.0000005])
+def test_the_wire_never_has_more_torque_than_was_asked_for(torque: float) -> None:
+    held = on_wire(torque)
+    assert abs(held) <= abs(torque)
+    assert abs(torque - held) < 1e-6
+    assert f"{held:.6f}" == torque_request(0, held).split()[2].decode().partition("*")[0]

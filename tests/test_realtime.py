@@ -54,6 +54,13 @@ def test_none_places_nothing() -> None:
     assert realtime.choose_core("none", {0, 1}) is None
 
 
+def test_auto_keeps_off_the_cores_of_other_graphs_while_there_are_others() -> None:
+    assert realtime.choose_core("auto", (0, 1, 2), taken=[2]) == 1
+    assert realtime.choose_core("auto", (0, 1), taken=[0, 1, None]) == 1
+    assert realtime.choose_core("auto", (0, 1), taken=[0, 1, 1]) == 0
+    assert realtime.choose_core(1, (0, 1), taken=[1]) == 1  # as the launch file says
+
+
 def test_a_core_can_be_asked_for_by_number() -> None:
     assert realtime.choose_core(1, {0, 1, 2}) == 1
 

@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from forcebound.environments.mesh import RABBIT
+from forcebound.geometry.mesh_file import read_mesh
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 
@@ -31,3 +35,13 @@ def test_a_short_fit_of_table_1_prints_a_hand() -> None:
     assert errors is not None, done.stdout
     assert all(0.0 < float(error) < 3.0 for error in errors.groups())
     assert "hand" in done.stdout
+
+
+def test_the_rabbit_is_what_its_script_makes(tmp_path: Path) -> None:
+    made = tmp_path / "rabbit.ply"
+    done = study("rabbit.py", "--out", str(made))
+    assert done.returncode == 0, done.stderr
+    ours, shipped = read_mesh(made), read_mesh(RABBIT)
+    assert ours.is_closed
+    assert np.array_equal(ours.faces, shipped.faces)
+    assert np.abs(ours.vertices - shipped.vertices).max() < 1e-7

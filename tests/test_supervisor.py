@@ -32,6 +32,8 @@ import os, signal, sys
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 name, run_dir, mode = sys.argv[1:]
+if mode == "starts no more" and os.path.exists(f"{run_dir}/engaged"):
+    signal.pause()
 with Network() as network:
     server = network.control_server(f"ipc://{run_dir}/control-{name}")
     if mode == "stubborn":
@@ -48,7 +50,7 @@ with Network() as network:
         sockets.wait([server.descriptor], 20_000_000)
         server.serve(answer)
         is_engaged = os.path.exists(f"{run_dir}/engaged")
-        if mode == "dies" or (mode == "dies later" and is_engaged):
+        if mode == "dies" or (mode in ("dies later", "starts no more") and is_engaged):
             sys.stderr.write("out of order\\n")
             sys.exit(3)
 """
@@ -118,10 +120,27 @@ def test_who_dies_again_and_again_ends_the_run_with_its_last_words(run_dir: Path
 
 
 @pytest.mark.live
-def test_a_run_ends_in_time_while_a_node_is_down_or_starting(run_dir: Path) -> None:
-    interrupted, said = supervise(run_dir, {"device": "good", "environment": "dies later"})
-    assert not interrupted
+def test_a_run_ends_while_a_node_that_died_starts_again(run_dir: Path) -> None:
+    def is_restarted() -> bool:
+        if not (run_dir / "engaged").exists():
+            return False
+        status = ask_launcher(run_dir, {"request": "status"})
+        return bool(status["nodes"]["environment"]["restarts"])
+
+    def user() -> None:
+        try:
+            until(is_restarted, "a restart")
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    thread = threading.Thread(target=user)
+    thread.start()
+    modes = {"device": "good", "environment": "starts no more"}
+    interrupted, said = supervise(run_dir, modes, duration_ns=None)
+    thread.join()
+    assert interrupted
     assert ("environment", "out of order") in said
+    assert said.count(("environment", "environment is there")) == 1
 
 
 @pytest.mark.live

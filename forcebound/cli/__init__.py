@@ -22,6 +22,7 @@ from forcebound.cli import (
     look,
     recordings,
     run,
+    start,
     study,
     view,
 )
@@ -37,7 +38,10 @@ COMMANDS = (
     run.plot,
     recordings.export,
     recordings.recover,
+    recordings.replay,
     run.schema,
+    start.new,
+    start.completion,
     graph.stop,
     graph.start,
     graph.param,

@@ -10,6 +10,7 @@ from typing import Any, ParamSpec
 
 import click
 
+from forcebound.cli.complete import graphs
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
 
@@ -103,6 +104,7 @@ run_option = click.option(
     "run_dir",
     type=click.Path(path_type=Path),
     metavar="GRAPH",
+    shell_complete=graphs,
     help="Launch file or run directory of the graph (needed if several run).",
 )
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import (
     duration_option_for,
     file_option,
@@ -27,7 +28,7 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
 @click.command(short_help="Stop a node: zero force.")
-@click.argument("node_name", metavar="NODE")
+@click.argument("node_name", metavar="NODE", shell_complete=complete.nodes)
 @run_option
 @reports_errors
 def stop(node_name: str, run_dir: Path | None) -> None:
@@ -46,7 +47,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
 
 
 @click.command(short_help="Start a node that was stopped.")
-@click.argument("node_name", metavar="NODE")
+@click.argument("node_name", metavar="NODE", shell_complete=complete.nodes)
 @run_option
 @reports_errors
 def start(node_name: str, run_dir: Path | None) -> None:
@@ -143,7 +144,9 @@ def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
 
 
 @param.command("get", short_help="Show parameters, or a whole section.")
-@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@click.argument(
+    "names", nargs=-1, required=True, metavar="NAME...", shell_complete=complete.parameters
+)
 @run_option
 @json_option
 @reports_errors
@@ -153,7 +156,9 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 
 
 @param.command("set", short_help="Change parameters.")
-@click.argument("settings", nargs=-1, required=True, metavar="NAME:=VALUE...")
+@click.argument(
+    "settings", nargs=-1, required=True, metavar="NAME:=VALUE...", shell_complete=complete.changes
+)
 @run_option
 @reports_errors
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None) -> None:

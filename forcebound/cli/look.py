@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from forcebound.cli.common import (
     duration_option_for,
@@ -21,6 +20,7 @@ from forcebound.cli.common import (
     run_option,
     show,
 )
+from forcebound.cli.complete import links, topics
 
 if TYPE_CHECKING:
     from forcebound.messages.packets import Packet
@@ -30,20 +30,8 @@ UNKNOWN = "–"
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 
 
-def _topics(_: click.Context, __: click.Parameter, beginning: str) -> list[CompletionItem]:
-    from forcebound.messages.packets import TOPICS
-
-    return [CompletionItem(topic) for topic in TOPICS if topic.startswith(beginning)]
-
-
-def _links(_: click.Context, __: click.Parameter, beginning: str) -> list[CompletionItem]:
-    from forcebound.messages.packets import LINKS
-
-    return [CompletionItem(link) for link in LINKS if link.startswith(beginning)]
-
-
 _measuring_option = duration_option_for("Measuring time. Default: 2s.")
-_topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=_topics)
+_topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)
 
 
 @click.command("list")
@@ -86,7 +74,7 @@ def top(run_dir: Path | None, duration: float | None) -> None:
 
 
 @click.command(short_help="Print the packets of a topic.")
-@click.argument("topic", shell_complete=_topics)
+@click.argument("topic", shell_complete=topics)
 @click.option("--field", "fields", multiple=True, metavar="NAME", help="Only this field.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many packets.")
 @click.option("--csv", "as_csv", is_flag=True, help="One row each, a column for each entry.")
@@ -306,7 +294,7 @@ def log(
 
 @click.command(short_help="Cut a link from now for a time.")
 @click.argument("time", metavar="TIME")
-@click.argument("links", nargs=-1, metavar="[LINK]...", shell_complete=_links)
+@click.argument("links", nargs=-1, metavar="[LINK]...", shell_complete=links)
 @run_option
 @reports_errors
 def outage(time: str, links: tuple[str, ...], run_dir: Path | None) -> None:

@@ -1,10 +1,20 @@
 """Commands that make something of a recording."""
 
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from forcebound.cli.common import file_option, json_option, print_json, reports_errors, show
+from forcebound.cli.common import (
+    ARGUMENTS,
+    file_option,
+    json_option,
+    print_json,
+    reports_errors,
+    show,
+)
 from forcebound.errors import ConfigError
 
 _run_argument = click.argument(
@@ -49,8 +59,6 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
 @reports_errors
 def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
     """Write what can be read of a cut or damaged recording as a complete one; says what is lost."""
-    from dataclasses import asdict
-
     from forcebound.recordings.recovery import recover as write_recovered
 
     if output.exists() and not overwrite:
@@ -64,3 +72,52 @@ def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
         show(f"lost: the last {found.lost_bytes} bytes, which cannot be read")
     show("lost: what the recorder had not yet written; in a live run, at most the last 0.25 s")
     show(f"recording: {output}")
+
+
+@click.command(short_help="Verify a recording, or run it once more with other parts.")
+@_run_argument
+@click.argument("settings", nargs=-1, metavar=ARGUMENTS)
+@click.option("--verify", is_flag=True, help="Compare the forces that its inputs give, to the bit.")
+@json_option
+@reports_errors
+def replay(run: Path, settings: tuple[str, ...], verify: bool, as_json: bool) -> None:
+    r"""Verify a recording: its inputs through the same law give the recorded forces, to the bit.
+
+    Exit status 1: a force differs, or a tick is missing. If the recorder missed the first ticks,
+    verification begins when the force engages, and with it the ledger.
+
+    \b
+    forcebound replay run.mcap --verify
+    forcebound replay run.mcap law:=my_law.py --verify
+    """
+    if not verify:
+        raise click.UsageError("choose --verify")
+    _verify(run, settings, as_json)
+
+
+def _verify(run: Path, settings: Sequence[str], as_json: bool) -> None:
+    from forcebound.files import content_of
+    from forcebound.recording import read
+    from forcebound.recordings.rerun import device_of
+    from forcebound.recordings.verification import TOPICS
+    from forcebound.recordings.verification import verify as verify_recording
+
+    recording = read(run, TOPICS)
+    device = device_of(recording, settings)
+    with content_of(run):
+        found = verify_recording(recording, device)
+    if as_json:
+        print_json(asdict(found) | {"is_same": found.is_same})
+    else:
+        show(f"verified: {found.verified} of {found.ticks} ticks, {found.differing} differ")
+        if found.difference:
+            show(f"first difference: {found.difference}")
+        if found.unknown:
+            show(f"not verified: {found.unknown} ticks before the force engaged, see --help")
+        if found.verified + found.unknown < found.ticks:
+            show("a tick is missing from the recording; what follows it cannot be verified")
+        show(
+            f"commands: {found.commands} forces follow from a recorded one,"
+            f" of {found.unknown_commands} it is not recorded"
+        )
+    sys.exit(0 if found.is_same else 1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 
 
 _OPTIONS = (
-    click.argument("file"),
-    click.argument("arguments", nargs=-1, metavar=ARGUMENTS),
+    click.argument("file", shell_complete=complete.launch_files),
+    click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings),
     duration_option,
     record_option,
     click.option("--check", is_flag=True, help="Only check the launch file."),
@@ -117,8 +118,8 @@ def simulate(
 
 @click.command(short_help="Run one node of a launch file by hand.")
 @click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
+@click.argument("file", shell_complete=complete.launch_files)
+@click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings)
 @click.option(
     "--run-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),

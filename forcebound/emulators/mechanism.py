@@ -1,11 +1,13 @@
 """What an emulated board turns: a simulated device, in a hand, at the angles of its motors."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.truth import Truth
 from forcebound.emulators.hand import CarryingHand
+from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.operators.no_hand import NoHand
@@ -21,7 +23,9 @@ class Mechanism:
 
     Args:
         model: A simulated device with a field for each of the stated imperfections.
-        operator: Whose hand it is; None: nobody holds it.
+        operator: Whose hand it is; None: nobody holds it. Then somebody puts it back into the pose
+            of the set-up when it is out of use; until then it stays in a singular pose, where a
+            real arm lies against its stops.
         home: Where the tip is when the board is set up, in m.
 
     Attributes:
@@ -38,8 +42,11 @@ class Mechanism:
             watchdog="none",
             watchdog_limit="auto",
         )
+        self._is_held = operator is not None
+        self._is_stuck = self._is_away = False
         self._hand = CarryingHand(operator or NoHand(), home)
-        self._device = SimulatedDevice(free, self._hand, 1.0)
+        self._new_device = partial(SimulatedDevice, free, self._hand, 1.0)
+        self._device = self._new_device()
         self._start_ns = 0
         self.angles: Vector = (0.0,) * model.axes
         self.torque: Vector = (0.0,) * model.axes
@@ -48,6 +55,9 @@ class Mechanism:
     def start(self, time_ns: int) -> None:
         """Begin at this time, at rest."""
         self._start_ns = self.torque_ns = time_ns
+        self._begin(time_ns)
+
+    def _begin(self, time_ns: int) -> None:
         self.angles = self._device.read(time_ns)
         self._device.engage(time_ns)
 
@@ -57,12 +67,20 @@ class Mechanism:
         Raises:
             DeviceError: If the hand has moved the tip to where the arm cannot be held.
         """
-        self.angles = self._device.read(time_ns)
+        if self._is_stuck:
+            return
+        try:
+            self.angles = self._device.read(time_ns)
+        except DeviceError:
+            if self._is_held:
+                raise
+            self._is_stuck = True
 
     def hold(self, time_ns: int, torque: Vector) -> None:
         """Hold a torque from now on, in N m."""
         if torque != self.torque:
-            self._device.write(time_ns, tuple([-t for t in torque]))  # resists, where positive
+            if not self._is_stuck:
+                self._device.write(time_ns, tuple([-t for t in torque]))  # resists, where positive
             self.torque, self.torque_ns = torque, time_ns
 
     def truth(self) -> Truth:
@@ -71,15 +89,29 @@ class Mechanism:
 
     def hold_home(self, time_ns: int) -> None:
         """Let the hand bring the tip to the pose of the set-up, if it is not there."""
-        if not self._hand.is_home:
+        if not self._is_held:
+            self._put_home(time_ns)
+        elif not self._hand.is_home:
             self._hand.carry_home(self._elapsed(time_ns))
 
     def use(self, time_ns: int, may_move: bool) -> None:
         """Let the hand bring the tip to where its path begins; ``may_move``: and move along it."""
+        if not self._is_held:
+            if not may_move:
+                self._put_home(time_ns)
+            self._is_away = may_move
+            return
         if self._hand.is_home:
             self._hand.carry_out(self._elapsed(time_ns))
         if may_move:
             self._hand.move(self._elapsed(time_ns))
+
+    def _put_home(self, time_ns: int) -> None:
+        if self._is_away:
+            self._is_away = self._is_stuck = False
+            self._device = self._new_device()
+            self._begin(time_ns)
+            self._device.write(time_ns, tuple([-t for t in self.torque]))
 
     def _elapsed(self, time_ns: int) -> float:
         return (time_ns - self._start_ns) * 1e-9

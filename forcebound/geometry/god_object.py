@@ -9,11 +9,12 @@ to get through, nor does a plate without thickness. Towards a goal:
 2. The new target is the point closest to the goal that is behind none of the planes, all of them
    at once (:func:`closest_legal`): on a face, in an edge where two meet, or in a corner of three.
 3. Move on towards the target. Where nothing is in the way, begin a new sweep without planes, since
-   those of triangles that were left behind hold no more. End when a sweep moves nothing.
+   those of triangles that were left behind hold no more. End when a sweep moves nothing, or two
+   bring the proxy no nearer.
 
 A ball is never moved to where it would be nearer to a triangle than half of its clearance. In
-doubt (planes that contradict each other, in a crack) it stays. Rounding is 1e-16, seven powers of
-ten below the clearance.
+doubt (planes that contradict each other, in a crack) it stays. Rounding is 1e-16 of the mesh, nine
+powers of ten below the clearance.
 
 Sources: C. Zilles, J. K. Salisbury, A constraint-based god-object method for haptic display, IROS
 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The haptic display of complex graphical environments,

@@ -114,6 +114,10 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
         base = WIRINGS[self.version].base
         return FiveBar(**self.simulated_joints(), base=base, origin=self.origin)
 
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of the arm."""
+        return self.five_bar().kinematics()
+
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach."""
         return self.five_bar().angles(position)

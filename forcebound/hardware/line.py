@@ -108,12 +108,23 @@ class Line:
         guardian.check()
 
     def fail(self, failure: DeviceError) -> None:
-        """Write zero force, if the port still takes it, and refuse every message from now on."""
+        """Write zero force, if the port still takes it, and refuse every message from now on.
+
+        Raises:
+            DeviceError: If the guardian has ended the force: a board may answer its zero, too, so
+                that is what has failed first.
+        """
         with suppress(DeviceError):
             self.port.write(self._zero)
             self.is_at_rest = True
-        if self._failure is None:
-            self._failure = failure
+        if self._failure is not None:
+            return
+        self._failure = failure
+        try:
+            self._guardian.check()
+        except DeviceError as first:
+            self._failure = first
+            raise
 
     def close(self) -> None:
         """Write zero force, then close everything."""

@@ -54,12 +54,12 @@ from forcebound.devices.stated_joints import (
     TorqueOfJoints,
 )
 from forcebound.errors import DeviceError
-from forcebound.hardware.line import QUIET, Line
+from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
-    DECIMALS,
     WATCHDOG_EXPIRED,
     error_words,
     number,
+    on_wire,
     position,
     request,
     torque_request,
@@ -140,6 +140,10 @@ class ODrive(SerialJoints):
         numbers = {**self.simulated_joints(), "resolution": encoder}
         return Knob(**numbers, joints=self.joints, lever=self.lever)
 
+    def kinematics(self) -> ArmKinematics:
+        """Return the kinematics of the knobs."""
+        return self.knob().kinematics()
+
     def mechanism(self) -> dict[str, Any]:
         """Return what an emulator simulates, plain JSON in SI units."""
         return plain(self.knob())
@@ -191,9 +195,8 @@ class OpenODrive(SerialDevice):
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, model.reply_within)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
-        self.kinematics: ArmKinematics = model.knob().kinematics()
-        self._requests.tell(b"\n" + zero_torque(model.joints))
-        line.port.drain(QUIET)  # what a former user has left
+        self.kinematics: ArmKinematics = model.kinematics()
+        self._requests.begin(b"\n" + zero_torque(model.joints))
         check_firmware(self._requests)
         for axis in joints:
             set_up(self._requests, axis, model.saturation)
@@ -228,7 +231,7 @@ class OpenODrive(SerialDevice):
         elif magnitude > self._model.saturation:
             scale = self._model.saturation / magnitude
             force = tuple([scale * torque for torque in force])
-        force = tuple([round(torque, DECIMALS) for torque in force])  # as the wire has it
+        force = tuple(map(on_wire, force))
         axis = self._next
         exchange = self._tell(force)
         self._effect_ns = exchange.sent_ns + exchange.excess_ns + CONTROL_NS

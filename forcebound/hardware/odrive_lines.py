@@ -42,6 +42,15 @@ def request(command: str) -> bytes:
     return b"%s*%d\n" % (text, exclusive_or(text))
 
 
+def on_wire(torque: float) -> float:
+    """Return the torque, in N m, that the wire has for ``torque`` or less of it."""
+    step = 10.0**-DECIMALS
+    nearest = round(torque, DECIMALS)
+    if abs(nearest) <= abs(torque):
+        return nearest
+    return round(nearest - math.copysign(step, torque), DECIMALS)
+
+
 def torque_request(axis: int, torque: float) -> bytes:
     """Return the line that sets a torque, in N m, positive towards larger angles.
 

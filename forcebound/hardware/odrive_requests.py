@@ -98,6 +98,27 @@ class Requests:
 
         return self.exchange("property", request(f"r {name}"), 1, parse).said[0]
 
+    def begin(self, message: bytes) -> None:
+        """Send lines without force, and pass over what comes until the board has processed all.
+
+        A board answers an empty line, or the end of one that a former user has begun; when it does
+        so is up to the machine. Nothing but a request with a checksum gets a reply with one.
+
+        Raises:
+            DeviceError: If there is no such reply.
+        """
+        line, data = self._line, b""
+        try:
+            line.send(message + request("r fw_version_major"), has_force=False)
+            deadline_ns = time.monotonic_ns() + round(self.patience * 1e9)
+            while not (b"*" in data and data.endswith(b"\n")):
+                more = line.port.read_lines(1, deadline_ns)
+                data += more
+                if not more:
+                    answer(self._lines(data, 1)[0])
+        except DeviceError as failure:
+            self.end(failure)
+
     def tell(self, message: bytes) -> None:
         """Send lines without replies, and without force."""
         self._line.send(message, has_force=False)

@@ -37,7 +37,7 @@ REACHES = {"m": 0.03, "rad": 0.35}  # of the axes of a point, of joints
 GRAVITY = 9.81  # m/s^2
 FORCE_SHARE = 0.5  # of the saturation
 HOLD = 1.25  # periods
-PATIENCE = 2.0  # s, watchdog limit: some minutes on a busy machine have longer stalls than a run
+PATIENCE = 20.0  # s, watchdog limit: a stall of the machine costs a repetition, not the run
 CHANGED = 0.2  # a number that differs by a larger share has changed
 #: What is found beside the numbers of a device, in the same section of the file.
 FURTHER = {
@@ -48,6 +48,11 @@ WARNING = (
     "The motors will move the device by themselves, each axis by up to {reach:.3g} {place} to"
     " either side of the middle, with at most {force:.3g} {unit}. Put it in the middle, take"
     " everything out of its way, let go of it, and keep the emergency stop at hand."
+)
+
+THROWN = (
+    "This machine was late, and the force that was on has thrown the device far away. There is no"
+    " force now: bring it back to where it began, and let go of it."
 )
 
 
@@ -173,11 +178,19 @@ def measure(
             place, unit = units(kinematics)
             ready(WARNING.format(reach=chosen.reach, place=place, force=chosen.force, unit=unit))
         with realtime.without_garbage_collection(), nullcontext() if is_virtual else _punctual():
-            found = identify(device, model, clock, chosen, say, _middle_of(model))
+            middle, bring_back = _middle_of(model), lambda: _bring_back(device, ready)
+            found = identify(device, model, clock, chosen, say, middle, bring_back)
     finally:
         device.close()
     start = tuple(0.5 * (low + high) for low, high in found.measured_range)
     return Session(found, start, kinematics, serial, is_virtual)
+
+
+def _bring_back(device: Any, ready: Callable[[str], None]) -> None:
+    """Let the emulated hand, or the user, bring a device back to where it began."""
+    hand_over: Callable[[], bool] | None = getattr(device, "hand_over", None)
+    if hand_over is None or not hand_over():
+        ready(THROWN)
 
 
 def _patient(model: Any) -> Any:

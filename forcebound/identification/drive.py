@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from forcebound.identification.rig import Controller, Rig, Trace, rest
+from forcebound.identification.stalls import Result, recover, repeated
 from forcebound.messages.packets import Vector
 
 BANDWIDTH = 60.0  # rad/s, of the position control
@@ -175,6 +176,11 @@ class Drive:
 
         A ripple is added while the axis should move at its even speed.
         """
+        return self.steadily(lambda: self._pass_along(axis, end, speed, ripple))
+
+    def _pass_along(
+        self, axis: int, end: float, speed: float, ripple: Ripple | None = None
+    ) -> tuple[Way, Trace]:
         way = Way(self.wanted[axis], end, speed, self.acceleration(axis))
 
         def wanted(one: int, elapsed: float) -> tuple[float, float, float]:
@@ -199,6 +205,32 @@ class Drive:
 
     def hold(self, seconds: float) -> Trace:
         """Hold all axes where they are wanted."""
+        return self.steadily(lambda: self._hold(seconds))
+
+    def steadily(self, movement: Callable[[], Result]) -> Result:
+        """Return what a movement gives; after a stall of the machine it begins anew.
+
+        Raises:
+            DeviceError: If the machine stalls each time.
+        """
+        begin = list(self.wanted)
+        return repeated(self.rig, movement, lambda: self._return(begin))
+
+    def _return(self, begin: Sequence[float]) -> None:
+        """Go to where a movement begins, from wherever a stall has left the device."""
+        rig = self.rig
+        limits, place = rig.limits, recover(rig)
+        farthest = max(abs(a - b) for a, b in zip(place, rig.start, strict=True))
+        self.take_over(place)
+        rig.limits = replace(limits, reach=limits.reach + farthest)
+        try:
+            for axis, end in enumerate(begin):
+                self._pass_along(axis, end, limits.reach)  # in about 1 s
+            self._hold(SETTLE)
+        finally:
+            rig.limits = limits
+
+    def _hold(self, seconds: float) -> Trace:
         still = self._controller(lambda one, elapsed: (self.wanted[one], 0.0, 0.0))
         return self.rig.run(seconds, still)
 

@@ -7,12 +7,13 @@ the limits of the rig stop whatever moves too fast or too far.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from forcebound.errors import DeviceError
 from forcebound.identification.drive import Drive, Ripple, Rough, Way
-from forcebound.identification.rig import Controller, Floats, Rig, Trace, rest
+from forcebound.identification.rig import Controller, Floats, Rig, Trace, come_to_rest, rest
 from forcebound.messages.packets import Vector
 
 RAMP = 1.5  # s, from no force to the largest
@@ -21,8 +22,6 @@ KICKED = 0.1  # share of the reach over which an axis is accelerated
 KICK = 3.0  # times the force at which the axis began to move
 COAST = 0.06  # s
 BRAKE_TICKS = 3
-STILL_TICKS, STILL = 60, 0.005  # share of the reach within these ticks
-PATIENCE = 3.0  # s, for an axis that comes to rest
 STOPPING = 0.2  # s
 SETTLED, PUSH_RAMP, PUSH_LOOK = 0.15, 0.3, 0.3  # s; an axis rings on friction that yields
 RIPPLE = 0.6  # share of the speed
@@ -64,19 +63,6 @@ class Push:
     yielded: Vector
 
 
-def come_to_rest(rig: Rig) -> Floats:
-    """Wait until the device that is left alone does not move; return its readings."""
-    seen: list[Vector] = []
-
-    def is_still(reading: Vector) -> bool:
-        seen.append(reading)
-        past = seen[-1 - STILL_TICKS] if len(seen) > STILL_TICKS else None
-        return past is not None and math.dist(reading, past) < STILL * rig.limits.reach
-
-    trace = rest(rig, PATIENCE, is_still)
-    return np.array(trace.readings[-1])
-
-
 def start_to_move(rig: Rig, axis: int, side: int) -> float:
     """Return the force, in N (N m), at which an axis begins to move.
 
@@ -85,7 +71,7 @@ def start_to_move(rig: Rig, axis: int, side: int) -> float:
     Raises:
         DeviceError: If it does not move, moves the other way, or another axis moves instead.
     """
-    start = come_to_rest(rig)
+    start = come_to_rest(rig, rig.limits.reach)
     way, most = STARTED * rig.limits.reach, rig.limits.force
 
     def controller(elapsed: float, reading: Vector) -> Vector:
@@ -154,7 +140,7 @@ def kick(rig: Rig, axis: int, side: int, started: float) -> Kick:
         side: 1 or -1.
         started: Force at which it begins to move, in N (N m).
     """
-    start = come_to_rest(rig)
+    start = come_to_rest(rig, rig.limits.reach)
     force = min(max(KICK * started, 0.05 * rig.limits.force), rig.limits.force)
     way = KICKED * rig.limits.reach
     pushed = rig.run(
@@ -242,19 +228,28 @@ def pushes(drive: Drive, forces: Vector, count: int) -> list[Push]:
         forces: Of each axis, in N (N m), less than its friction.
         count: How often; each time a little farther on.
     """
-    rig, found = drive.rig, []
+    found = []
     for number in range(count):
-        side = 1.0 if number % 2 else -1.0
         _shift(drive, number)
-        rest(rig, SETTLED)
-
-        rig.run(PUSH_RAMP, _pushing(forces, side, lambda elapsed: _smooth(elapsed / PUSH_RAMP)))
-        held = rig.run(PUSH_LOOK, _pushing(forces, side, lambda elapsed: 1.0))
-        rig.run(PUSH_RAMP, _pushing(forces, side, lambda elapsed: _smooth(1 - elapsed / PUSH_RAMP)))
-        released = rest(rig, PUSH_LOOK).readings.mean(axis=0)
-        drive.take_over(rest(rig, rig.period).readings[-1])
-        found.append(Push(forces, tuple((side * (held.readings.mean(axis=0) - released)).tolist())))
+        side = 1.0 if number % 2 else -1.0
+        found.append(drive.steadily(partial(_push, drive, forces, side)))
     return found
+
+
+def _push(drive: Drive, forces: Vector, side: float) -> Push:
+    rig = drive.rig
+
+    def pushed(seconds: float, share: Callable[[float], float]) -> Trace:
+        # It cannot move an axis, however long it is on.
+        return rig.run(seconds, _pushing(forces, side, share), stalled=math.inf)
+
+    rest(rig, SETTLED)
+    pushed(PUSH_RAMP, lambda elapsed: _smooth(elapsed / PUSH_RAMP))
+    held = pushed(PUSH_LOOK, lambda elapsed: 1.0)
+    pushed(PUSH_RAMP, lambda elapsed: _smooth(1 - elapsed / PUSH_RAMP))
+    released = rest(rig, PUSH_LOOK).readings.mean(axis=0)
+    drive.take_over(rest(rig, rig.period).readings[-1])
+    return Push(forces, tuple((side * (held.readings.mean(axis=0) - released)).tolist()))
 
 
 def _pushing(forces: Vector, side: float, share: Callable[[float], float]) -> Controller:

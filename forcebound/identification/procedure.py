@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from forcebound.identification.estimators import Bounded, Floats, Point
 from forcebound.identification.experiments import Kick, Pass
 from forcebound.identification.lag import lag_of
 from forcebound.identification.rig import Limits, Rig, Trace, rest
+from forcebound.identification.stalls import Result, lateness, recover, repeated
 from forcebound.identification.windows import points_of
 from forcebound.messages.packets import Vector
 
@@ -125,6 +127,7 @@ def identify(
     plan: Plan,
     say: Callable[[str], None] = lambda line: None,
     middle: Vector | None = None,
+    bring_back: Callable[[], None] = lambda: None,
 ) -> Found:
     """Return what is found of a device that nobody holds.
 
@@ -135,13 +138,15 @@ def identify(
         plan: How far, how hard, how often.
         say: Is told what comes next.
         middle: Readings in the middle of the workspace; None: where the device is now.
+        bring_back: Lets somebody bring the device back to where it is now, after a stall of the
+            machine has thrown it far away.
 
     Raises:
         DeviceError: If the device fails, does not move, moves the wrong way, too fast or too far.
     """
     holds = getattr(model, "watchdog", "silent") == "none"
     wide = Limits(plan.force, math.inf, BEYOND * plan.reach)
-    rig = Rig(device, clock, 1.0 / plan.rate, wide, holds)
+    rig = Rig(device, clock, 1.0 / plan.rate, wide, holds, bring_back)
     say("at rest: noise of the encoders")
     resting = rest(rig)
     kicks, drive, speeds = _first_look(rig, rig.start if middle is None else middle, plan, say)
@@ -164,6 +169,8 @@ def identify(
     pushed = experiments.pushes(drive, forces, plan.pushes)
     gain, largest_speed = _helped(drive, losses, speeds, plan, say)
     rig.release()
+    if rig.repetitions:
+        say(f"movements begun anew: {rig.repetitions}. {lateness(rig)}")
     axes = tuple(
         _axis(
             losses[axis], passes[axis], strokes[axis], resting, kicks[axis],
@@ -213,11 +220,13 @@ def _first_look(
     for axis in range(rig.axes):
         inwards = 1 if middle[axis] >= rig.start[axis] else -1
         sides = (inwards, -inwards)
-        started = max(experiments.start_to_move(rig, axis, side) for side in sides)
+        started = max(
+            _steadily(rig, partial(experiments.start_to_move, rig, axis, side)) for side in sides
+        )
         say(f"axis {axis + 1} moves at {started:.3g}; short pushes: how heavy is it?")
         own: list[Kick] = []
         for side in (*sides, *sides):
-            own.append(experiments.kick(rig, axis, side, started))
+            own.append(_steadily(rig, partial(experiments.kick, rig, axis, side, started)))
             rest(rig, experiments.STOPPING)
         kicks.append(own)
         rough.append(experiments.rough_of(own, started))
@@ -226,6 +235,10 @@ def _first_look(
     experiments.centre(drive, middle, speeds)
     rig.limits = Limits(plan.force, TOO_FAST * max(speeds), BEYOND * plan.reach)
     return kicks, drive, speeds
+
+
+def _steadily(rig: Rig, movement: Callable[[], Result]) -> Result:
+    return repeated(rig, movement, lambda: recover(rig))
 
 
 def _largest_speed(drive: Drive, axis: int, plan: Plan) -> float:

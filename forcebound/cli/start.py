@@ -1,0 +1,92 @@
+"""Commands for the first hour: completion in the shell, and a folder to begin with."""
+
+from pathlib import Path
+from shutil import copyfile
+
+import click
+from click.shell_completion import BashComplete, ShellComplete, get_completion_class
+
+from forcebound.cli.common import reports_errors, show
+from forcebound.errors import ConfigError
+
+SHELLS = ("bash", "zsh", "fish")
+EXAMPLES = Path(__file__).parent.parent / "examples"
+STARTER = ("my_environment.yaml", "my_environment.py")
+VARIABLE = "_FORCEBOUND_COMPLETE"
+
+# Where each shell looks for completions by itself, under the home folder.
+PLACES = {
+    "bash": ".local/share/bash-completion/completions/forcebound",
+    "zsh": ".zfunc/_forcebound",
+    "fish": ".config/fish/completions/forcebound.fish",
+}
+AFTER = {
+    "bash": "it works in every new shell where the package bash-completion is",
+    "zsh": "~/.zshrc needs: fpath+=~/.zfunc; autoload -Uz compinit; compinit",
+    "fish": "it works in every new shell",
+}
+
+
+class Bash(BashComplete):
+    """Completion in bash, where ``:`` and ``=`` end a word, but not in ``law:=certified``."""
+
+    source_template = r"""\
+%(complete_func)s() {
+    local IFS=$'\n' line="${COMP_LINE:0:$COMP_POINT}" type value
+    local whole="${line##* }" begun="${COMP_WORDS[COMP_CWORD]}"
+    [[ "$begun" =~ ^[:=]*$ ]] && begun=""
+    local before="${whole%%"$begun"}" count
+    count=$(IFS=' '; set -f; set -- $line; echo $#)
+    [[ "$line" == *' ' ]] || count=$((count - 1))
+    for completion in $(env COMP_WORDS="$line" COMP_CWORD=$count %(complete_var)s=bash_complete $1)
+    do
+        IFS=',' read type value <<< "$completion"
+        COMPREPLY+=("${value#"$before"}")
+        [[ "$value" == *[=/] ]] && compopt -o nospace
+    done
+}
+complete -o nosort -o bashdefault -F %(complete_func)s %(prog_name)s
+"""
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(SHELLS))
+@click.option("--print", "only_prints", is_flag=True, help="Print the script; install nothing.")
+@reports_errors
+def completion(shell: str, only_prints: bool) -> None:
+    """Install completion for SHELL: commands, files, arguments, laws, parameters, topics."""
+    from forcebound.cli import main
+
+    kind: type[ShellComplete] | None = Bash if shell == "bash" else get_completion_class(shell)
+    assert kind is not None  # click knows the shells of SHELLS
+    script = kind(main, {}, "forcebound", VARIABLE).source()
+    if only_prints:
+        click.echo(script)
+        return
+    place = Path.home() / PLACES[shell]
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(script)
+    except OSError as error:
+        raise ConfigError(f"cannot write {place}: {error.strerror}") from None
+    show(f"{place}: {AFTER[shell]}")
+
+
+@click.command("new", short_help="Make a folder to begin with.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@reports_errors
+def new(folder: Path) -> None:
+    """Make FOLDER with a launch file and an environment of one's own, to be changed."""
+    files = [EXAMPLES / name for name in STARTER]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = [file.name for file in files if (folder / file.name).exists()]
+        if there:
+            raise ConfigError(f"{folder} has {', '.join(there)} already: choose another folder")
+        for file in files:
+            copyfile(file, folder / file.name)
+    except OSError as error:
+        raise ConfigError(f"cannot write {folder}: {error.strerror}") from None
+    show(f"{folder}: {', '.join(STARTER)}")
+    show(f"run it:   `forcebound simulate {folder / STARTER[0]}`")
+    show(f"check it: `forcebound check environment {folder / STARTER[1]}`")

@@ -1,0 +1,166 @@
+"""The graph of a recording, to run it once more: with its own parts, others, or what it recorded.
+
+What can be fed from the recording in place of the graph's own:
+
+* ``hand``: a hand whose path is a function of time already repeats itself. Any other (a pointer, a
+  person on hardware, none) becomes one that follows the recorded path; see
+  :mod:`forcebound.operators.recorded_path`.
+* ``network``: the recorded loop delays and losses, all on the link of the force command, in place
+  of the delays of links and environment.
+* ``environment``: the recorded answers, as a function of time.
+"""
+
+import dataclasses
+import json
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from forcebound.bounding import LAWS
+from forcebound.config.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
+from forcebound.config.loader import from_document, law_of
+from forcebound.config.problems import unknown
+from forcebound.config.resolved import restore
+from forcebound.config.tree import scalar
+from forcebound.errors import ConfigError
+from forcebound.files import content_of
+from forcebound.messages.packets import TOPIC_OF, ForceCommand, Telemetry
+from forcebound.nodes.servo import ServoSettings
+from forcebound.recording import Recording
+
+FEEDS = ("hand", "network", "environment")
+_LINK = TOPIC_OF[ForceCommand]  # that the recorded loop delays are put on
+
+
+def graph_of(
+    recording: Recording, settings: Sequence[str] = (), feeds: Collection[str] = ()
+) -> GraphConfig:
+    """Return the graph of a recording.
+
+    Args:
+        recording: With its launch file.
+        settings: Other values, each ``name:=value``: ``law``; ``device``, ``operator``,
+            ``controller`` or ``environment`` for another kind with its defaults; or a key of the
+            launch file, ``environment.stiffness``.
+        feeds: Some of :data:`FEEDS`.
+
+    Raises:
+        ConfigError: If the recording holds none, a setting is wrong, or the recording names code or
+            a serial port of its own, which only the user may.
+    """
+    document = _document(recording)
+    document.pop("remote", None)  # the environment runs here
+    file = str(recording.path.absolute())
+    with content_of(recording.path):
+        if "network" in feeds:
+            _feed_network(document, file)
+        if "environment" in feeds:
+            document["environment"] = {"kind": "recorded", "file": file}
+        if "hand" in feeds:
+            _feed_hand(document, file)
+    named = {_set(document, setting) for setting in settings}
+    _check_code(recording, document, named, KINDS)
+    config = from_document(document)
+    if "device" not in named and hasattr(config.device.model, "simulated_in"):
+        raise ConfigError(
+            f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
+            " such as device:=five_bar, or this one: device:=KIND device.port:=PORT"
+        )
+    return config
+
+
+def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfig:
+    """Return the device of a recording and its servo; ``settings`` as for :func:`graph_of`.
+
+    Raises:
+        ConfigError: As :func:`graph_of`, of device and law alone.
+    """
+    document = _document(recording)
+    named = {_set(document, setting) for setting in settings}
+    _check_code(recording, document, named, ("device",))
+    with content_of(recording.path):
+        return restore(document, {"device"}).device
+
+
+def duration_of(recording: Recording, config: GraphConfig) -> float:
+    """Return for how long the force was engaged in a recording, in s."""
+    packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
+    ends = [packet.elapsed for packet in packets]
+    longest = max(ends, default=0.0)
+    period = config.device.servo.period_ns * 1e-9
+    return (longest // period + 1.0) * period
+
+
+def _document(recording: Recording) -> dict[str, Any]:
+    """The launch file of a recording, to be changed."""
+    document: dict[str, Any] = json.loads(json.dumps(recording.launch))
+    if "device" not in document:
+        raise ConfigError(f"{recording.path} holds no launch file")
+    return document
+
+
+def _feed_network(document: dict[str, Any], file: str) -> None:
+    document["links"] = {_LINK: {"trace": file}}
+    environment = document["environment"]
+    for name in BESIDE_MODEL:
+        if name.startswith("compute_"):
+            environment.pop(name, None)
+    for phase in document.get("phases", ()):
+        phase["set"] = {
+            name: value
+            for name, value in phase["set"].items()
+            if not name.startswith(("links.", "environment.compute_"))
+        }
+
+
+def _feed_hand(document: dict[str, Any], file: str) -> None:
+    hand = document.get("operator", {})
+    if hand and hand["kind"] != "pointer":
+        return
+    kept = {name: hand[name] for name in ("mass", "stiffness", "damping") if name in hand}
+    document["operator"] = {"kind": "trajectory", "file": file, **kept}
+
+
+def _set(document: dict[str, Any], setting: str) -> str:
+    """Put a setting into the document; return its name."""
+    name, separator, text = setting.partition(":=")
+    if not separator:
+        raise ConfigError(f"expected name:=value, got {setting!r}")
+    if name == "law":
+        document["device"]["law"] = law_of(text)
+    elif name in KINDS:
+        document[name] = _kept(document, name) | {"kind": KINDS[name].resolve(text, Path())}
+    else:
+        *path, last = name.split(".")
+        known = [*KINDS, "links", "realtime"]
+        if not path or path[0] not in known:
+            names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
+            raise ConfigError(unknown("setting", name, names))
+        section = document
+        for step in path:
+            section[step] = dict(section.get(step) or {})
+            section = section[step]
+        section[last] = scalar(text)
+    return name
+
+
+def _kept(document: dict[str, Any], name: str) -> dict[str, Any]:
+    """Keys of a section that are not the kind's own."""
+    names: Collection[str] = BESIDE_MODEL if name == "environment" else ()
+    if name == "device":
+        names = [field.name for field in dataclasses.fields(ServoSettings)]
+    return {key: value for key, value in document.get(name, {}).items() if key in names}
+
+
+def _check_code(
+    recording: Recording, document: dict[str, Any], named: Collection[str], used: Collection[str]
+) -> None:
+    """Check that the recording chooses no code: only forcebound and the user do."""
+    tables = {name: (KINDS[name], document.get(name, {}).get("kind")) for name in used}
+    tables["law"] = (LAWS, document["device"]["law"])
+    for name, (table, kind) in tables.items():
+        if kind is not None and name not in named and not table.is_shipped(kind):
+            raise ConfigError(
+                f"{recording.path} names code of its own, {kind}: to run it, name it yourself,"
+                f" {name}:=FILE.py, or another {name}"
+            )

@@ -1,0 +1,274 @@
+"""Verification of a recording: its inputs through the same law give its forces, to the bit.
+
+The telemetry holds all that the bounder heard in each tick: the commanded force, the readings, the
+times of reading and writing, what the watchdog did. A :class:`BoundedDevice` of the recorded launch
+file hears the same again, from a device that answers as the recorded one did, and what comes out is
+compared: position, limit force, applied force, the ledger. A difference of one bit is one.
+
+* *Commands.* Each commanded force must follow from a force command in the recording that answers
+  the tick that the telemetry names.
+* *Motors with steps.* Hardware may apply less than the law let through. The recorded force then
+  goes on into the ledger; more than the law let through is a difference.
+* *The beginning.* The recorder of a live run may miss the first ticks. Then it begins where the
+  ledger does: when the force engages.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, cast
+
+from forcebound.config.graph import DeviceConfig
+from forcebound.errors import ConfigError
+from forcebound.messages.packets import TOPIC_OF, Event, ForceCommand, Telemetry, Vector
+from forcebound.nodes.bounded_device import BoundedDevice
+from forcebound.nodes.events import LAW_CHANGED
+from forcebound.nodes.safety import ramped
+from forcebound.nodes.servo import dissipation_of
+from forcebound.recording import Recording
+
+TOPICS = tuple(TOPIC_OF[kind] for kind in (Telemetry, ForceCommand, Event))  # that it needs
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What a verification has found."""
+
+    ticks: int  # in the recording
+    verified: int  # of them, up to the first one that is missing
+    unknown: int  # of them, before the force engaged, whose ledger began before the recording
+    differing: int  # ticks
+    difference: str  # the first, in words; "" without any
+    commands: int  # forces that follow from a recorded command
+    unknown_commands: int  # forces whose command is not in the recording
+
+    @property
+    def is_same(self) -> bool:
+        """Whether every tick of the recording was verified, and gave the recorded force."""
+        return self.verified + self.unknown == self.ticks and not self.differing
+
+
+def verify(recording: Recording, device: DeviceConfig) -> Verified:
+    """Return whether the inputs in a recording give its forces.
+
+    Args:
+        recording: With the ``TOPICS``.
+        device: Of the recorded launch file.
+
+    Raises:
+        ConfigError: If the recording does not hold what the bounder heard from the beginning.
+    """
+    packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
+    if not packets or packets[0].read_ns is None:
+        raise ConfigError(
+            f"{recording.path} has no telemetry with read_ns and write_ns: record it anew with this"
+            " version"
+        )
+    commands = cast("list[ForceCommand]", recording.packets(TOPIC_OF[ForceCommand]))
+    events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
+    laws = {event.time_ns: event.data["law"] for event in events if event.event == LAW_CHANGED}
+    known = [0, 0]
+    for follows in _follow(packets, commands, _saturation(device)):
+        known[follows] += 1
+    # Whether a device of the user's own can be told how long to hold, only it knew.
+    found = [
+        _Rerun(device, laws, can_be_told).run(packets)
+        for can_be_told in ((True,) if _is_simulated(device) else (False, True))
+    ]
+    best = min(found, key=lambda each: each.differing)
+    return Verified(
+        len(packets),
+        best.verified,
+        best.unknown,
+        best.differing,
+        best.difference,
+        commands=known[1],
+        unknown_commands=known[0],
+    )
+
+
+def _is_simulated(device: DeviceConfig) -> bool:
+    return hasattr(device.model, "body")
+
+
+def _saturation(device: DeviceConfig) -> float:
+    """Saturation of the safety chain, in N; of an arm it is one of the joints."""
+    is_arm = getattr(device.model, "kinematics", None) is not None
+    return math.inf if is_arm else device.model.saturation
+
+
+def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
+    """Yield the packets of each life of the device: one that was lost and returns counts anew."""
+    ends = [k for k, (a, b) in enumerate(pairwise(packets), start=1) if b.seq <= a.seq]
+    for start, end in pairwise([0, *ends, len(packets)]):
+        yield packets[start:end]
+
+
+def _engaged_at(life: Sequence[Telemetry]) -> int:
+    """Return the number of the packet with which the force engaged; without one, of none."""
+    known = next((packet for packet in life if packet.elapsed > 0.0), None)
+    if known is None:
+        return len(life)
+    engaged_ns = known.time_ns - round(known.elapsed * 1e9)
+    return next(k for k, packet in enumerate(life) if packet.time_ns >= engaged_ns)
+
+
+def _start_of(life: Sequence[Telemetry], engaged: int) -> int:
+    """Return the number of the first packet whose ledger can be known.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    if life[0].seq == life[0].deadline_misses:
+        return 0
+    before = life[engaged - 1]
+    if not 0 < engaged < len(life) or any(before.torques or before.applied_force):
+        raise ConfigError(
+            f"the recording begins with tick {life[0].seq}, when its ledger had begun: record from"
+            " the beginning, with --record"
+        )
+    return engaged
+
+
+def _is_next(packet: Telemetry, before: Telemetry) -> bool:
+    """Whether the ticks between two packets were skipped, and none is missing."""
+    skipped = packet.deadline_misses - before.deadline_misses
+    return packet.seq - before.seq - 1 == skipped
+
+
+def _follow(
+    packets: Sequence[Telemetry], commands: Sequence[ForceCommand], saturation: float
+) -> Iterator[bool]:
+    """Yield for each commanded force whether it follows from a command."""
+    forces: dict[int, list[Vector]] = {}
+    for command in commands:
+        forces.setdefault(command.device_seq, []).append(command.force)
+    for packet in packets:
+        if packet.device_seq is not None:
+            ramp = packet.engagement
+            sent = forces.get(packet.device_seq, ())
+            yield any(ramped(f, ramp, saturation) == packet.commanded_force for f in sent)
+
+
+class _RecordedDevice:
+    """A device that answers as a recorded one did; see :class:`forcebound.devices.Device`.
+
+    Attributes:
+        packet: Of the tick that is under way.
+    """
+
+    def __init__(self, model: Any, packet: Telemetry, has_steps: bool) -> None:
+        self.axes: int = len(packet.joints or packet.position)
+        self.packet = packet
+        self._has_steps = has_steps
+        self.kinematics = None if packet.joints is None else model.kinematics()
+
+    def read(self, time_ns: int) -> Vector:
+        return self.packet.joints or self.packet.position
+
+    def write(self, time_ns: int, force: Vector) -> Vector:
+        applied = self.packet.torques or self.packet.applied_force
+        is_less = self._has_steps and math.hypot(*applied) <= math.hypot(*force)
+        return applied if is_less else force
+
+    def stamps(self) -> tuple[int, int]:
+        return self.packet.read_ns or 0, self.packet.write_ns or 0
+
+    def cut(self) -> tuple[int, Vector] | None:
+        at, position = self.packet.cut_ns, self.packet.cut_position
+        return None if at is None or position is None else (at, position)
+
+    def engage(self, time_ns: int) -> None:
+        """Do nothing."""
+
+    def truth(self) -> None:
+        """Return nothing: no law may know it."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class _ToldDevice(_RecordedDevice):
+    """The same, that can be told how long to hold a force."""
+
+    def set_hold_limit(self, seconds: float) -> None:
+        """Do nothing: what came of it is recorded."""
+
+
+class _Rerun:
+    """The recorded inputs through the bounder once more.
+
+    Attributes:
+        verified: Ticks until now.
+        unknown: Ticks before a ledger that could be known.
+        differing: Of them.
+        difference: The first, in words.
+    """
+
+    def __init__(self, device: DeviceConfig, laws: Mapping[int, str], can_be_told: bool) -> None:
+        self._config, self._laws = device, laws
+        self._kind = _ToldDevice if can_be_told else _RecordedDevice
+        self.verified = self.unknown = self.differing = 0
+        self.difference = ""
+
+    def run(self, packets: Sequence[Telemetry]) -> "_Rerun":
+        law = self._config.servo.law
+        for life in _lives(packets):
+            model = self._config.model
+            self._device = self._kind(model, life[0], not _is_simulated(self._config))
+            self._begin(law)
+            if not self._live(life):
+                break
+        return self
+
+    def _begin(self, law: str) -> None:
+        """Begin a ledger."""
+        servo = self._config.servo
+        dissipation = dissipation_of(self._config.model, servo)
+        self._bounded = BoundedDevice(self._device, law, dissipation, servo.hold_limit == "auto")
+
+    def _live(self, life: Sequence[Telemetry]) -> bool:
+        """Run through a life; return whether no tick of it is missing."""
+        engaged = _engaged_at(life)
+        start = _start_of(life, engaged)
+        self.unknown += start
+        for k in range(start, len(life)):
+            if k > start and not _is_next(life[k], life[k - 1]):
+                return False
+            if k == engaged:
+                self._bounded.begin()
+            self._tick(life[k])
+            law = self._laws.get(life[k].time_ns)
+            if law is not None:
+                self._begin(law)
+        return True
+
+    def _tick(self, packet: Telemetry) -> None:
+        device, bounded = self._device, self._bounded
+        device.packet = packet
+        written = bounded.write(packet.time_ns, packet.commanded_force, packet.engagement)
+        pairs = {
+            "position": (written.position, packet.position),
+            "force_limit": ((written.limit,), (packet.force_limit,)),
+            "torques": (written.torques or (), packet.torques or ()),
+            "applied_force": (written.applied, packet.applied_force),
+            "estimated_energy": ((bounded.bounder.estimated_energy,), (packet.estimated_energy,)),
+        }
+        self.verified += 1
+        differing = [name for name, (new, old) in pairs.items() if not _are_same(new, old)]
+        if not differing:
+            return
+        self.differing += 1
+        if not self.difference:
+            name = differing[0]
+            new, old = pairs[name]
+            self.difference = f"tick {packet.seq}: {name} is {new}, recorded {old}"
+
+
+def _are_same(new: Vector, old: Vector) -> bool:
+    """Whether numbers have the same bits; one that is not finite is recorded as NaN."""
+    return len(new) == len(old) and all(
+        a.hex() == b.hex() or not (math.isfinite(a) or math.isfinite(b))
+        for a, b in zip(new, old, strict=True)
+    )

@@ -1,0 +1,184 @@
+"""Recordings once more: verified to the bit, and run with other parts."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace as with_fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from msgspec.structs import replace
+
+from forcebound.cli import main
+from forcebound.config.graph import DeviceConfig, GraphConfig
+from forcebound.config.loader import load
+from forcebound.errors import ConfigError
+from forcebound.launch.build import build_device, build_node
+from forcebound.launch.results import run_metadata
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import TOPICS, Telemetry
+from forcebound.nodes.late_ticks import LateTicks
+from forcebound.processes import NODES
+from forcebound.recording import Recorder, read
+from forcebound.recordings.rerun import device_of
+from forcebound.recordings.verification import Verified, verify
+from forcebound.simulation import Simulation
+
+
+def recorded(path: Path, *words: str, duration: float = 0.3) -> Path:
+    """Return the recording of a run in virtual time; ``words``: launch file and arguments."""
+    run_virtual(load(words[0], words[1:]), duration, path)
+    return path
+
+
+def verified(path: Path) -> Verified:
+    recording = read(path)
+    return verify(recording, device_of(recording))
+
+
+def changed(path: Path, change: "dict[int, dict[str, object]]", drop: range = range(0)) -> Path:
+    """Write a recording with other fields in some ticks, and without others."""
+    recording = read(path)
+    with Recorder(path, recording.metadata) as recorder:
+        for topic in TOPICS:
+            for packet in recording.packets(topic):
+                is_telemetry = isinstance(packet, Telemetry)
+                if is_telemetry and packet.seq in drop:
+                    continue
+                fields = change.get(packet.seq, {}) if is_telemetry else {}
+                recorder.write(replace(packet, **fields))
+    return path
+
+
+def invoke(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+
+
+# --- Verification --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stiff_wall", "law:=certified", "delay:=5ms"),
+        ("stiff_wall", "law:=tdpa", "delay:=5ms"),
+        ("stiff_wall", "law:=none"),
+        ("five_bar_wall",),  # an arm: its readings are angles
+        ("three_axes",),
+        ("stress",),  # late ticks, a watchdog
+    ],
+    ids=" ".join,
+)
+def test_recorded_inputs_give_the_recorded_forces_to_the_bit(
+    tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    found = verified(recorded(tmp_path / "run.mcap", *words))
+    assert found.is_same
+    assert found.ticks == found.verified > 250
+    assert found.commands > 250
+    assert found.unknown_commands == 0
+
+
+def with_late_ticks(config: GraphConfig, **fields: object) -> GraphConfig:
+    model: Any = config.device.model
+    servo = with_fields(config.device.servo, late_ticks=LateTicks(rate=40.0))
+    return with_fields(config, device=DeviceConfig(with_fields(model, **fields), servo))
+
+
+@pytest.mark.parametrize("watchdog", ["silent", "reporting", "guarding", "none"])
+def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchdog: str) -> None:
+    path = tmp_path / "run.mcap"
+    config = load("stiff_wall")
+    limit = 5e-3 if watchdog == "none" else "auto"
+    run_virtual(with_late_ticks(config, watchdog=watchdog, watchdog_limit=limit), 0.6, path)
+    assert verified(path).is_same
+    cuts = [p for p in read(path).packets("telemetry") if getattr(p, "cut_ns", None) is not None]
+    assert bool(cuts) == (watchdog in ("reporting", "guarding"))
+    if watchdog == "reporting":
+        changed(path, {packet.seq: {"cut_ns": None} for packet in cuts})
+        assert not verified(path).is_same
+
+
+@pytest.mark.parametrize(
+    ("tick", "field", "value"),
+    [
+        (280, "applied_force", lambda force: (math.nextafter(force[0], 0.0),)),
+        (200, "position", lambda position: (position[0] + 1e-5,)),
+        (250, "force_limit", lambda limit: math.nextafter(limit, 0.0)),
+        (280, "read_ns", lambda at: at + 10_000),
+    ],
+)
+def test_a_change_of_one_bit_is_found(
+    tmp_path: Path, tick: int, field: str, value: Callable[[Any], Any]
+) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms")
+    packet = read(path).packets("telemetry")[tick]
+    changed(path, {tick: {field: value(getattr(packet, field))}})
+    found = verified(path)
+    assert found.differing
+    assert not found.is_same
+    assert found.difference.startswith("tick 2")
+
+
+def test_another_law_gives_other_forces(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms")
+    same = invoke("replay", path, "--verify")
+    assert (same.exit_code, "verified: 300 of 300 ticks, 0 differ" in same.stdout) == (0, True)
+    other = invoke("replay", path, "law:=tdpa", "--verify", "--json")
+    assert other.exit_code == 1
+    document = json.loads(other.stdout)
+    assert document["differing"] > 100
+    assert not document["is_same"]
+
+
+def test_without_its_first_ticks_a_recording_is_verified_from_the_engagement_on(
+    tmp_path: Path,
+) -> None:
+    path, config = tmp_path / "run.mcap", load("stiff_wall")
+    device = build_device(config)
+    others = [build_node(kind, config) for kind in NODES if kind != "device"]
+    with Recorder(path, run_metadata(config)) as recorder:
+        simulation = Simulation([*others, device], {}, recorder.write)
+        simulation.run(50_000_000)
+        device.engage()  # as in a live run, where all nodes have come first
+        simulation.run(300_000_000)
+    assert verified(path).is_same
+    found = verified(changed(path, {}, drop=range(20)))
+    assert (found.unknown, found.verified, found.is_same) == (30, 250, True)
+
+
+def test_what_follows_a_missing_tick_is_not_called_verified(tmp_path: Path) -> None:
+    path = changed(recorded(tmp_path / "run.mcap", "stiff_wall"), {}, drop=range(100, 102))
+    found = verified(path)
+    assert (found.ticks, found.verified, found.differing, found.is_same) == (298, 100, 0, False)
+    changed(path, {}, drop=range(100))
+    with pytest.raises(ConfigError, match="begins with tick 102, when its ledger had begun"):
+        verified(path)
+
+
+def test_a_force_without_its_command_is_counted(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms")
+    packet = read(path).packets("telemetry")[250]
+    assert isinstance(packet, Telemetry)
+    twice = (2.0 * packet.commanded_force[0],)
+    assert verified(changed(path, {250: {"commanded_force": twice}})).unknown_commands == 1
+
+
+def test_a_recording_of_an_earlier_version_says_what_it_lacks(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall")
+    changed(path, {tick: {"read_ns": None, "write_ns": None} for tick in range(300)})
+    assert "has no telemetry with read_ns and write_ns" in invoke("replay", path, "--verify").stderr
+
+
+def test_a_recording_chooses_no_code(tmp_path: Path) -> None:
+    config = load("stiff_wall")
+    metadata = run_metadata(config)
+    launch = json.loads(metadata["launch"])
+    launch["device"]["law"] = "/nowhere/law.py:Law"
+    path = tmp_path / "run.mcap"
+    Recorder(path, metadata | {"launch": json.dumps(launch)}).close()
+    with pytest.raises(ConfigError, match=r"names code of its own, /nowhere/law.py:Law"):
+        device_of(read(path))
+    assert device_of(read(path), ["law:=none"]).servo.law == "none"

@@ -1,0 +1,96 @@
+"""The first hour: completion in a shell, and a folder to begin with."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from forcebound.cli import main
+
+
+def invoked(*words: str) -> "tuple[int, str]":
+    done = CliRunner().invoke(main, list(words))
+    return done.exit_code, done.output
+
+
+def offered(tmp_path: Path, line: str) -> list[str]:
+    """What bash has after the user has typed a line and presses Tab."""
+    command = tmp_path / "forcebound"
+    command.write_text(f"#!{sys.executable}\nfrom forcebound.__main__ import main\nmain()\n")
+    command.chmod(0o755)
+    _, script = invoked("completion", "bash", "--print")
+    (tmp_path / "script").write_text(script)
+    # As readline cuts it: at blanks, and around : and =.
+    words = 'read -ra COMP_WORDS <<< "$(sed -E "s/([:=]+)/ \\1 /g" <<< "$COMP_LINE")"'
+    program = f"""
+        COMP_LINE={line!r}; COMP_POINT={len(line)}
+        {words}
+        [[ "$COMP_LINE" == *" " ]] && COMP_WORDS+=("")
+        COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+        compopt() {{ :; }}
+        source {tmp_path}/script
+        _forcebound_completion forcebound
+        printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(
+        ["bash", "-c", program],
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("forcebound sim", ["simulate"]),
+        ("forcebound simulate stiff", ["stiff_wall"]),
+        ("forcebound simulate stiff_wall la", ["law:="]),
+        ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_memoryless"]),
+        ("forcebound simulate no_such_file x", []),
+        ("forcebound echo tele", ["telemetry"]),
+        ("forcebound stop env", ["environment"]),
+    ],
+)
+def test_bash_completes_commands_files_arguments_laws_and_topics(
+    tmp_path: Path, line: str, wanted: list[str]
+) -> None:
+    assert offered(tmp_path, line) == wanted
+
+
+@pytest.mark.parametrize(
+    ("shell", "place"),
+    [
+        ("bash", ".local/share/bash-completion/completions/forcebound"),
+        ("zsh", ".zfunc/_forcebound"),
+        ("fish", ".config/fish/completions/forcebound.fish"),
+    ],
+)
+def test_completion_is_installed_where_the_shell_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: str, place: str
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    status, told = invoked("completion", shell)
+    assert status == 0
+    assert str(tmp_path / place) in told
+    assert "_FORCEBOUND_COMPLETE" in (tmp_path / place).read_text()
+
+
+def test_a_new_folder_runs_and_is_not_written_over(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    status, told = invoked("new", str(folder))
+    assert status == 0
+    assert f"forcebound simulate {folder}/my_environment.yaml" in told
+    status, told = invoked("simulate", str(folder / "my_environment.yaml"), "--duration", "0.2s")
+    assert status == 0, told
+    status, told = invoked("new", str(folder))
+    assert status == 2
+    assert "has my_environment.yaml, my_environment.py already: choose another folder" in told
