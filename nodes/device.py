@@ -89,7 +89,8 @@ class DeviceNode(Node):
         self._under = partial(
             BoundedDevice, device, dissipation=dissipation, learns=learns, clock=clock
         )
-        self._bounded = self._under(servo.law)
+        self._law = servo.law
+        self._bounded = self._under(self._law)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
@@ -146,13 +147,14 @@ class DeviceNode(Node):
         self._chain.reject(reason)
 
     def status(self) -> dict[str, Any]:
-        """Return ``engaged``, ``deadline_misses``, ``rejected`` and, of the bounder, ``bounder``.
+        """Return ``engaged``, ``law``, ``deadline_misses``, ``rejected`` and ``bounder``.
 
         The last is :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
         """
         return {
             "rejected": dict(self._chain.rejected),
             "engaged": self.is_engaged,
+            "law": self._law,
             "deadline_misses": self.deadline_misses,
             "bounder": self._bounded.report(),
         }
@@ -302,9 +304,10 @@ class DeviceNode(Node):
 
     def _change_law(self, law: str, time_ns: int) -> Event:
         """Begin a new ledger under another law; no force is held."""
-        self._next_law = None
+        self._next_law, self._law = None, law
         self._bounded = self._under(law)
         self._bounded.begin()
+        self._overload = Overload(self._period_ns)  # the ticks that the loading costs are no news
         return self.events.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
 
     def _begin_next_tick(self, time_ns: int) -> None:

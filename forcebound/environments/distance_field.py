@@ -87,7 +87,7 @@ class DistanceField:
 
         grid = self._grid()
         data = grid_data(grid, self.position, unit_quaternion(self.orientation))
-        return ImplicitSolid(GRID, data, dip=grid.spacing / 20)
+        return ImplicitSolid(GRID, data, dip=grid.spacing / 20, still=1e-3)
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh; nothing of an array."""

@@ -142,4 +142,4 @@ def _solid(
 
     size = _radius(version, radius)
     data = cloud_data(_cloud(version).points, size, position, orientation)
-    return ImplicitSolid(CLOUD, data, dip=size / 20, steps=STEPS)
+    return ImplicitSolid(CLOUD, data, dip=size / 20, still=1e-3, steps=STEPS)

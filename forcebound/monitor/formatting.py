@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -12,7 +12,7 @@ from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConf
 from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
-from forcebound.quantities import Unit
+from forcebound.quantities import Range, Unit
 
 # YAML reads it as text without quotes, also within { } and [ ].
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
@@ -26,6 +26,21 @@ def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]
         values: Plain JSON values in SI units, by name.
     """
     return {name: _text(value, _hint(config, name)) for name, value in values.items()}
+
+
+def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
+    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" where any will do.
+
+    Args:
+        config: Of the graph.
+        names: Of its parameters.
+    """
+    found = {}
+    for name in names:
+        parts = list(_parts(_hint(config, name)))
+        symbol = "".join(part.symbol for part in parts if isinstance(part, Unit))
+        found[name] = " and ".join(p.describe(symbol) for p in parts if isinstance(p, Range))
+    return found
 
 
 def _hint(config: GraphConfig, name: str) -> Any:

@@ -1,15 +1,16 @@
 """What a page may change: parameters, nodes, the law, outages, the pointer of the hand."""
 
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcebound.bounding import LAWS
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, ForceboundError, RunError
 from forcebound.launch.live import RunDocument
+from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ask, start_node, stop_node
-from forcebound.monitor.formatting import as_written
+from forcebound.monitor.formatting import as_written, ranges
 from forcebound.monitor.tuning import (
     configuration,
     cut_links,
@@ -20,17 +21,27 @@ from forcebound.monitor.tuning import (
 from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
+from forcebound.view.kernels import Kernels, shipped_laws
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN, SAFE = ("none", "5 ms"), ("certified", "0 ms")  # law, delay each way
+OVERDUE = 0.5  # s without an answer, after which a device is asked again: it was started anew
 
 
 class Controls:
-    """The controls of one running graph."""
+    """The controls of one running graph; to be closed.
+
+    Attributes:
+        law: Of the device, now.
+    """
 
     def __init__(self, run_dir: Path) -> None:
         self._run_dir = run_dir
         self._config = configuration(run_dir, serves=False)
+        status = ask(run_dir, "device", {"request": "status"}) or {}
+        self.law = str(status.get("law", self._config.device.servo.law))
+        self._kernels = Kernels(run_dir, self.law)
+        self._kernels.begin((BROKEN[0], SAFE[0]))
         self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "set": lambda wanted: self._set(wanted["settings"]),
             "stop": lambda wanted: stop_node(run_dir, str(wanted["node"])),
@@ -50,8 +61,9 @@ class Controls:
             "name": RunDocument.read(self._run_dir).file,
             "description": config.description,
             "axes": model.axes,
-            "law": servo.law,
-            "laws": sorted(law for law in LAWS if LAWS.is_shipped(law)),
+            "law": self.law,
+            "laws": shipped_laws(),
+            "links": list(LINKS),
             "age_limit": servo.age_limit,
             "saturation": getattr(model, "saturation", None),
             "wall": _wall(config),
@@ -60,9 +72,14 @@ class Controls:
         }
 
     def parameters(self) -> dict[str, Any]:
-        """Return the parameters that can change, each as text with its unit."""
+        """Return the parameters that can change, each as text with its unit, and their ranges."""
         config = configuration(self._run_dir, serves=False)
-        return {"type": "parameters", "values": as_written(config, find_parameters(config, ()))}
+        found = find_parameters(config, ())
+        return {
+            "type": "parameters",
+            "values": as_written(config, found),
+            "ranges": ranges(config, found),
+        }
 
     def act(self, wanted: Mapping[str, Any]) -> str | None:
         """Do what a page wants; return what is wrong, or None. It may take seconds."""
@@ -86,11 +103,17 @@ class Controls:
         cut_links(self._run_dir, time, ())
 
     def _take_law(self, law: str) -> None:
+        if law in shipped_laws():
+            self._kernels.wait(law)
         answer = ask(self._run_dir, "device", {"request": "law", "law": law})
         if answer is None:
             raise RunError("the device does not answer")
         if "error" in answer:
             raise ConfigError(str(answer["error"]))
+
+    def close(self) -> None:
+        """End what is still under way."""
+        self._kernels.close()
 
     def _show(self, law: str, delay: str) -> None:
         """Make the graph show a law with a delay, for visitors."""
@@ -102,28 +125,43 @@ class Controls:
 
 
 class Pointer:
-    """A line to the device for the pointer of its hand, which never waits for an answer."""
+    """A line to the device for the pointer of its hand, which never waits for an answer.
 
-    def __init__(self, run_dir: Path) -> None:
+    Args:
+        run_dir: Of the graph.
+        taken: Called with the stamp of a place when the device has taken it.
+
+    Attributes:
+        descriptor: Readable when an answer may be there; then call :meth:`send`.
+    """
+
+    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
+        self._taken = taken
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
-        self._newest: list[float] | None = None
-        self._is_asked = False
+        self.descriptor = self._client.descriptor
+        self._newest: tuple[list[float], Any] | None = None
+        self._asked: tuple[Any, float] | None = None  # stamp, and when
 
-    def point(self, target: Any) -> None:
-        """Take where the pointer is now, in m, one entry per axis."""
+    def point(self, target: Any, stamp: Any = None) -> None:
+        """Take where the pointer is now, in m, one entry per axis; ``stamp`` is the caller's."""
         if isinstance(target, list) and all(isinstance(x, float | int) for x in target):
-            self._newest = target
+            self._newest = target, stamp
         self.send()
 
     def send(self) -> None:
         """Send the newest place if the device has answered to the one before."""
-        if self._is_asked and self._client.answer() is not None:
-            self._is_asked = False
-        if self._newest is not None and not self._is_asked:
-            self._is_asked = self._client.ask({"request": "point", "target": self._newest})
-            if self._is_asked:
-                self._newest = None
+        if self._asked is not None:
+            stamp, asked = self._asked
+            if self._client.answer() is not None:
+                self._asked = None
+                self._taken(stamp)
+            elif time.monotonic() - asked > OVERDUE:
+                self._asked = None
+        if self._newest is not None and self._asked is None:
+            target, stamp = self._newest
+            if self._client.ask({"request": "point", "target": target}):
+                self._newest, self._asked = None, (stamp, time.monotonic())
 
     def close(self) -> None:
         """Close the line."""

@@ -28,6 +28,7 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.network.sockets import Network
+from forcebound.view.coarse import coarse
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
@@ -80,13 +81,16 @@ class Feed:
         return messages
 
     def triangles(self, digest: str) -> list[Any] | None:
-        """Return the corners of a mesh of the scene, in m, shape (n, 3, 3); None: not here."""
+        """Return the corners of a mesh of the scene, in m, shape (n, 3, 3); None: not here.
+
+        Large ones are made coarser; it may take seconds.
+        """
         for thing in (self.scene or {}).get("objects", ()):
             if thing.get("digest") == digest and thing.get("file"):
                 with suppress(ConfigError):
                     scale = thing["size"][0] if thing.get("size") else None
                     mesh = read_mesh(Path(thing["file"]), scale, may_be_open=True)
-                    return mesh.corners.tolist() if mesh.digest == digest else None
+                    return coarse(mesh).tolist() if mesh.digest == digest else None
         return None
 
     def close(self) -> None:
@@ -108,6 +112,8 @@ class Feed:
             "type": "event",
             "time": at,
             "node": event.node,
+            "event": event.event,
+            "data": event.data,
             "is_fault": event.is_fault,
             "message": event.message,
         }

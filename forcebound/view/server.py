@@ -18,6 +18,7 @@ import tornado.websocket
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.monitor.listing import list_graphs
+from forcebound.nodes.events import LAW_CHANGED
 from forcebound.view.access import Access, hosts_of
 from forcebound.view.controls import Controls, Pointer
 from forcebound.view.feed import Feed
@@ -52,7 +53,7 @@ class Server:
         listening = _bound(listen, port)
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
         self.controls = Controls(run_dir)
-        self.pointer = Pointer(run_dir)
+        self.pointer = Pointer(run_dir, self._pointed)
         self.feed = Feed(run_dir)
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
@@ -64,7 +65,10 @@ class Server:
             (r"/([a-z]+\.(?:js|css|svg))", _File, own),
         ]
         application = tornado.web.Application(
-            routes, websocket_ping_interval=10, websocket_max_message_size=MOST_MESSAGE
+            routes,
+            websocket_ping_interval=10,
+            websocket_max_message_size=MOST_MESSAGE,
+            log_function=lambda request: None,  # an address has its token
         )
         self._http = tornado.httpserver.HTTPServer(application)
         self._http.add_socket(listening)
@@ -72,11 +76,13 @@ class Server:
     async def run(self, until: Callable[[], bool] = lambda: False) -> None:
         """Show the graph until it ends, or ``until`` says so."""
         self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self.pointer.descriptor, self.pointer.send)
         next_nodes = 0.0
         try:
             while not (self.feed.is_over or until()):
                 started = time.monotonic()
                 for message in self.feed.look():
+                    self._note(message)
                     self.tell(message)
                 self.pointer.send()
                 if self.pages and started >= next_nodes:
@@ -93,6 +99,17 @@ class Server:
             text = json.dumps(message)
             for page in tuple(self.pages):
                 page.tell(text)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        """Keep up with the law, also if it is changed from elsewhere."""
+        if message["type"] == "event" and message["event"] == LAW_CHANGED:
+            self.controls.law = message["data"]["law"]
+
+    def _pointed(self, stamp: Any) -> None:
+        """Tell a page that the device has taken its place."""
+        if isinstance(stamp, tuple):
+            page, number = stamp
+            page.tell(json.dumps({"type": "taken", "stamp": number}))
 
     def newcomer(self) -> list[dict[str, Any]]:
         """Return what a page is told first."""
@@ -121,8 +138,10 @@ class Server:
         self._http.stop()
         await self._http.close_all_connections()
         self.workers.shutdown(wait=True, cancel_futures=True)
+        self._loop.remove_reader(self.pointer.descriptor)
         self.feed.close()
         self.pointer.close()
+        self.controls.close()
 
 
 def _bound(listen: str, port: int) -> socket.socket:
@@ -176,10 +195,12 @@ class _File(_Handler):
 class _Mesh(_Handler):
     """Triangles of a mesh of the scene."""
 
-    def get(self, digest: str) -> None:
+    async def get(self, digest: str) -> None:
         if not self.server.access.may_look(self.get_query_argument("token", "")):
             raise tornado.web.HTTPError(403, "no token")
-        corners = self.server.feed.triangles(digest)
+        loop = asyncio.get_running_loop()
+        triangles = self.server.feed.triangles
+        corners = await loop.run_in_executor(self.server.workers, triangles, digest)
         if corners is None:
             raise tornado.web.HTTPError(404)
         self.write({"corners": corners})
@@ -219,7 +240,7 @@ class _Page(tornado.websocket.WebSocketHandler):
         if not self._may_change:
             self._answer(wanted, "this page may only look")
         elif do == "point":
-            self._server.pointer.point(wanted.get("target"))
+            self._server.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
         else:
             self._server.workers.submit(self._act, wanted)
 
@@ -232,9 +253,11 @@ class _Page(tornado.websocket.WebSocketHandler):
         if stream is None or len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
             return
         try:
-            self.write_message(text)
+            sent = self.write_message(text)
         except tornado.websocket.WebSocketClosedError:
             self._server.pages.discard(self)
+        else:
+            sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
     def _act(self, wanted: dict[str, Any]) -> None:
         """Do what the page wants; in the thread of changes."""

@@ -1,5 +1,6 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
+import { Controls } from "./controls.js";
 import { Histogram, Plot, Samples, Window, text } from "./plots.js";
 import { Scene } from "./scene.js";
 
@@ -9,20 +10,31 @@ const samples = new Samples();
 const shown = new Window(samples);
 const magnitude = (vector) => (vector.length === 1 ? vector[0] : Math.hypot(...vector));
 
+const SILENT = 1000; // ms without a frame: the signal is lost
+const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
+const READABLE = 200; // ms between two values of a figure
+const AGAIN = 1000; // ms until the next attempt to connect
+const MOST_EVENTS = 200;
+
 let socket = null;
 let request = 0;
-let hello = null;
-let stopped = new Set();
+let isOver = false;
+let mayChange = false;
+let heard = performance.now(); // ms, when the last frame came
 
 function send(message) {
   request += 1;
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ id: request, ...message }));
+  return request;
 }
 
-const scene = new Scene($("scene"), (target) => send({ do: "point", target }));
+const scene = new Scene($("scene"), (target, stamp) => send({ do: "point", target, stamp }));
+const controls = new Controls(send);
 
 const AXES = [["x", "true"], ["y", "commanded"], ["z", "energy"]];
+const position = new Plot($("position"), shown, "Position", "mm", 1e3, []);
 const plots = [
+  position,
   new Plot($("force"), shown, "Force", "N", 1, [
     { name: "limit", label: "limit", colour: "limit", isArea: true },
     { name: "commanded", label: "commanded", colour: "commanded" },
@@ -40,20 +52,18 @@ const plots = [
 
 const takes = {
   hello(message) {
-    hello = message;
+    mayChange = message.may_change;
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
+    samples.push(samples.newest, {}); // a gap where nothing was heard
     scene.describe(message);
-    plots.length = 4;
-    plots.unshift(new Plot($("position"), shown, "Position", "mm", 1e3,
-      AXES.slice(0, message.axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }))));
-    $("hint").textContent = !message.may_change ? "This page may only look."
-      : message.hand ? "Drag to move the hand; Shift and drag to turn; wheel to zoom; arrow keys move by 1 mm."
-        : "This hand moves by itself: operator: { kind: pointer } follows the mouse.";
-    document.querySelectorAll("button").forEach((b) => { if (b.id !== "pause") b.disabled = !message.may_change; });
-    buildControls(message);
+    position.lines = AXES.slice(0, message.axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
+    $("hint").textContent = hintOf(message);
+    controls.describe(message);
   },
   frame(message) {
+    heard = performance.now();
+    if (message.time[0] < samples.newest - 1) samples.clear(); // another clock
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
         delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
@@ -62,43 +72,73 @@ const takes = {
     });
     const last = message.time.length - 1;
     scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded[last], applied: message.applied[last] };
-    showFigures(message, last);
-    $("state").textContent = message.engagement < 1 ? `force engages: ${Math.round(100 * message.engagement)} %` : "running";
+    if (heard - figured > READABLE) showFigures(message, last);
+    say(message.engagement < 1 ? `force engages: ${Math.round(100 * message.engagement)} %` : "running", true);
   },
   scene(message) {
     scene.objects = message.objects;
     for (const object of message.objects) if (object.shape === "mesh") fetchMesh(object.digest);
   },
   event(message) {
+    if (message.event === "law_changed") controls.showLaw(message.data.law);
     const entry = document.createElement("li"), time = document.createElement("time");
     entry.className = message.is_fault ? "fault" : "";
     time.textContent = new Date(1e3 * message.time).toLocaleTimeString();
-    entry.append(time, `${message.node}: ${message.message}`);
+    entry.append(time, `${message.is_fault ? "fault: " : ""}${message.node}: ${message.message}`);
     $("events").prepend(entry);
-    while ($("events").children.length > 200) $("events").lastChild.remove();
+    while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
-  nodes: showNodes,
-  parameters(message) { showParameters(message.values); },
-  answer(message) { $("error").textContent = message.error ?? ""; },
-  over() { $("state").textContent = "the graph has ended"; },
+  taken(message) {
+    const passed = performance.now() - message.stamp;
+    figure("pointer to device", `${text(passed)} ms`);
+    document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
+  },
+  nodes(message) { controls.nodes(message); },
+  parameters(message) { controls.parameters(message); },
+  answer(message) { controls.answer(message); },
+  over() {
+    isOver = true;
+    say("the graph has ended; a new one has a page, and an address, of its own", false);
+  },
 };
 
-function showFigures(message, last) {
-  const figures = {
-    position: `${text(1e3 * message.position[last][0])} mm`,
-    applied: `${text(magnitude(message.applied[last]))} N`,
-    limit: `${text(message.limit[last])} N`,
-    "true energy": `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`,
-    delay: `${text(1e3 * (message.delay[last] ?? NaN))} ms`,
-    "missed ticks": String(message.misses),
-  };
-  $("figures").replaceChildren(...Object.entries(figures).map(([name, value]) => {
+function hintOf({ may_change, hand, axes }) {
+  const turn = axes > 2 ? "; Shift, or two fingers, to turn" : "";
+  if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
+  return hand ? `Drag, or use the arrow keys (1 mm), to move the hand${axes > 2 ? "; Page Up and Down for away and near" : ""}${turn}.`
+    : "Nobody can drag this hand: it is real, or moves by itself. `operator: { kind: pointer }` makes one that can be dragged.";
+}
+
+/** Say how things are; whether what can be changed can be changed just now follows from it. */
+function say(words, isWell) {
+  if ($("state").textContent !== words) $("state").textContent = words;
+  document.body.classList.toggle("is-away", !isWell);
+  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver;
+  for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
+}
+
+const figures = new Map(); // name -> where its value stands
+function figure(name, words) {
+  if (!figures.has(name)) {
     const pair = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
     dt.textContent = name;
-    dd.textContent = value;
     pair.append(dt, dd);
-    return pair;
-  }));
+    $("figures").append(pair);
+    figures.set(name, dd);
+  }
+  if (figures.get(name).textContent !== words) figures.get(name).textContent = words;
+}
+
+let figured = 0; // ms, when the figures were shown last
+function showFigures(message, last) {
+  figured = performance.now();
+  figure("position", `${text(1e3 * message.position[last][0])} mm`);
+  figure("commanded", `${text(magnitude(message.commanded[last]))} N`);
+  figure("applied", `${text(magnitude(message.applied[last]))} N`);
+  figure("limit", `${text(message.limit[last])} N`);
+  figure("true energy", `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`);
+  figure("loop delay", `${text(1e3 * (message.delay[last] ?? NaN))} ms`);
+  figure("missed ticks", String(message.misses));
 }
 
 const asked = new Set();
@@ -109,84 +149,26 @@ async function fetchMesh(digest) {
   if (answer.ok) scene.meshes.set(digest, await answer.json());
 }
 
-// --- Controls ------------------------------------------------------------------------------------
-
-const OFFERED = ["environment.stiffness", "environment.damping", "environment.compute_delay",
-  "links.environment_query.delay", "links.environment_reply.delay", "links.environment_reply.jitter",
-  "links.environment_reply.loss"];
-const fields = new Map(); // name of a parameter -> its input
-
-function labelled(words, input) {
-  const label = document.createElement("label");
-  label.append(words, input);
-  return label;
-}
-
-function buildControls(message) {
-  const law = document.createElement("select");
-  law.id = "law";
-  for (const name of message.laws) law.add(new Option(name, name, false, name === message.law));
-  law.addEventListener("change", () => send({ do: "law", law: law.value }));
-  const outage = document.createElement("button");
-  outage.type = "button";
-  outage.id = "outage";
-  outage.textContent = "cut the network for 0.5 s";
-  outage.addEventListener("click", () => send({ do: "outage", time: "500 ms" }));
-  $("controls").replaceChildren(labelled("law", law), outage);
-  law.disabled = outage.disabled = !message.may_change;
-  fields.clear();
-}
-
-function field(name, value) {
-  const input = document.createElement("input");
-  input.name = name;
-  input.value = value;
-  input.disabled = !hello?.may_change;
-  input.addEventListener("change", () => send({ do: "set", settings: { [name]: input.value } }));
-  fields.set(name, input);
-  return labelled(name, input);
-}
-
-function showParameters(values) {
-  for (const [name, value] of Object.entries(values)) {
-    const input = fields.get(name);
-    if (!input) (OFFERED.includes(name) ? $("controls") : $("parameters")).append(field(name, value));
-    else if (document.activeElement !== input) input.value = value;
-  }
-}
-
-function showNodes(message) {
-  const head = document.createElement("tr");
-  for (const name of ["node", "state", "processor", "memory", "restarts", ""]) {
-    head.append(Object.assign(document.createElement("th"), { textContent: name }));
-  }
-  const rows = message.processes.map((one) => {
-    const row = document.createElement("tr");
-    const cells = [one.node, one.state, one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
-      one.memory === null ? "–" : `${Math.round(one.memory / 1e6)} MB`, one.restarts];
-    for (const cell of cells) row.append(Object.assign(document.createElement("td"), { textContent: cell }));
-    const last = document.createElement("td");
-    if (["environment", "controller"].includes(one.node)) {
-      const isStopped = one.state === "stopped";
-      const button = Object.assign(document.createElement("button"), { textContent: isStopped ? "start" : "stop" });
-      button.disabled = !hello?.may_change;
-      button.addEventListener("click", () => send({ do: isStopped ? "start" : "stop", node: one.node }));
-      last.append(button);
-    }
-    row.append(last);
-    return row;
-  });
-  $("nodes").replaceChildren(head, ...rows);
-}
+// --- What one does -------------------------------------------------------------------------------
 
 document.querySelectorAll("form").forEach((form) => form.addEventListener("submit", (event) => event.preventDefault()));
-$("break").addEventListener("click", () => { send({ do: "break" }); $("law").value = "none"; });
-$("safe").addEventListener("click", () => { send({ do: "safe" }); $("law").value = "certified"; });
+$("nearer").addEventListener("click", () => scene.zoom(0.8));
+$("farther").addEventListener("click", () => scene.zoom(1.25));
+$("centre").addEventListener("click", () => scene.centreOn());
 $("pause").addEventListener("click", () => {
   const isPaused = shown.end === null;
   shown.pause(isPaused);
   $("pause").setAttribute("aria-pressed", String(isPaused));
   $("pause").textContent = isPaused ? "Go on" : "Pause plots";
+});
+$("plots").addEventListener("keydown", (event) => {
+  const step = shown.seconds / 50;
+  if (event.key === "+" || event.key === "=") shown.zoom(0.8);
+  else if (event.key === "-") shown.zoom(1.25);
+  else if (event.key === "ArrowLeft" || event.key === "ArrowRight") shown.step(event.key === "ArrowLeft" ? -step : step);
+  else if (event.key === "Escape") shown.age = null;
+  else return;
+  event.preventDefault();
 });
 
 // --- Connection ----------------------------------------------------------------------------------
@@ -198,15 +180,23 @@ function connect() {
     takes[message.type]?.(message);
   });
   socket.addEventListener("close", () => {
-    if ($("state").textContent !== "the graph has ended") $("state").textContent = "not connected; trying again";
-    setTimeout(connect, 1000);
+    if (isOver) return;
+    say("not connected; trying again", false);
+    setTimeout(connect, AGAIN);
   });
 }
 
-function draw() {
+let drawn = 0; // ms
+function draw(now) {
+  requestAnimationFrame(draw);
+  if (now - drawn < FRAME) return;
+  drawn = now;
+  const silence = performance.now() - heard;
+  if (silence > SILENT && socket?.readyState === WebSocket.OPEN && !isOver) {
+    say(`signal lost: nothing from the device for ${Math.floor(silence / 1000)} s`, false);
+  }
   scene.draw();
   for (const plot of plots) plot.draw();
-  requestAnimationFrame(draw);
 }
 
 connect();

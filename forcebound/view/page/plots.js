@@ -3,8 +3,14 @@
 const SECONDS = 10;
 const MARGIN = { left: 52, right: 8, top: 18, bottom: 18 };
 
-export const colour = (name) =>
-  getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const colours = new Map(); // reading a style makes the browser compute all that has changed
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
+
+/** A colour of the style sheet. */
+export function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
+}
 
 /** Samples of the last seconds: a ring of times and of named values. */
 export class Samples {
@@ -18,6 +24,7 @@ export class Samples {
   push(time, values) {
     const at = this.count % this.capacity;
     this.time[at] = time;
+    for (const column of this.values.values()) column[at] = NaN; // of what has no value now
     for (const [name, value] of Object.entries(values)) {
       if (!this.values.has(name)) this.values.set(name, new Float64Array(this.capacity).fill(NaN));
       this.values.get(name)[at] = value === null || value === undefined ? NaN : value;
@@ -50,11 +57,13 @@ export class Window {
     this.samples = samples;
     this.seconds = SECONDS;
     this.end = null; // null: now
-    this.cursor = null; // s
+    this.age = null; // s before the right end, of the cursor; null: there is none
   }
 
   get to() { return this.end ?? this.samples.newest; }
   get from() { return this.to - this.seconds; }
+  get cursor() { return this.age === null ? null : this.to - this.age; }
+  step(seconds) { this.age = Math.min(Math.max((this.age ?? this.seconds / 2) - seconds, 0), this.seconds); }
   pause(isPaused) { this.end = isPaused ? this.samples.newest : null; }
   zoom(factor) { this.seconds = Math.min(Math.max(this.seconds * factor, 0.05), 60); }
 }
@@ -69,7 +78,7 @@ export function fit(canvas) {
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
-  context.font = "11px system-ui, sans-serif";
+  context.font = "12px system-ui, sans-serif";
   return { context, width, height };
 }
 
@@ -95,9 +104,9 @@ export class Plot {
     Object.assign(this, { canvas, shown, title, unit, scale, lines });
     canvas.addEventListener("pointermove", (event) => {
       const share = (event.offsetX - MARGIN.left) / (canvas.clientWidth - MARGIN.left - MARGIN.right);
-      shown.cursor = share >= 0 && share <= 1 ? shown.from + share * shown.seconds : null;
+      shown.age = share >= 0 && share <= 1 ? (1 - share) * shown.seconds : null;
     });
-    canvas.addEventListener("pointerleave", () => { shown.cursor = null; });
+    canvas.addEventListener("pointerleave", () => { shown.age = null; });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       shown.zoom(event.deltaY > 0 ? 1.25 : 0.8);
@@ -145,7 +154,7 @@ export class Plot {
       context.moveTo(MARGIN.left, y(tick));
       context.lineTo(right, y(tick));
       context.stroke();
-      context.fillText(text(tick), MARGIN.left - 5, y(tick));
+      if (y(tick) < bottom - 5) context.fillText(text(tick), MARGIN.left - 5, y(tick));
     }
     context.textAlign = "center";
     context.textBaseline = "top";
@@ -195,9 +204,12 @@ export class Plot {
       const values = samples.values.get(line.name);
       if (!values || index < 0) continue;
       const words = `${line.label} ${text(values[index % samples.capacity] * this.scale)}`;
-      context.fillStyle = line.isArea ? colour("soft") : colour(line.colour);
+      context.fillStyle = colour("text");
       context.fillText(words, place, 3);
-      place -= context.measureText(words).width + 12;
+      place -= context.measureText(words).width + 4;
+      context.fillStyle = colour(line.colour);
+      context.fillRect(place - 12, line.isArea ? 4 : 7, 12, line.isArea ? 9 : 3);
+      place -= 24;
     }
     if (cursor === null) return;
     const x = MARGIN.left + ((cursor - from) / (to - from)) * (right - MARGIN.left);

@@ -1,10 +1,10 @@
 // The scene: the tip, its proxy, the forces, and what the environment says there is to draw.
 
 import { colour, fit } from "./plots.js";
+import { listen } from "./hand.js";
 
 const FORCE = 0.004; // m that an arrow is long for each N
 const NEAR = 0.08; // m, half of what is seen at first
-const MOST_FACES = 4000; // of a mesh, to be drawn
 
 const add = (a, b) => a.map((x, i) => x + b[i]);
 const sub = (a, b) => a.map((x, i) => x - b[i]);
@@ -19,6 +19,7 @@ function turned([w, x, y, z], a) {
 }
 
 const BOX = [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => [x / 2, y / 2, z / 2])));
+const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 const BOX_FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
 
 function round(count, at) {
@@ -70,15 +71,17 @@ export class Scene {
     this.state = {};
     this.target = null; // m, where the pointer is; null: nobody points
     this.hand = null;
-    this.listen();
+    this.isCentred = false;
+    this.placed = new Map(); // of meshes, faces in the world
+    listen(this);
   }
 
   describe(hello) {
     this.axes = hello.axes;
     this.wall = hello.wall;
+    this.workspace = hello.workspace;
     this.hand = hello.may_change ? hello.hand : null;
     if (this.axes < 3) { this.yaw = 0; this.pitch = Math.PI / 2; }
-    if (this.axes === 1) this.half = 0.04;
   }
 
   get basis() {
@@ -96,57 +99,58 @@ export class Scene {
       this.canvas.clientHeight / 2 - dot(from, up) * this.scale];
   }
 
-  listen() {
-    const { canvas } = this;
-    let drag = null;
-    canvas.addEventListener("pointerdown", (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      const turns = event.button === 2 || event.shiftKey || !this.hand;
-      drag = { x: event.clientX, y: event.clientY, turns };
-      if (!turns) this.target ??= pad(this.state.tip);
-    });
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("pointermove", (event) => {
-      if (!drag) return;
-      for (const one of event.getCoalescedEvents?.() ?? [event]) {
-        const dx = one.clientX - drag.x, dy = one.clientY - drag.y;
-        Object.assign(drag, { x: one.clientX, y: one.clientY });
-        if (!drag.turns) this.move(dx / this.scale, -dy / this.scale, 0);
-        else if (this.axes > 2) {
-          this.yaw -= dx * 0.01;
-          this.pitch = Math.min(Math.max(this.pitch + dy * 0.01, -1.5), 1.5);
-        }
-      }
-    });
-    const end = () => { drag = null; };
-    canvas.addEventListener("pointerup", end);
-    canvas.addEventListener("pointercancel", end);
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.half = Math.min(Math.max(this.half * (event.deltaY > 0 ? 1.1 : 0.9), 0.002), 2);
-    }, { passive: false });
-    canvas.addEventListener("keydown", (event) => {
-      const mm = 1e-3;
-      const way = { ArrowLeft: [-mm, 0, 0], ArrowRight: [mm, 0, 0], ArrowUp: [0, mm, 0], ArrowDown: [0, -mm, 0],
-        PageUp: [0, 0, mm], PageDown: [0, 0, -mm] }[event.key];
-      if (!way || !this.hand) return;
-      event.preventDefault();
-      this.target ??= pad(this.state.tip);
-      this.move(...way);
-    });
+  zoom(factor) { this.half = Math.min(Math.max(this.half * factor, 0.002), 2); }
+
+  turn(yaw, pitch) {
+    if (this.axes < 3) return;
+    this.yaw += yaw;
+    this.pitch = Math.min(Math.max(this.pitch + pitch, -1.5), 1.5);
   }
 
-  /** Move the pointer by ways to the right, up and away on the screen, in m. */
-  move(right, up, away) {
+  /** Let the pointer begin where the hand is. */
+  grasp() { this.target ??= pad(this.state.tip); }
+
+  /** Move the pointer by a way to the right, up and away on the screen, in m. */
+  move([right, up, away], stamp) {
     const { basis, hand } = this;
     const way = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
     const start = pad(hand.start);
     this.target = add(this.target, way).map((x, i) => Math.min(Math.max(x, start[i] - hand.reach), start[i] + hand.reach));
-    this.point(this.target.slice(0, this.axes));
+    this.point(this.target.slice(0, this.axes), stamp);
+  }
+
+  /** Look at all that there is. */
+  centreOn() {
+    const points = [pad(this.state.tip), ...this.bounded.flatMap((object) => this.faces(object).flat())];
+    if (this.axes === 1) points.push([(this.wall ?? 0) - 0.03, 0, 0], [(this.wall ?? 0) + 0.03, 0, 0]);
+    const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
+    const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
+    this.centre = scaled(add(low, high), 0.5);
+    this.half = Math.max(0.02, 0.6 * Math.hypot(...sub(high, low)));
+  }
+
+  get bounded() { return this.objects.filter((object) => object.shape !== "plane" && object.shape !== "path"); }
+
+  /** Faces of an object in the world; those of a mesh are placed once. */
+  faces(object) {
+    if (object.shape !== "mesh") return facesOf(object, this.meshes);
+    const key = JSON.stringify([object.digest, object.position, object.orientation]);
+    if (!this.placed.has(key) && this.meshes.has(object.digest)) {
+      this.placed.clear();
+      this.placed.set(key, facesOf(object, this.meshes));
+    }
+    return this.placed.get(key) ?? [];
   }
 
   draw() {
     const { context, width, height } = fit(this.canvas);
+    const isWhole = this.bounded.every((object) => object.shape !== "mesh" || this.meshes.has(object.digest));
+    if (!this.isCentred && this.state.tip && (this.axes === 1 || this.bounded.length) && isWhole) {
+      this.isCentred = true;
+      this.centreOn();
+    }
+    if (this.hand) this.drawBox(context, pad(this.hand.start), [0, 1, 2].map((i) => (i < this.axes ? this.hand.reach : 0)));
+    if (this.workspace) this.drawBox(context, [0, 0, 0], this.workspace.map((edge) => edge / 2));
     if (this.axes === 1) this.drawWall(context, width, height);
     this.drawObjects(context);
     const tip = pad(this.state.tip);
@@ -158,6 +162,17 @@ export class Scene {
     this.arrow(context, tip, this.state.applied, colour("true"), 3);
     if (this.target) this.ring(context, this.target);
     this.dot(context, tip, 7, colour("text"));
+  }
+
+  /** The edges of a box: how far the pointer can go, or the workspace. */
+  drawBox(context, middle, halves) {
+    const corner = (i) => middle.map((x, axis) => x + ((i >> axis) & 1 ? halves[axis] : -halves[axis]));
+    for (const ends of EDGES) this.line(context, ends.map(corner), colour("line"), 1);
+    if (this.axes > 1) return;
+    for (const x of [-halves[0], halves[0]]) {
+      const [at, level] = this.project([middle[0] + x, 0, 0]);
+      context.strokeRect(at, level - 8, 0, 16);
+    }
   }
 
   drawWall(context, width, height) {
@@ -175,27 +190,30 @@ export class Scene {
     const { forward } = this.basis, drawn = [];
     for (const object of this.objects) {
       if (object.shape === "path") { this.line(context, object.points, colour("soft"), 2); continue; }
-      let faces = facesOf(object, this.meshes);
-      const step = Math.ceil(faces.length / MOST_FACES);
-      if (step > 1) faces = faces.filter((_, i) => i % step === 0);
-      for (const face of faces) {
+      for (const face of this.faces(object)) {
         const normal = cross(sub(face[1], face[0]), sub(face[2], face[0]));
+        if (object.is_closed && dot(normal, forward) > 0) continue; // seen from behind
         const light = Math.abs(dot(normal, [0.4, -0.5, 0.77])) / (Math.hypot(...normal) || 1);
-        drawn.push({ face, light, depth: dot(face[0], forward), object });
+        drawn.push({ face, light, depth: dot(face[0], forward) + dot(face[2], forward), object });
       }
     }
     drawn.sort((a, b) => b.depth - a.depth);
+    const lines = colour("line");
+    context.lineWidth = 0.5;
     for (const { face, light, object } of drawn) {
       context.beginPath();
       face.forEach((point, i) => { const at = this.project(point); if (i) context.lineTo(...at); else context.moveTo(...at); });
       context.closePath();
-      context.strokeStyle = colour("line");
-      context.lineWidth = 0.5;
-      if (!object.is_removed) {
-        const grey = Math.round(110 + 110 * light);
-        context.fillStyle = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgba(${grey},${grey},${grey + 10},.85)`;
-        context.fill();
+      if (object.is_removed) {
+        context.strokeStyle = lines;
+        context.stroke();
+        continue;
       }
+      const grey = Math.round(110 + 110 * light);
+      const fill = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgb(${grey},${grey},${grey + 10})`;
+      context.fillStyle = fill;
+      context.fill();
+      context.strokeStyle = object.shape === "mesh" ? fill : lines; // no gaps between its triangles
       context.stroke();
     }
   }

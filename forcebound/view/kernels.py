@@ -1,0 +1,78 @@
+"""Kernels of the laws, compiled before a running device needs them.
+
+A device that takes another law loads its kernels between two ticks, without force. From the cache
+on disk that takes some 20 ms, compiling them 0.6 s or more. So another process compiles them
+beforehand: ``python -m forcebound.view.kernels RUN_DIR LAW...``.
+"""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from forcebound.bounding import LAWS, ForceBounder
+from forcebound.errors import ConfigError
+from forcebound.monitor.tuning import configuration
+from forcebound.nodes.servo import dissipation_of
+from forcebound.realtime import die_with_parent
+
+PATIENCE = 5.0  # s; then the device compiles itself what is missing
+
+
+class Kernels:
+    """The kernels for the device of a graph; to be closed.
+
+    Args:
+        run_dir: Of the graph.
+        loaded: The law that the device has.
+    """
+
+    def __init__(self, run_dir: Path, loaded: str) -> None:
+        self._run_dir = run_dir
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._under_way = {loaded: 0.0}  # s that a law is to be waited for
+
+    def begin(self, laws: Iterable[str]) -> None:
+        """Start to compile the kernels of some laws."""
+        new = [law for law in laws if law not in self._under_way]
+        if new:
+            command = [sys.executable, "-m", __name__, str(self._run_dir), *new]
+            none = subprocess.DEVNULL
+            process = subprocess.Popen(command, stdin=none, stdout=none, stderr=none)
+            self._processes.append(process)
+            self._under_way |= dict.fromkeys(new, PATIENCE)
+
+    def wait(self, law: str) -> None:
+        """Wait until the kernels of a law are in the cache, for :data:`PATIENCE` at most."""
+        self.begin([law])
+        for process in self._processes:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(self._under_way[law])
+        self._under_way[law] = 0.0
+
+    def close(self) -> None:
+        """End what is still under way."""
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+
+def shipped_laws() -> list[str]:
+    """Return the laws that a running device can take."""
+    return sorted(law for law in LAWS if LAWS.is_shipped(law))
+
+
+def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
+    """Compile the kernels of laws for the device of a graph, into the cache on disk."""
+    config = configuration(run_dir, serves=False)
+    dissipation = dissipation_of(config.device.model, config.device.servo)
+    for law in laws:
+        with suppress(ConfigError):  # this law cannot bound this device, and says so when asked
+            ForceBounder(law, dissipation, config.device.model.axes)
+
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGKILL)
+    compile_kernels(Path(sys.argv[1]), sys.argv[2:])

@@ -1,0 +1,166 @@
+// The controls: fields for the parameters, the law, nodes that stop and start, two buttons for visitors.
+
+const make = (tag, properties = {}, ...children) => {
+  const element = Object.assign(document.createElement(tag), properties);
+  element.append(...children);
+  return element;
+};
+
+const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10] }; // below so many, in the other unit
+const OF_LINKS = ["delay", "jitter", "loss"];
+const REFINED = /compute_(?!delay)/; // among the other parameters
+const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
+
+/** A quantity as one would write it: `5 ms` for `0.005 s`, `10 N/mm` for `10000 N/m`. */
+export function readable(text) {
+  const [, number, unit] = /^(-?[\d.]+(?:e[+-]?\d+)?) (\S.*)$/.exec(text) ?? [];
+  if (unit === "N/m" && Math.abs(number) >= 1000) return `${Number((number / 1e3).toPrecision(12))} N/mm`;
+  const [factor, shown, most] = SHOWN[unit] ?? [];
+  return factor && Math.abs(number) < most ? `${Number((number * factor).toPrecision(12))} ${shown}` : text;
+}
+
+export class Controls {
+  /** @param send sends a request to the server and returns its number */
+  constructor(send) {
+    this.send = send;
+    this.fields = new Map(); // name of a parameter -> {input, range, fault, value}
+    this.pending = new Map(); // number of a request -> what its answer is for
+    this.rows = new Map(); // node -> cells of its row
+    this.law = make("select", { id: "law" });
+    this.law.addEventListener("change", () => this.ask({ do: "law", law: this.law.value }, this.law));
+    this.shows = { none: document.getElementById("break"), certified: document.getElementById("safe") };
+    this.shows.none.addEventListener("click", () => this.ask({ do: "break" }, this.shows.none));
+    this.shows.certified.addEventListener("click", () => this.ask({ do: "safe" }, this.shows.certified));
+  }
+
+  /** Ask the server for a change; `element` is busy until the answer is here. */
+  ask(request, element, done = () => {}) {
+    element.setAttribute("aria-busy", "true");
+    this.pending.set(this.send(request), (error) => {
+      element.removeAttribute("aria-busy");
+      document.getElementById("error").textContent = done(error) ? "" : error ?? "";
+      this.showLaw();
+    });
+  }
+
+  answer({ id, error }) {
+    this.pending.get(id)?.(error);
+    this.pending.delete(id);
+  }
+
+  /** Build what the graph has; its values come with `parameters`. */
+  describe(hello) {
+    this.links = hello.links;
+    this.present = hello.law;
+    this.fields.clear();
+    this.pending.clear();
+    this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
+    const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
+    outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
+    this.own = make("div");
+    this.other = make("details", {}, make("summary", { textContent: "All other parameters" }));
+    document.getElementById("controls").replaceChildren(
+      make("div", { className: "field" }, make("label", { htmlFor: "law", textContent: "law" }), this.law),
+      this.own,
+      this.buildLinks(),
+      make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "network" }), outage),
+      this.other,
+    );
+    this.showLaw();
+  }
+
+  buildLinks() {
+    const head = make("tr", {}, ...["link", ...OF_LINKS].map((name) => make("th", { textContent: name, scope: "col" })));
+    const rows = this.links.map((link) => make("tr", {}, make("th", { textContent: link.replace("_", " "), scope: "row" }),
+      ...OF_LINKS.map((name) => make("td", {}, this.input(`links.${link}.${name}`)))));
+    this.faults = make("div");
+    return make("div", { className: "links" }, make("table", {}, head, ...rows), this.faults);
+  }
+
+  input(name) {
+    const input = make("input", { name, id: `p-${name}`, autocomplete: "off", spellcheck: false });
+    const fault = make("small", { className: "fault", id: `f-${name}` });
+    input.setAttribute("aria-describedby", fault.id);
+    input.setAttribute("aria-label", name);
+    const field = { input, fault, value: "" };
+    this.fields.set(name, field);
+    input.addEventListener("change", () => this.ask({ do: "set", settings: { [name]: input.value } }, input, (error) => {
+      this.showFault(field, error);
+      if (!error) input.value = field.value;
+      return true;
+    }));
+    input.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      input.value = field.value;
+      this.showFault(field, null);
+    });
+    return input;
+  }
+
+  showFault({ input, fault }, error) {
+    fault.textContent = error ? `${error} (Escape: as it is)` : "";
+    input.setAttribute("aria-invalid", String(Boolean(error)));
+    if (!fault.parentNode) this.faults.append(fault);
+  }
+
+  parameters({ values, ranges }) {
+    for (const [name, value] of Object.entries(values)) {
+      if (!this.fields.has(name)) this.addField(name, value, ranges[name] ?? "");
+      const field = this.fields.get(name);
+      field.value = readable(value);
+      field.input.title = `${name}${ranges[name] ? `: ${ranges[name]}` : ""}`;
+      const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
+      if (!isOwn) field.input.value = field.value;
+    }
+    this.showLaw();
+  }
+
+  addField(name, value, range) {
+    const [section, ...rest] = name.split(".");
+    const label = make("label", { htmlFor: `p-${name}` });
+    name.split(/(?<=[._])/).forEach((part) => label.append(part, document.createElement("wbr")));
+    const isFirst = section === "environment" && rest.length === 1 && /^-?[\d.]/.test(value) && !REFINED.test(name);
+    if (isFirst) label.textContent = rest[0].replaceAll("_", " ");
+    const input = this.input(name);
+    (isFirst ? this.own : this.other).append(
+      make("div", { className: "field" }, label, input, make("small", { textContent: range }), this.fields.get(name).fault));
+  }
+
+  /** Show the law, and which of the two buttons has its way now. */
+  showLaw(law = this.present) {
+    this.present = law;
+    if (document.activeElement !== this.law || !this.law.hasAttribute("aria-busy")) this.law.value = law;
+    const delays = DELAYS.map((name) => this.fields.get(name)?.value);
+    const shown = { none: law === "none" && delays.every((d) => d === "5 ms"),
+      certified: law === "certified" && delays.every((d) => d === "0 ms") };
+    for (const [name, button] of Object.entries(this.shows)) button.setAttribute("aria-pressed", String(shown[name]));
+  }
+
+  nodes({ processes }) {
+    const table = document.getElementById("nodes");
+    if (!this.rows.size) {
+      const names = ["node", "state", "processor", "memory", "restarts", ""];
+      table.replaceChildren(make("tr", {}, ...names.map((textContent) => make("th", { textContent, scope: "col" }))));
+    }
+    for (const one of processes) {
+      if (!this.rows.has(one.node)) table.append(this.addRow(one));
+      const { cells, button } = this.rows.get(one.node);
+      const texts = [one.node, one.state, one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
+        one.memory === null ? "–" : `${Math.round(one.memory / 1e6)} MB`, one.restarts];
+      texts.forEach((text, i) => { cells[i].textContent = text; });
+      if (button) button.textContent = one.state === "stopped" ? "start" : "stop";
+    }
+  }
+
+  addRow({ node }) {
+    const cells = Array.from({ length: 5 }, () => make("td")), last = make("td");
+    let button = null;
+    if (["environment", "controller"].includes(node)) {
+      button = make("button", { type: "button", id: `node-${node}` });
+      button.addEventListener("click", () => this.ask({ do: button.textContent, node }, button));
+      last.append(button);
+    }
+    this.rows.set(node, { cells, button });
+    return make("tr", {}, ...cells, last);
+  }
+}

@@ -1,0 +1,50 @@
+// Mouse, pen, fingers and keys on the scene: they move the hand's target, or turn and zoom the view.
+
+const MM = 1e-3;
+const WAYS = { ArrowLeft: [-MM, 0, 0], ArrowRight: [MM, 0, 0], ArrowUp: [0, MM, 0], ArrowDown: [0, -MM, 0],
+  PageUp: [0, 0, MM], PageDown: [0, 0, -MM] };
+const TURN = 0.01; // rad for each pixel
+
+/** Listen to what one does on a scene. One pointer drags the hand; two, or Shift, turn and zoom. */
+export function listen(scene) {
+  const { canvas } = scene;
+  const down = new Map(); // pointer -> where it is, in pixels
+  let turns = false;
+
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    if (!down.size) turns = event.button === 2 || event.shiftKey || !scene.hand;
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+    if (down.size > 1) turns = true;
+    if (!turns) scene.grasp();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = down.get(event.pointerId);
+    if (!before) return;
+    const spread = () => { const [a, b] = [...down.values()]; return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0; };
+    const wide = spread(), [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+    if (!turns) scene.move([dx / scene.scale, -dy / scene.scale, 0], event.timeStamp);
+    else {
+      if (wide > 0 && spread() > 0) scene.zoom(wide / spread());
+      scene.turn(-dx * TURN / down.size, dy * TURN / down.size);
+    }
+  });
+  for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => down.delete(event.pointerId));
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    scene.zoom(event.deltaY > 0 ? 1.1 : 0.9);
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const way = WAYS[event.key];
+    if (event.key === "+" || event.key === "=") scene.zoom(0.8);
+    else if (event.key === "-") scene.zoom(1.25);
+    else if (way && (event.shiftKey || !scene.hand)) scene.turn(-way[0] * 100, way[1] * 100);
+    else if (way) {
+      scene.grasp();
+      scene.move(way, event.timeStamp);
+    } else return;
+    event.preventDefault();
+  });
+}
