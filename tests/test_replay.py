@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace as with_fields
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ def verified(path: Path) -> Verified:
     return verify(recording, device_of(recording))
 
 
-def changed(path: Path, change: "dict[int, dict[str, object]]", drop: range = range(0)) -> Path:
+def changed(path: Path, change: Mapping[int, Mapping[str, object]], drop: range = range(0)) -> Path:
     """Write a recording with other fields in some ticks, and without others."""
     recording = read(path)
     with Recorder(path, recording.metadata) as recorder:
