@@ -203,8 +203,8 @@ class Rig:
             if not abs(now - start) <= limits.reach:
                 return (
                     f"axis {axis + 1} is {abs(now - start):.3g} away from where it began, more than"
-                    f" the limit of {limits.reach:.3g}: start in the middle of the workspace, or"
-                    " choose a larger --reach"
+                    f" the limit of {limits.reach:.3g}: let go of it, start in the middle of the"
+                    " workspace, or choose a larger --reach"
                 )
         return ""
 
