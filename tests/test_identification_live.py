@@ -10,6 +10,7 @@ from waiting import until
 
 from forcebound.devices import DEVICES
 from forcebound.errors import DeviceError
+from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.identification.clock import RealClock
 from forcebound.identification.procedure import Plan, identify
 from forcebound.identification.rig import Limits, Rig
@@ -25,7 +26,8 @@ def test_a_motor_of_the_wrong_sign_is_found_through_the_driver(kind: str, tmp_pa
     link = tmp_path / "board"
     with program(link, "--no-hand", "--fault", "reversed:at=0s", kind=kind):
         until(link.is_symlink, "the port")
-        model: Any = DEVICES[kind](port=str(link), watchdog_limit=PATIENT)
+        emulated: Any = DEVICES[kind]
+        model = emulated(port=str(link), watchdog_limit=PATIENT)
         device = model.open(None, 1.25e-3)
         try:
             with pytest.raises(DeviceError, match="the torque scale of axis 1 has the wrong sign"):
@@ -38,7 +40,7 @@ def test_the_emulated_hand_brings_back_an_arm_that_was_thrown_away(tmp_path: Pat
     link = tmp_path / "board"
     with program(link, "--no-hand"):
         until(link.is_symlink, "the port")
-        model: Any = DEVICES["haply_2diy"](port=str(link), watchdog_limit=PATIENT)
+        model = Haply2DIY(port=str(link), watchdog_limit=PATIENT)
         device = model.open(None, 1.25e-3)
         try:
             unlimited = Limits(0.05, math.inf, math.inf)
