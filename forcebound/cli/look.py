@@ -293,6 +293,36 @@ def log(
     read_topics(find(run_dir), ("event",), take, duration)
 
 
+@click.group(short_help="Show a running graph in another program.")
+def bridge() -> None:
+    """Show a running graph in another program, which can change nothing."""
+
+
+@bridge.command(short_help="Publish topics for PlotJuggler.")
+@_topics_argument
+@run_option
+@click.option("--port", type=click.IntRange(1, 65535), help="On loopback. Default: 9872.")
+@duration_option_for("Time after which it ends. Default: with the graph.")
+@reports_errors
+def plotjuggler(
+    topics: tuple[str, ...], run_dir: Path | None, port: int | None, duration: float | None
+) -> None:
+    r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
+
+    In PlotJuggler: Streaming, ZMQ Subscriber, connect to tcp:// localhost, port 9872, JSON.
+
+    \b
+    forcebound bridge plotjuggler
+    forcebound bridge plotjuggler telemetry device_state --run stiff_wall
+    """
+    from forcebound.monitor.bridges import PLOTJUGGLER_PORT, serve_plotjuggler
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
+    serve_plotjuggler(find(run_dir), wanted, port or PLOTJUGGLER_PORT, duration)
+
+
 @click.command(short_help="Cut a link from now for a time.")
 @click.argument("time", metavar="TIME")
 @click.argument("links", nargs=-1, metavar="[LINK]...", shell_complete=links)
