@@ -89,7 +89,7 @@ class Rig:
         period: float,
         limits: Limits,
         holds: bool,
-        bring_back: Callable[[], None] = lambda: None,
+        bring_back: Callable[[], object] = lambda: None,
     ) -> None:
         self.limits = limits
         self.period = period
