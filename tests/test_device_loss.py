@@ -19,6 +19,7 @@ from test_lifecycle import running
 from waiting import until
 
 from forcebound.devices.truth_file import SUFFIX, TruthFile
+from forcebound.errors import RunError
 from forcebound.launch.actions import (
     DEVICE_LOST,
     Announce,
@@ -34,6 +35,7 @@ from forcebound.launch.actions import (
 from forcebound.launch.confirmation import Confirmation
 from forcebound.launch.lifecycle import ADVICE, Phase
 from forcebound.messages.packets import Telemetry
+from forcebound.monitor.control import resume_device
 from forcebound.processes import LOST
 from forcebound.telemetry import TelemetryColumns
 
@@ -164,10 +166,7 @@ def put_home(link: Path) -> None:
     truth.close()
 
 
-def resume(graph: LiveGraph) -> None:
-    """Say that the device is in order, and wait until its force is wholly engaged."""
-    said = graph.order("device", "resume")
-    assert said.returncode == 0, said.stderr
+def wait_for_force(graph: LiveGraph) -> None:
     graph.wait_for_telemetry(lambda t: t.engagement == 1.0, "an engaged force")
 
 
@@ -180,16 +179,18 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     with live_graph_at(link, words) as (graph, board):
         wait_for_loss(graph)
         put_home(link)
-        resume(graph)
+        said = graph.order("device", "resume")
+        assert said.returncode == 0, said.stderr
+        wait_for_force(graph)
         board.send_signal(signal.SIGSTOP)
         wait_for_loss(graph)
         board.kill()
-        too_soon = graph.order("device", "resume")
-        assert too_soon.returncode == 1
-        assert "still lost" in too_soon.stderr
+        with pytest.raises(RunError, match="still lost"):
+            resume_device(graph.run_dir)  # as the command does
         with program(link):
             until(link.exists, "the port")
-            resume(graph)
+            resume_device(graph.run_dir)
+            wait_for_force(graph)
             ended = graph.end()
     assert ended.exit_status == 0
     assert ended.faults[DEVICE_LOST] == 3

@@ -1,17 +1,32 @@
 """What one sees of a running graph: rates, hops, drawings, names."""
 
+import asyncio
 import json
+import math
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from asyncio import wait_for
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import zmq
 from click.testing import CliRunner, Result
 from live_graph import live_graph
+from tornado.websocket import websocket_connect
+from waiting import PATIENCE, free_port, until
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing
+from forcebound.monitor.bridges import frames, serve_plotjuggler
 from forcebound.monitor.delay import Measured
 from forcebound.monitor.streams import SHARES, Stream, check_fields, topic_named
 from forcebound.network.trace import DelayTrace
@@ -82,6 +97,103 @@ def test_graph_is_drawn_as_text_flowchart_and_picture(tmp_path: Path) -> None:
     assert "environment_reply" in (tmp_path / "graph.svg").read_text()
 
 
+def series_of(message: list[bytes]) -> dict[str, tuple[float, float]]:
+    """Return time and value of each series, as PlotJuggler reads topic, JSON and time stamp."""
+    topic, payload, stamp = message
+    found = {}
+
+    def flatten(prefix: str, value: object) -> None:
+        if isinstance(value, dict):
+            for name, entry in value.items():
+                flatten(f"{prefix}/{name}", entry)
+        elif isinstance(value, list):
+            for i, entry in enumerate(value):
+                flatten(f"{prefix}[{i}]", entry)
+        elif isinstance(value, int | float):
+            found[prefix] = (float(stamp), float(value))
+
+    flatten(topic.decode(), json.loads(payload))
+    return found
+
+
+def test_plotjuggler_gets_a_series_for_each_number() -> None:
+    packet = DeviceState(3, 7 * MS, 0.5, (0.1, 0.2), (math.nan, 0.0), (1.0, 2.0))
+    series = series_of(list(frames("device_state", packet, 10**18)))
+    stamp, position = series["device_state/position[1]"]
+    assert stamp == pytest.approx(1e9 + 0.007, abs=1e-6)
+    assert position == 0.2
+    assert series["device_state/elapsed"][1] == 0.5
+    assert "device_state/velocity[0]" not in series
+    assert "device_state/orientation" not in series
+
+
+def check_bridge(run_dir: Path) -> None:
+    """Receive telemetry of a running graph as PlotJuggler's subscriber does."""
+    port = free_port()
+    bridge = Thread(target=serve_plotjuggler, args=(run_dir, ("telemetry",), port, 2.0))
+    with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
+        subscriber.set(zmq.SUBSCRIBE, b"")
+        subscriber.set(zmq.RCVTIMEO, round(1e3 * PATIENCE))
+        subscriber.connect(f"tcp://localhost:{port}")
+        bridge.start()
+        first, second = (series_of(subscriber.recv_multipart()) for _ in range(2))
+        bridge.join()
+    assert second["telemetry/seq"][1] > first["telemetry/seq"][1]
+    assert second["telemetry/position[0]"][0] > first["telemetry/position[0]"][0]
+    assert abs(first["telemetry/seq"][0] - time.time()) < PATIENCE
+
+
+def is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+async def receive_as_foxglove(port: int) -> tuple[dict[str, Any], dict[str, Any], int, Any]:
+    """Subscribe to telemetry; return server, channel, log time in ns, and a message."""
+    client = await websocket_connect(
+        f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], connect_timeout=PATIENCE
+    )
+    server: dict[str, Any] = {}
+    channel: dict[str, Any] = {}
+    while True:
+        got = await wait_for(client.read_message(), PATIENCE)
+        assert got is not None
+        if isinstance(got, str):
+            said = json.loads(got)
+            server = said if said["op"] == "serverInfo" else server
+            if said["op"] == "advertise":
+                (channel,) = (one for one in said["channels"] if one["topic"] == "/telemetry")
+                wanted = {"id": 5, "channelId": channel["id"]}
+                await client.write_message(
+                    json.dumps({"op": "subscribe", "subscriptions": [wanted]})
+                )
+        elif got[0] == 1:
+            subscription, log_time = struct.unpack_from("<IQ", got, 1)
+            assert subscription == 5
+            client.close()
+            while await client.read_message() is not None:
+                pass  # on their way when it was closed
+            return server, channel, log_time, json.loads(got[13:])
+
+
+def check_foxglove(run_dir: Path) -> None:
+    """Receive telemetry of a running graph as Foxglove does."""
+    port = free_port()
+    words = ["bridge", "foxglove", "telemetry", "--run", str(run_dir), "--port", str(port)]
+    bridge = subprocess.Popen([sys.executable, "-m", "forcebound", *words])
+    try:
+        until(lambda: is_open(port), "the bridge to listen")
+        server, channel, log_time, message = asyncio.run(receive_as_foxglove(port))
+    finally:
+        bridge.send_signal(signal.SIGINT)
+        assert bridge.wait(PATIENCE) == 130
+    assert server["capabilities"] == []
+    assert (channel["encoding"], channel["schemaName"]) == ("json", "forcebound.Telemetry")
+    rules = json.loads(channel["schema"])
+    assert set(rules["required"]) <= set(message) <= set(rules["properties"])
+    assert abs(log_time * 1e-9 - time.time()) < PATIENCE
+
+
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
 def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
@@ -121,6 +233,9 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
         assert "running" in look("top", "--duration", "100ms").stdout
         assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+
+        check_bridge(graph.run_dir)
+        check_foxglove(graph.run_dir)
 
         look("outage", "10 s")
         graph.until(lambda: "zero force" in graph.log, "the end of the force")

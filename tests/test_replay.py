@@ -2,12 +2,13 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace as with_fields
 from pathlib import Path
 from typing import Any
 
 import pytest
+from builders import telemetry_packet
 from click.testing import CliRunner, Result
 from msgspec.structs import replace
 
@@ -20,9 +21,10 @@ from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPICS, Telemetry
 from forcebound.nodes.late_ticks import LateTicks
+from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.processes import NODES
 from forcebound.recording import Recorder, read
-from forcebound.recordings.rerun import device_of
+from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify
 from forcebound.simulation import Simulation
 
@@ -38,7 +40,7 @@ def verified(path: Path) -> Verified:
     return verify(recording, device_of(recording))
 
 
-def changed(path: Path, change: "dict[int, dict[str, object]]", drop: range = range(0)) -> Path:
+def changed(path: Path, change: Mapping[int, Mapping[str, object]], drop: range = range(0)) -> Path:
     """Write a recording with other fields in some ticks, and without others."""
     recording = read(path)
     with Recorder(path, recording.metadata) as recorder:
@@ -50,6 +52,16 @@ def changed(path: Path, change: "dict[int, dict[str, object]]", drop: range = ra
                 fields = change.get(packet.seq, {}) if is_telemetry else {}
                 recorder.write(replace(packet, **fields))
     return path
+
+
+def rewritten(path: Path, launch: dict[str, Any]) -> Path:
+    """Write a recording with another launch file, and no packets."""
+    Recorder(path, {"launch": json.dumps(launch)}).close()
+    return path
+
+
+def telemetry(path: Path) -> list[Telemetry]:
+    return [packet for packet in read(path).packets("telemetry") if isinstance(packet, Telemetry)]
 
 
 def invoke(*words: object) -> Result:
@@ -182,3 +194,94 @@ def test_a_recording_chooses_no_code(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"names code of its own, /nowhere/law.py:Law"):
         device_of(read(path))
     assert device_of(read(path), ["law:=none"]).servo.law == "none"
+
+
+# --- Once more, with other parts -----------------------------------------------------------------
+
+
+def test_a_replay_with_the_same_parts_is_the_same_run(tmp_path: Path) -> None:
+    path, again = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms"), tmp_path / "b.mcap"
+    assert invoke("replay", path, "--record", again).exit_code == 0
+    assert read(again).packets("telemetry") == read(path).packets("telemetry")
+
+
+def test_another_law_meets_the_same_hand(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms", duration=0.6)
+    found = {}
+    for law in ("none", "certified"):
+        result = invoke("replay", path, f"law:={law}", "environment.stiffness:=20 N/mm", "--json")
+        found[law] = json.loads(result.stdout)
+    assert found["none"]["true_energy_min_j"] < -0.001
+    assert found["certified"]["true_energy_min_j"] >= -1e-9
+
+
+def test_the_recorded_network_is_met_again(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", "delay:=5ms")
+    again = tmp_path / "again.mcap"
+    words = ("links.environment_query.delay:=0 s", "links.environment_reply.delay:=0 s")
+    assert invoke("replay", path, *words, "--network", "--record", again).exit_code == 0
+    delays = [
+        {p.seq: p.loop_delay for p in read(run).packets("telemetry") if isinstance(p, Telemetry)}
+        for run in (path, again)
+    ]
+    late = [tick for tick in delays[0] if tick > 50]
+    assert [delays[1][tick] for tick in late] == [delays[0][tick] for tick in late]
+
+
+def test_the_target_of_a_recorded_hand_is_found_from_its_force(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", duration=0.6)
+    hand, recorded_hand = load("stiff_wall").operator, TrajectoryHand(path)
+    assert hand is not None
+    for time in (0.05, 0.2, 0.35, 0.5):
+        assert recorded_hand.target(time)[0] == pytest.approx(hand.target(time)[0], abs=1e-4)
+    positions = {p.seq: {"true_position": None, "hand_force": None} for p in telemetry(path)}
+    on_hardware = TrajectoryHand(changed(path, positions))
+    for packet in telemetry(path)[1::100]:
+        assert on_hardware.target(packet.elapsed) == packet.position
+
+
+def test_a_pointer_s_hand_becomes_one_that_follows_its_path(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall")
+    launch = read(path).launch
+    launch["operator"] = {"kind": "pointer", "mass": 0.1, "stiffness": 500.0, "damping": 1.0}
+    with Recorder(path, {"launch": json.dumps(launch)}) as recorder:
+        recorder.write(telemetry_packet(1, true_position=(0.0,), hand_force=(1.0,)))
+    hand = graph_of(read(path), feeds=("hand",)).operator
+    assert isinstance(hand, TrajectoryHand)
+    assert (hand.file, hand.mass, hand.stiffness, hand.damping) == (path, 0.1, 500.0, 1.0)
+    assert hand.target(0.0) == (1.0 / 500.0,)
+
+
+def test_a_device_at_a_port_is_only_used_if_the_user_says_so(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", "five_bar_wall")
+    launch = read(path).launch
+    launch["device"] = {"kind": "haply_2diy", "law": "certified"}
+    rewritten(path, launch)
+    with pytest.raises(ConfigError, match="recorded on a device at a serial port; name a simulat"):
+        graph_of(read(path))
+    assert graph_of(read(path), ["device:=five_bar"]).device.servo.law == "certified"
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("law", "expected name:=value, got 'law'"),
+        ("law:=sertified", "did you mean 'certified'"),
+        ("wall.stiffness:=3", "unknown setting"),
+        ("environment.stifness:=3", "stiffness"),
+        ("environment.stiffness:=3 Hz", "Hz"),
+    ],
+)
+def test_wrong_settings_are_named(tmp_path: Path, setting: str, message: str) -> None:
+    recording = read(recorded(tmp_path / "run.mcap", "stiff_wall", duration=0.01))
+    with pytest.raises(ConfigError, match=message):
+        graph_of(recording, [setting])
+
+
+def test_a_recording_without_a_path_or_a_launch_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    Recorder(path, {"launch": "{}"}).close()
+    with pytest.raises(ConfigError, match="no tick with an engaged force"):
+        TrajectoryHand(path)
+    with pytest.raises(ConfigError, match="holds no launch file"):
+        graph_of(read(path))

@@ -55,6 +55,7 @@ COMMANDS = (
     look.draw_graph,
     look.log,
     look.outage,
+    look.bridge,
     graph.doctor,
     study.bench,
     study.audit,

@@ -9,6 +9,8 @@ from forcebound.cli.common import ARGUMENTS, duration_option_for, reports_errors
 
 #: Kinds of emulators, and the launch file of each: its hand holds an emulator started by hand.
 KINDS = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
+#: Watchdog limit of a launch with such an emulator: that of an emulator which the launch starts.
+PATIENCE = "100 ms"
 
 
 @click.command(short_help="Play a device on a pseudo-terminal.")
@@ -24,10 +26,11 @@ KINDS = {"haply_2diy": "haply_2diy", "odrive": "odrive_knob"}
     "faults",
     multiple=True,
     metavar="KIND[:at=TIME][,for=TIME]",
-    help="short, noise, nan: spoil one reply, or those of a time; stall; unplug. TIME counts from "
-    "the first reply; default: at=1s. Repeatable.",
+    help="short, noise, nan: spoil one reply, or those of a time; stall; unplug; reversed. TIME "
+    "counts from the first reply; default: at=1s. Repeatable.",
 )
 @duration_option_for("Time from a message to its reply, beyond the terminal's.", "--latency")
+@click.option("--no-hand", is_flag=True, help="Nobody holds it, as `forcebound identify` needs it.")
 @click.option("--until-unused", is_flag=True, help="End when the port is closed.")
 @click.option("--values", type=click.File(), hidden=True, help="Mechanism and hand, as JSON.")
 @reports_errors
@@ -37,6 +40,7 @@ def emulate(
     link: Path | None,
     faults: tuple[str, ...],
     latency: float | None,
+    no_hand: bool,
     until_unused: bool,
     values: TextIO | None,
 ) -> None:
@@ -54,5 +58,8 @@ def emulate(
         mechanism, operator = program.given_values(values.read())
     else:
         mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
-        show(f"in another terminal: `forcebound launch {KINDS[kind]} device:={link}`")
+        operator = None if no_hand else operator
+        command = f"identify {kind}" if no_hand else f"launch {KINDS[kind]}"
+        patience = "" if no_hand else f' watchdog_limit:="{PATIENCE}"'
+        show(f"in another terminal: `forcebound {command} device:={link}{patience}`")
     program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)

@@ -159,22 +159,21 @@ def _text(value: Any) -> str:
     return UNKNOWN if value is None else str(value)
 
 
+def _measuring(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the topics, the graph, a duration and ``--json``."""
+    for option in (reports_errors, json_option, _measuring_option, run_option, _topics_argument):
+        command = option(command)
+    return command
+
+
 @click.command()
-@_topics_argument
-@run_option
-@_measuring_option
-@json_option
-@reports_errors
+@_measuring
 def hz(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
 ) -> None:
     """Measure how often topics are sent, by their senders' time stamps. Default: all topics."""
-    figures = _measured(topics, run_dir, duration)
-    if as_json:
-        print_json(figures)
-        return
     head = ("topic", "rate", "mean", "min", "max", "deviation", "packets", "missing")
-    print_rows(head, [(topic, *_regularity(one)) for topic, one in figures.items()])
+    _show_figures(_measured(topics, run_dir, duration), as_json, head, _regularity)
 
 
 def _regularity(figures: Mapping[str, Any]) -> tuple[str, ...]:
@@ -186,29 +185,31 @@ def _regularity(figures: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 @click.command()
-@_topics_argument
-@run_option
-@_measuring_option
-@json_option
-@reports_errors
+@_measuring
 def bw(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
 ) -> None:
     """Measure how many bytes topics need. Default: all topics."""
-    figures = _measured(topics, run_dir, duration)
+    head = ("topic", "bandwidth", "mean size", "packets")
+    _show_figures(_measured(topics, run_dir, duration), as_json, head, _sizes)
+
+
+def _sizes(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    size = figures["mean_size_b"]
+    mean = UNKNOWN if size is None else f"{size:.0f} B"
+    return (f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean, str(figures["packets"]))
+
+
+def _show_figures(
+    figures: Mapping[str, Mapping[str, Any]],
+    as_json: bool,
+    head: Sequence[str],
+    row: Callable[[Mapping[str, Any]], tuple[str, ...]],
+) -> None:
     if as_json:
         print_json(figures)
-        return
-    rows = [
-        (
-            topic,
-            f"{one['bandwidth_b_per_s'] / 1e3:.1f} kB/s",
-            UNKNOWN if one["mean_size_b"] is None else f"{one['mean_size_b']:.0f} B",
-            str(one["packets"]),
-        )
-        for topic, one in figures.items()
-    ]
-    print_rows(("topic", "bandwidth", "mean size", "packets"), rows)
+    else:
+        print_rows(head, [(topic, *row(one)) for topic, one in figures.items()])
 
 
 def _measured(
@@ -290,6 +291,69 @@ def log(
         return True
 
     read_topics(find(run_dir), ("event",), take, duration)
+
+
+@click.group(short_help="Show a running graph in another program.")
+def bridge() -> None:
+    """Show a running graph in another program, which can change nothing."""
+
+
+def _port_option(default: int) -> Callable[..., Any]:
+    kind = click.IntRange(1, 65535)
+    return click.option(
+        "--port", type=kind, default=default, help=f"On loopback. Default: {default}."
+    )
+
+
+@bridge.command(short_help="Publish topics for PlotJuggler.")
+@_topics_argument
+@run_option
+@_port_option(9872)
+@duration_option_for("Time after which it ends. Default: with the graph.")
+@reports_errors
+def plotjuggler(
+    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
+) -> None:
+    r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
+
+    In PlotJuggler: Streaming, ZMQ Subscriber, connect to tcp:// localhost, port 9872, JSON.
+
+    \b
+    forcebound bridge plotjuggler
+    forcebound bridge plotjuggler telemetry device_state --run stiff_wall
+    """
+    from forcebound.monitor.bridges import serve_plotjuggler
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
+    serve_plotjuggler(find(run_dir), wanted, port, duration)
+
+
+@bridge.command(short_help="Serve topics to Foxglove.")
+@_topics_argument
+@run_option
+@_port_option(8765)
+@duration_option_for("Time after which it ends. Default: with the graph.")
+@reports_errors
+def foxglove(
+    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
+) -> None:
+    r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
+
+    In Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the extra
+    `foxglove`. Every program and every page in a browser of this machine can read there.
+
+    \b
+    forcebound bridge foxglove
+    """
+    from forcebound.messages.packets import TOPICS
+    from forcebound.monitor.bridges import serve_foxglove
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    wanted = [topic_named(topic) for topic in topics or TOPICS]
+    serve_foxglove(find(run_dir), wanted, port, duration)
 
 
 @click.command(short_help="Cut a link from now for a time.")

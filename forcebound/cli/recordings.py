@@ -4,23 +4,39 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from forcebound.cli.common import (
     ARGUMENTS,
+    duration_option,
     file_option,
     json_option,
     print_json,
+    record_option,
     reports_errors,
     show,
 )
 from forcebound.errors import ConfigError
 
+if TYPE_CHECKING:
+    from forcebound.recording import Recording
+
 _run_argument = click.argument(
     "run", metavar="RUN.mcap", type=click.Path(path_type=Path, dir_okay=False)
 )
 _folder_option = click.Path(path_type=Path, file_okay=False)
+
+
+def _read(run: Path, topics: Sequence[str] | None = None) -> "Recording":
+    """Return a recording, with these topics or all, and say if it is incomplete."""
+    from forcebound.recording import read
+
+    recording = read(run) if topics is None else read(run, topics)
+    if not recording.complete:
+        show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
+    return recording
 
 
 @click.command(short_help="Write the topics of a recording as tables.")
@@ -36,15 +52,12 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
     forcebound export run.mcap --csv tables
     forcebound export run.mcap --parquet tables --overwrite
     """
-    from forcebound.recording import read
     from forcebound.recordings.export import export as write_tables
 
     wanted = {"csv": csv, "parquet": parquet}
     if not any(wanted.values()):
         raise click.UsageError("choose --csv DIR or --parquet DIR")
-    recording = read(run)
-    if not recording.complete:
-        show(f"forcebound: recording incomplete: using the readable part of {run}", err=True)
+    recording = _read(run)
     for kind, folder in wanted.items():
         if folder is not None:
             for file in write_tables(recording, folder, kind, overwrite):
@@ -78,31 +91,65 @@ def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
 @_run_argument
 @click.argument("settings", nargs=-1, metavar=ARGUMENTS)
 @click.option("--verify", is_flag=True, help="Compare the forces that its inputs give, to the bit.")
+@click.option(
+    "--network", is_flag=True, help="Feed the recorded loop delays, in place of those set."
+)
+@click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
+@duration_option
+@record_option
 @json_option
 @reports_errors
-def replay(run: Path, settings: tuple[str, ...], verify: bool, as_json: bool) -> None:
-    r"""Verify a recording: its inputs through the same law give the recorded forces, to the bit.
+def replay(
+    run: Path,
+    settings: tuple[str, ...],
+    verify: bool,
+    network: bool,
+    live: bool,
+    duration: float | None,
+    record: Path | None,
+    as_json: bool,
+) -> None:
+    r"""Run the graph of a recording once more, its hand fed from the recording.
 
-    Exit status 1: a force differs, or a tick is missing. If the recorder missed the first ticks,
-    verification begins when the force engages, and with it the ledger.
+    NAME:=VALUE puts another part in place of the recorded one (law, device, operator, controller,
+    environment) or changes a key of the launch file (environment.stiffness).
+
+    --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
+    the bit. Exit status 1: a force differs, or a tick is missing. If the recorder missed the first
+    ticks, it begins when the force engages, and with it the ledger.
 
     \b
+    forcebound replay run.mcap law:=none
+    forcebound replay run.mcap --network --live --record again.mcap controller:=local_model
     forcebound replay run.mcap --verify
-    forcebound replay run.mcap law:=my_law.py --verify
     """
-    if not verify:
-        raise click.UsageError("choose --verify")
-    _verify(run, settings, as_json)
+    if verify:
+        _verify(run, settings, as_json)
+    from forcebound.cli.run import report
+    from forcebound.launch.live import run_live
+    from forcebound.launch.virtual import run_virtual
+    from forcebound.messages.packets import TOPIC_OF, Telemetry
+    from forcebound.recordings.rerun import FEEDS, duration_of, graph_of
+
+    if record is not None and record.exists() and record.samefile(run):
+        raise click.UsageError(f"--record: {record} is the recording itself")
+    recording = _read(run, (TOPIC_OF[Telemetry],))
+    config = graph_of(recording, settings, FEEDS if network else FEEDS[:1])
+    seconds = duration_of(recording, config) if duration is None else duration
+    if live:
+        result = run_live(config, seconds, record, file=" ".join((str(run), *settings)))
+    else:
+        result = run_virtual(config, seconds, record, may_end_early=True)
+    report(result, record, as_json)
 
 
-def _verify(run: Path, settings: Sequence[str], as_json: bool) -> None:
+def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
     from forcebound.files import content_of
-    from forcebound.recording import read
     from forcebound.recordings.rerun import device_of
     from forcebound.recordings.verification import TOPICS
     from forcebound.recordings.verification import verify as verify_recording
 
-    recording = read(run, TOPICS)
+    recording = _read(run, TOPICS)
     device = device_of(recording, settings)
     with content_of(run):
         found = verify_recording(recording, device)

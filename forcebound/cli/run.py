@@ -76,7 +76,7 @@ def launch_graph(
         described = " ".join((file, *arguments))
         with _page() if has_view else nullcontext():
             result = run_live(config, duration, record, file=described)
-        _report(result, record, as_json)
+        report(result, record, as_json)
 
 
 @contextmanager
@@ -116,7 +116,7 @@ def simulate(
         return
     result = run_virtual(config, duration, record, may_end_early=True)
     show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
-    _report(result, record, as_json)
+    report(result, record, as_json)
 
 
 @click.command(short_help="Run one node of a launch file by hand.")
@@ -263,7 +263,8 @@ def _as_written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _report(result: Any, record: Path | None, as_json: bool) -> None:
+def report(result: Any, record: Path | None, as_json: bool) -> None:
+    """Show the result of a run."""
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
     if not result.summary["samples"]:

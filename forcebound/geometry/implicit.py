@@ -25,7 +25,9 @@ Gradient: TypeAlias = Callable[[Data, Vector3], Vector3]
 March: TypeAlias = Callable[
     [Data, Vector3, Vector3, float], tuple[bool, Vector3, Vector3, float, int]
 ]
-Slide: TypeAlias = Callable[[Data, Vector3, Vector3, float, int], tuple[bool, Vector3, Vector3]]
+Slide: TypeAlias = Callable[
+    [Data, Vector3, Vector3, float, float, int], tuple[bool, Vector3, Vector3]
+]
 Closest: TypeAlias = Callable[[Data, Vector3], tuple[Vector3, Vector3]]
 
 DIP = 2e-5  # m, how deep a march may go below a hollow surface; thinner than two is not felt
@@ -34,7 +36,7 @@ CUTS = 8  # planes of one round
 ROUNDS = 30  # from then on, one without gain is the last
 STEPS_IN_ALL = 2000  # of the marches of one answer
 LEGAL = 1e-9  # m, depth that counts as none
-STILL = 1e-10  # m, a move that counts as none
+STILL = 5e-6  # dips; a move that counts as none
 
 
 class Field(NamedTuple):
@@ -48,16 +50,19 @@ class Field(NamedTuple):
 def _march_of(distance: Distance) -> March:
     """Return the straight way of a proxy on a field."""
 
-    def narrow(data: Data, outside: Vector3, inside: Vector3, depth: float) -> Vector3:
-        """A place between two, hardly deeper behind the surface than ``depth``.
+    def narrow(data: Data, outside: Vector3, inside: Vector3, dip: float) -> Vector3:
+        """A place between two that is not much deeper behind the surface than a march may be.
 
         Its plane tells where the surface is. On a hollow one it has to be on the way ahead, thus
         not at the very surface, which the way leaves already where it begins.
         """
         for _ in range(12):
             middle = scale(add(outside, inside), 0.5)
-            if distance(data, middle) < -depth:
+            free = distance(data, middle)
+            if free < -dip:
                 inside = middle
+            elif free < -0.25 * dip:
+                return middle
             else:
                 outside = middle
         return inside
@@ -79,7 +84,7 @@ def _march_of(distance: Distance) -> March:
             free = distance(data, here)
             steps += 1
             if free < -dip:
-                return True, legal, narrow(data, legal, here, 0.25 * dip), free, steps
+                return True, legal, narrow(data, legal, here, dip), free, steps
             if free >= -LEGAL:
                 legal = here
             if not gone < length:
@@ -90,11 +95,9 @@ def _march_of(distance: Distance) -> March:
     return march
 
 
-@cache
-def slide_of(field: Field) -> Slide:
-    """Return the compiled move of a proxy on a field; see :class:`ImplicitSolid`."""
+def _add_plane_of(field: Field) -> Callable[[Data, Any, int, Vector3], None]:
+    """Return what sees a field as a plane."""
     distance, gradient, _ = field
-    march = _march_of(distance)
 
     @outlined
     def add_plane(data: Data, planes: Any, count: int, point: Vector3) -> None:
@@ -105,6 +108,13 @@ def slide_of(field: Field) -> Slide:
         away = distance(data, point) / steepness if steepness > 0.0 else 0.0
         planes[count, 0], planes[count, 1], planes[count, 2] = normal
         planes[count, 3] = dot(normal, point) - away
+
+    return add_plane
+
+
+def _settle_of(field: Field) -> Callable[[Data, Vector3], tuple[bool, Vector3]]:
+    """Return the last step of a move."""
+    distance, gradient, _ = field
 
     def settle(data: Data, point: Vector3) -> tuple[bool, Vector3]:
         """Bring a point that is a little inside to the surface; whether that was possible."""
@@ -117,23 +127,37 @@ def slide_of(field: Field) -> Slide:
             point = along(point, slope, (depth + 0.5 * LEGAL) / square)
         return False, point
 
+    return settle
+
+
+@cache
+def slide_of(field: Field) -> Slide:
+    """Return the compiled move of a proxy on a field; see :class:`ImplicitSolid`."""
+    march, add_plane, settle = _march_of(field.distance), _add_plane_of(field), _settle_of(field)
+
     def slide(
-        data: Data, proxy: Vector3, goal: Vector3, dip: float, most: int
+        data: Data, proxy: Vector3, goal: Vector3, dip: float, still: float, most: int
     ) -> tuple[bool, Vector3, Vector3]:
         planes = np.empty((CUTS, 4))
         place, before, target = proxy, proxy, goal
-        count, steps, rounds = 0, 0, 0
+        count, steps, rounds, best = 0, 0, 0, np.inf
         while steps < most:
             is_blocked, place, obstacle, free, taken = march(data, place, target, dip)
-            if not is_blocked:  # arrived: the solid is seen anew from here
+            if not is_blocked:
                 if steps == 0 and free >= 0.0:
                     return False, goal, (0.0, 0.0, 0.0)
-                gain = norm(sub(before, goal)) - norm(sub(place, goal))
-                rounds += 1
-                is_still = free >= -LEGAL and norm(sub(place, before)) < STILL
-                if is_still or (rounds > ROUNDS and abs(gain) < LEGAL):
-                    break
-                before, count = place, 0
+                depth = norm(sub(place, goal)) + 2.0 * max(-free, 0.0)
+                move = norm(sub(place, before))
+                if depth < best:  # arrived: the solid is seen anew from here
+                    rounds += 1
+                    is_last = rounds > ROUNDS and best - depth < LEGAL
+                    before, best, count = place, depth, 0
+                    if is_last or (free >= -LEGAL and move < still):
+                        break
+                else:  # too far: what is there holds the proxy, too
+                    place = before
+                    if move < still or count == CUTS:
+                        break
             elif count == CUTS:
                 count = 0
             steps += taken
@@ -176,25 +200,31 @@ class ImplicitSolid:
         data: What they know of it.
         dip: Depth, in m, to which a move may dip below a hollow surface; what is thinner than twice
             as much is not felt. Larger is faster.
+        still: Move, in dips, that counts as none.
         steps: Distances that one move may ask for; what is left is done in the next.
     """
 
     def __init__(
-        self, field: Field, data: Data, dip: float = DIP, steps: int = STEPS_IN_ALL
+        self,
+        field: Field,
+        data: Data,
+        dip: float = DIP,
+        still: float = STILL,
+        steps: int = STEPS_IN_ALL,
     ) -> None:
-        self._dip, self._steps = dip, steps
+        self._limits = dip, still * dip, steps
         self._data = data
         self._slide, self._closest = slide_of(field), closest_of(field)
         self._distance, self._shading = jit(field.distance), jit(field.shading)
         origin = (0.0, 0.0, 0.0)
-        self._slide(data, origin, origin, dip, steps)
+        self._slide(data, origin, origin, *self._limits)
         self._closest(data, origin)
         self.shade(origin, origin)
         self.distance(origin)
 
     def slide(self, proxy: Vector3, goal: Vector3) -> tuple[Vector3, Vector3 | None]:
         """Move the proxy towards the goal as far as nothing is entered."""
-        is_touching, place, normal = self._slide(self._data, proxy, goal, self._dip, self._steps)
+        is_touching, place, normal = self._slide(self._data, proxy, goal, *self._limits)
         return (place, normal) if is_touching else (goal, None)
 
     def distance(self, point: Vector3) -> float:

@@ -255,7 +255,7 @@ class HapticSurface:
                 continue
             moved = norm(sub(proxy, touch.proxy))
             touch = Touch(proxy, normal)
-            if moved <= 1e-6 * depth:
+            if moved <= 1e-4 * depth:
                 break
         return touch
 

@@ -19,6 +19,7 @@ from forcebound.config.loader import device_of, load_tried, member_of
 from forcebound.config.resolved import kind_of
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.devices.truth_file import SUFFIX
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.hardware import ports
@@ -198,7 +199,9 @@ def _patient(model: Any) -> Any:
 
     No law runs, so no force is planned for that time, and nobody holds the device.
     """
-    if getattr(model, "port", None) != EMULATED or model.watchdog_limit != "auto":
+    port = getattr(model, "port", "")
+    is_emulated = port == EMULATED or Path(f"{port}{SUFFIX}").exists()
+    if not is_emulated or model.watchdog_limit != "auto":
         return model
     return replace(model, watchdog_limit=PATIENCE)
 

@@ -127,7 +127,7 @@ def identify(
     plan: Plan,
     say: Callable[[str], None] = lambda line: None,
     middle: Vector | None = None,
-    bring_back: Callable[[], None] = lambda: None,
+    bring_back: Callable[[], object] = lambda: None,
 ) -> Found:
     """Return what is found of a device that nobody holds.
 

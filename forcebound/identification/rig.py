@@ -89,7 +89,7 @@ class Rig:
         period: float,
         limits: Limits,
         holds: bool,
-        bring_back: Callable[[], None] = lambda: None,
+        bring_back: Callable[[], object] = lambda: None,
     ) -> None:
         self.limits = limits
         self.period = period
@@ -203,8 +203,8 @@ class Rig:
             if not abs(now - start) <= limits.reach:
                 return (
                     f"axis {axis + 1} is {abs(now - start):.3g} away from where it began, more than"
-                    f" the limit of {limits.reach:.3g}: start in the middle of the workspace, or"
-                    " choose a larger --reach"
+                    f" the limit of {limits.reach:.3g}: let go of it, start in the middle of the"
+                    " workspace, or choose a larger --reach"
                 )
         return ""
 

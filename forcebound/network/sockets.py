@@ -183,6 +183,10 @@ class Publisher:
         # The compiled method itself: pyzmq's Python one around it serves features not used here.
         return partial(_CompiledSocket.send, self._socket)
 
+    def send_frames(self, frames: Sequence[bytes]) -> None:
+        """Send one message of several frames, to a program that expects that."""
+        self._socket.send_multipart(frames)
+
 
 class Network:
     """The sockets of one process; leaving the ``with`` block closes them all.

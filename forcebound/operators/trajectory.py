@@ -8,19 +8,22 @@ from typing import Annotated
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.path_file import read_numbers
+from forcebound.operators.recorded_path import SUFFIX, read_recording
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
 
 
 @dataclass(frozen=True)
 class TrajectoryHand:
-    """Mass, spring and damper whose target follows a CSV file.
+    """Mass, spring and damper whose target follows a CSV file, or the hand in a recording.
 
-    The file has a header line; its first column is the time in s, strictly increasing, the others
+    A CSV file has a header line; its first column is the time in s, strictly increasing, the others
     (1 to 6) are the target's position in m, one per axis. Between two lines the target moves in a
-    straight line; before the first and after the last it rests.
+    straight line; before the first and after the last it rests. Of a recording (``.mcap``), it is
+    where the hand wanted to be, as far as that is known, else where the device was
+    (docs/recordings.md).
 
     Raises:
-        ConfigError: If the file cannot be read or is not such a table; names the line.
+        ConfigError: If the file cannot be read or is neither; of a table it names the line.
     """
 
     file: Path
@@ -32,7 +35,9 @@ class TrajectoryHand:
 
     def __post_init__(self) -> None:
         try:
-            times, positions = _read_path(Path(self.file))
+            is_recording = Path(self.file).suffix == SUFFIX
+            read = read_recording if is_recording else _read_path
+            times, positions = read(Path(self.file))
         except ConfigError as error:
             raise ConfigError(str(error), field="file") from None
         object.__setattr__(self, "_times", times)

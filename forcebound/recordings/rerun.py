@@ -7,7 +7,6 @@ What can be fed from the recording in place of the graph's own:
   :mod:`forcebound.operators.recorded_path`.
 * ``network``: the recorded loop delays and losses, all on the link of the force command, in place
   of the delays of links and environment.
-* ``environment``: the recorded answers, as a function of time.
 """
 
 import dataclasses
@@ -28,7 +27,7 @@ from forcebound.messages.packets import TOPIC_OF, ForceCommand, Telemetry
 from forcebound.nodes.servo import ServoSettings
 from forcebound.recording import Recording
 
-FEEDS = ("hand", "network", "environment")
+FEEDS = ("hand", "network")
 _LINK = TOPIC_OF[ForceCommand]  # that the recorded loop delays are put on
 
 
@@ -54,8 +53,6 @@ def graph_of(
     with content_of(recording.path):
         if "network" in feeds:
             _feed_network(document, file)
-        if "environment" in feeds:
-            document["environment"] = {"kind": "recorded", "file": file}
         if "hand" in feeds:
             _feed_hand(document, file)
     named = {_set(document, setting) for setting in settings}
