@@ -53,7 +53,8 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
         with graph(folder, record) as address, browser(folder) as driver:
             hand = measure_hand(driver, address, drags)
             spans = take_turns(driver, address, turns, seconds)
-        found = {"hand": hand, "servo": servo(record, spans), "load": os.getloadavg()[0]}
+        found: dict[str, Any] = {"hand": hand, "servo": servo(record, spans)}
+        found["load"] = os.getloadavg()[0]
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
