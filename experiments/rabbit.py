@@ -16,7 +16,8 @@ import numpy as np
 import trimesh
 
 from forcebound.config.loader import load
-from forcebound.environments.mesh import RABBIT, TriangleMesh
+from forcebound.environments.mesh import TriangleMesh
+from forcebound.environments.placed_file import RABBIT
 
 Array: TypeAlias = "np.ndarray[Any, Any]"
 

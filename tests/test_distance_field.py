@@ -46,7 +46,7 @@ def _array(file: Path, distance: Any = _to_sphere, edge: float = 0.03) -> Distan
     places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1)
     np.save(file, distance(places))
     return DistanceField(
-        file, SPACING, origin=(-edge, -edge, -edge), position=STILL, orientation=UPRIGHT
+        file, spacing=SPACING, origin=(-edge, -edge, -edge), position=STILL, orientation=UPRIGHT
     )
 
 
@@ -179,16 +179,16 @@ def test_a_grid_is_kept_on_disk_and_made_anew_when_it_is_damaged(tmp_path: Path)
 def test_an_array_that_is_no_distance_field_is_told(tmp_path: Path, array: Any, words: str) -> None:
     np.save(tmp_path / "wrong.npy", array)
     with pytest.raises(ConfigError, match=rf"wrong\.npy.*{words}"):
-        DistanceField(tmp_path / "wrong.npy", SPACING).check_files()
+        DistanceField(tmp_path / "wrong.npy", spacing=SPACING).check_files()
 
 
 def test_what_makes_no_grid_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"mine\.npy needs `spacing`"):
         DistanceField(tmp_path / "mine.npy")
     with pytest.raises(ConfigError, match=r"cannot read the grid .*mine\.npy: No such file"):
-        DistanceField(tmp_path / "mine.npy", SPACING).check_files()
+        DistanceField(tmp_path / "mine.npy", spacing=SPACING).check_files()
     (tmp_path / "text.npy").write_text("words")
     with pytest.raises(ConfigError, match=r"cannot make sense of .*text\.npy"):
-        DistanceField(tmp_path / "text.npy", SPACING).check_files()
+        DistanceField(tmp_path / "text.npy", spacing=SPACING).check_files()
     with pytest.raises(ConfigError, match=r"0\.01 mm makes a grid of .* use at least 0\.\d+ mm"):
         DistanceField(spacing=1e-5).check_files()

@@ -1,18 +1,26 @@
 """What one sees of a running graph: rates, hops, drawings, names."""
 
+import asyncio
 import json
 import math
+import signal
 import socket
+import struct
+import subprocess
+import sys
 import time
+from asyncio import wait_for
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import zmq
 from click.testing import CliRunner, Result
 from live_graph import live_graph
-from waiting import PATIENCE
+from tornado.websocket import websocket_connect
+from waiting import PATIENCE, free_port, until
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
@@ -121,8 +129,7 @@ def test_plotjuggler_gets_a_series_for_each_number() -> None:
 
 def check_bridge(run_dir: Path) -> None:
     """Receive telemetry of a running graph as PlotJuggler's subscriber does."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     bridge = Thread(target=serve_plotjuggler, args=(run_dir, ("telemetry",), port, 2.0))
     with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
         subscriber.set(zmq.SUBSCRIBE, b"")
@@ -134,6 +141,57 @@ def check_bridge(run_dir: Path) -> None:
     assert second["telemetry/seq"][1] > first["telemetry/seq"][1]
     assert second["telemetry/position[0]"][0] > first["telemetry/position[0]"][0]
     assert abs(first["telemetry/seq"][0] - time.time()) < PATIENCE
+
+
+def is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+async def receive_as_foxglove(port: int) -> tuple[dict[str, Any], dict[str, Any], int, Any]:
+    """Subscribe to telemetry; return server, channel, log time in ns, and a message."""
+    client = await websocket_connect(
+        f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], connect_timeout=PATIENCE
+    )
+    server: dict[str, Any] = {}
+    channel: dict[str, Any] = {}
+    while True:
+        got = await wait_for(client.read_message(), PATIENCE)
+        assert got is not None
+        if isinstance(got, str):
+            said = json.loads(got)
+            server = said if said["op"] == "serverInfo" else server
+            if said["op"] == "advertise":
+                (channel,) = (one for one in said["channels"] if one["topic"] == "/telemetry")
+                wanted = {"id": 5, "channelId": channel["id"]}
+                await client.write_message(
+                    json.dumps({"op": "subscribe", "subscriptions": [wanted]})
+                )
+        elif got[0] == 1:
+            subscription, log_time = struct.unpack_from("<IQ", got, 1)
+            assert subscription == 5
+            client.close()
+            while await client.read_message() is not None:
+                pass  # on their way when it was closed
+            return server, channel, log_time, json.loads(got[13:])
+
+
+def check_foxglove(run_dir: Path) -> None:
+    """Receive telemetry of a running graph as Foxglove does."""
+    port = free_port()
+    words = ["bridge", "foxglove", "telemetry", "--run", str(run_dir), "--port", str(port)]
+    bridge = subprocess.Popen([sys.executable, "-m", "forcebound", *words])
+    try:
+        until(lambda: is_open(port), "the bridge to listen")
+        server, channel, log_time, message = asyncio.run(receive_as_foxglove(port))
+    finally:
+        bridge.send_signal(signal.SIGINT)
+        assert bridge.wait(PATIENCE) == 130
+    assert server["capabilities"] == []
+    assert (channel["encoding"], channel["schemaName"]) == ("json", "forcebound.Telemetry")
+    rules = json.loads(channel["schema"])
+    assert set(rules["required"]) <= set(message) <= set(rules["properties"])
+    assert abs(log_time * 1e-9 - time.time()) < PATIENCE
 
 
 @pytest.mark.live
@@ -177,6 +235,7 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         assert look("param", "get", "device.law").stdout == "device.law: certified\n"
 
         check_bridge(graph.run_dir)
+        check_foxglove(graph.run_dir)
 
         look("outage", "10 s")
         graph.until(lambda: "zero force" in graph.log, "the end of the force")

@@ -13,7 +13,8 @@ import trimesh
 from forcebound.config.loader import load
 from forcebound.environments import change_environment, open_environment
 from forcebound.environments.contract import check
-from forcebound.environments.mesh import RABBIT, TriangleMesh
+from forcebound.environments.mesh import TriangleMesh
+from forcebound.environments.placed_file import RABBIT
 from forcebound.errors import ConfigError
 from forcebound.geometry.proxy import Surface
 from forcebound.launch.virtual import run_virtual

@@ -2,19 +2,25 @@
 
 import asyncio
 import json
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tornado.httpclient
 import tornado.websocket
+from click.testing import CliRunner
 from live_graph import LiveGraph, live_graph
 from waiting import PATIENCE
 
+from forcebound.cli import main
 from forcebound.errors import ConfigError
+from forcebound.geometry.mesh_file import read_mesh
 from forcebound.view.access import LOOPBACK, Access, hosts_of
+from forcebound.view.coarse import coarse
 from forcebound.view.server import Server
 
 
@@ -58,6 +64,9 @@ def test_the_watching_token_may_look_and_not_change() -> None:
 )
 def test_hosts_of_an_address(listen: str, hosts: tuple[str, ...]) -> None:
     assert hosts_of(listen) == hosts
+
+
+LAUNCH = Path(__file__).parent.parent / "launch"
 
 
 @contextmanager
@@ -114,12 +123,16 @@ async def opened(server: Server, token: str) -> Page:
     return Page(await tornado.websocket.websocket_connect(url))
 
 
-async def status_of(server: Server, path: str, **headers: str) -> int:
+async def answer_of(server: Server, path: str, **headers: str) -> tornado.httpclient.HTTPResponse:
     url = f"http://127.0.0.1:{server.access.port}{path}"
     client = tornado.httpclient.AsyncHTTPClient(force_instance=True)
-    code = (await client.fetch(url, headers=headers, raise_error=False)).code
+    answer = await client.fetch(url, headers=headers, raise_error=False)
     client.close()
-    return code
+    return answer
+
+
+async def status_of(server: Server, path: str, **headers: str) -> int:
+    return (await answer_of(server, path, **headers)).code
 
 
 @pytest.mark.live
@@ -134,7 +147,14 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         token, watching = server.access.token, server.access.watching
         port = server.access.port
 
-        assert await status_of(server, f"/?token={token}") == 200
+        answer = await answer_of(server, f"/?token={token}")
+        assert answer.code == 200
+        policy = answer.headers["Content-Security-Policy"]
+        assert "default-src 'self'" in policy  # nothing from elsewhere
+        assert "frame-ancestors 'none'" in policy
+        assert answer.headers["Referrer-Policy"] == "no-referrer"  # the address has the token
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert answer.headers["Cache-Control"] == "no-store"
         assert await status_of(server, f"/?token={watching}") == 200
         assert await status_of(server, "/app.js") == 200
         for path in ("/", "/?token=guess", "/nothing.js", "/..%2fserver.py"):
@@ -151,7 +171,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="law", law="none"))
 
-        await page.send(do="point", target=[0.02])
+        await page.send(do="point", target=[0.02], stamp=41.5)
+        assert (await page.until("taken"))["stamp"] == 41.5
         inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
         assert inside["applied"][-1][0] > 0.0
 
@@ -161,6 +182,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
             "parameters", lambda m: m["values"]["environment.stiffness"] == "3000 N/m"
         )
         assert changed["values"]["environment.compute_delay"] == "0 s"
+        assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
+        assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
         assert "no such control" in str(await page.asks(do="format the disk"))
         assert "expected one of" in str(await page.asks(do="law", law="nothing"))
         assert await page.asks(do="break") is None
@@ -184,3 +207,28 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
 def test_an_address_that_is_not_here_is_told(run_dir: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot listen at 192\.0\.2\.1, port 0"):
         Server(run_dir, "192.0.2.1")
+
+
+def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tornado", None)
+    for words in (["launch", "pointer_wall", "--view"], ["view"]):
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 2
+        assert result.output == (
+            "forcebound: the page needs tornado: pip install 'forcebound[view]'\n"
+        )
+
+
+def test_a_coarse_mesh_has_few_triangles_in_the_same_place() -> None:
+    mesh = read_mesh(LAUNCH / "rabbit.ply")
+    assert len(mesh.faces) > 2 * 500
+    corners = coarse(mesh, 500)
+    assert 100 < len(corners) <= 500
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    for whole, seen in zip(
+        (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)),
+        (corners.min(axis=(0, 1)), corners.max(axis=(0, 1))),
+        strict=True,
+    ):
+        assert seen == pytest.approx(whole, abs=0.1 * size)
+    assert np.array_equal(coarse(mesh, len(mesh.faces)), mesh.corners)

@@ -5,16 +5,17 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 import pytest
-from live_graph import live_graph
+from live_graph import LiveGraph, live_graph
 from waiting import PATIENCE
 
 webdriver: Any = pytest.importorskip("selenium.webdriver", reason="needs extra browser")
+Keys: Any = webdriver.Keys
 ui: Any = pytest.importorskip("selenium.webdriver.support.ui")
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -23,6 +24,14 @@ QUIET = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--window-size=1400,1000",
 )  # fmt: skip
+
+KEEP_SOCKETS = """
+window.sockets = [];
+const Plain = WebSocket;
+window.WebSocket = class extends Plain {
+  constructor(...words) { super(...words); window.sockets.push(this); }
+};
+"""
 
 pytestmark = [
     pytest.mark.live,
@@ -49,40 +58,98 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def page_of(runtime: str) -> Iterator[str]:
-    """The address of a page of the graph that runs."""
+def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
+    """The addresses of the graph that runs: to change it, and to look only."""
     command = [sys.executable, "-u", "-m", "forcebound", "view", "--no-open"]
     variables = {**os.environ, "XDG_RUNTIME_DIR": runtime}
     with subprocess.Popen(command, env=variables, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:
-            yield server.stdout.readline().split()[-1]
+            yield server.stdout.readline().split()[-1], server.stdout.readline().split()[-1]
         finally:
             with suppress(ProcessLookupError):
                 server.terminate()
 
 
-def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
+@contextmanager
+def pointed() -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
+    """A graph whose hand follows a pointer, engaged, and its addresses."""
     with live_graph("pointer_wall", is_alone=False) as graph:
         graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
         graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
-        with page_of(str(graph.runtime)) as address, browser() as driver:
-            driver.get(address)
-            wait = ui.WebDriverWait(driver, PATIENCE)
+        with pages_of(str(graph.runtime)) as addresses:
+            yield graph, addresses
 
-            def figure(name: str) -> float:
-                pairs = driver.execute_script(
-                    "return [...document.querySelectorAll('#figures > div')]"
-                    ".map((pair) => [...pair.children].map((one) => one.textContent))"
-                )
-                words = dict(pairs).get(name, "nan").split()[0]
-                return float("nan") if words == "–" else float(words)
 
-            wait.until(lambda _: figure("position") < 0.0)
+class Visitor:
+    """Somebody in front of a browser."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def figure(self, name: str) -> float:
+        """A figure as the page shows it; nan: there is none."""
+        pairs = self.driver.execute_script(
+            "return [...document.querySelectorAll('#figures > div')]"
+            ".map((pair) => [...pair.children].map((one) => one.textContent))"
+        )
+        words = dict(pairs).get(name, "nan").split()[0]
+        return float("nan") if words == "–" else float(words)
+
+    def text(self, name: str) -> str:
+        text: str = self.driver.find_element("id", name).text
+        return text
+
+    def until(self, happened: Callable[[], object]) -> None:
+        ui.WebDriverWait(self.driver, PATIENCE, 0.1).until(lambda _: happened())
+
+    def open(self, address: str) -> None:
+        self.driver.get(address)
+        self.until(lambda: self.text("state") == "running")
+
+    def open_beside(self, address: str) -> None:
+        self.driver.switch_to.new_window("window")
+        self.open(address)
+
+    def value(self, name: str) -> str:
+        value: str = self.driver.find_element("name", name).get_property("value")
+        return value
+
+    def enter(self, name: str, value: str) -> None:
+        """Write a value into the field of a parameter."""
+        field = self.driver.find_element("name", name)
+        field.clear()
+        field.send_keys(value + Keys.TAB)
+
+    def touch(self, way: float) -> None:
+        """Draw a finger over the scene, some pixels to the right."""
+        scene = self.driver.find_element("id", "scene").rect
+        x, y = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2
+        places = [x + way * step / 5 for step in range(6)]
+        kinds = ["touchStart", *["touchMove"] * 5]
+        for kind, place in zip(kinds, places, strict=True):
+            points = [{"x": place, "y": y}]
+            event = {"type": kind, "touchPoints": points}
+            self.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
+        event = {"type": "touchEnd", "touchPoints": []}
+        self.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
+
+    def errors(self) -> list[Any]:
+        return [line for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
+
+
+def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
+    with pointed() as (graph, (address, _)):
+        with browser() as driver:
+            visitor = Visitor(driver)
+            visitor.open(address)
+            visitor.until(lambda: visitor.figure("position") < 0.0)
             scene = driver.find_element("id", "scene")
             drag = webdriver.ActionChains(driver).move_to_element(scene).click_and_hold()
             drag.move_by_offset(80, 0).move_by_offset(80, 0).release().perform()
-            wait.until(lambda _: figure("position") > 10.0 and figure("applied") > 0.5)
+            visitor.until(
+                lambda: visitor.figure("position") > 10.0 and visitor.figure("applied") > 0.5
+            )
 
             driver.find_element("id", "break").click()
             graph.until(lambda: "law: none from now on" in graph.log, "the law to go")
@@ -90,8 +157,7 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             driver.find_element("id", "safe").click()
             graph.until(lambda: "law: certified from now on" in graph.log, "the law to come back")
             graph.wait(2.0)
-            told = [line for line in driver.get_log("browser") if line["level"] == "SEVERE"]
-            assert told == []
+            assert visitor.errors() == []
         ended = graph.end()
 
     columns = ended.columns
@@ -105,3 +171,53 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
     second = 1_000_000_000
     assert swing(broken.time_ns + second, broken.time_ns + 2 * second) > 1e-3  # it bounces
     assert swing(safe.time_ns + second, safe.time_ns + 2 * second) < 2e-4  # it rests
+
+
+def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
+    with pointed() as (graph, (address, watching)), browser() as driver:
+        driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": KEEP_SOCKETS})
+        visitor = Visitor(driver)
+        visitor.open(address)
+        first = driver.current_window_handle
+
+        # A key moves the hand by 1 mm, a finger further; the figures are rounded.
+        visitor.until(lambda: abs(visitor.figure("position") + 5.0) < 0.2)
+        driver.find_element("id", "scene").send_keys(Keys.ARROW_RIGHT * 2)
+        visitor.until(lambda: abs(visitor.figure("position") + 3.0) < 0.3)
+        visitor.touch(100.0)
+        visitor.until(lambda: visitor.figure("position") > 5.0)
+
+        # What is wrong is told beside the field; what is right is taken, with its unit.
+        visitor.enter("environment.stiffness", "-1 N/mm")
+        fault = "f-environment.stiffness"
+        visitor.until(lambda: "must be >= 0 N/m" in visitor.text(fault))
+        visitor.enter("environment.stiffness", "3 N/mm")
+        visitor.until(lambda: visitor.text(fault) == "" and "stiffness = 3000" in graph.log)
+
+        # A page for an audience shows the change, and can change nothing.
+        visitor.open_beside(watching)
+        visitor.until(lambda: visitor.value("environment.stiffness") == "3 N/mm")
+        enabled = "return document.querySelectorAll('.changes :enabled').length"
+        assert driver.execute_script(enabled) == 0
+        assert driver.execute_script(
+            "return document.querySelectorAll('.changes :disabled').length"
+        )
+        driver.close()
+        driver.switch_to.window(first)
+
+        # A page whose connection is lost says so, and comes back by itself.
+        driver.execute_script("window.sockets.at(-1).close()")
+        visitor.until(lambda: driver.execute_script("return window.sockets.length") == 2)
+        visitor.until(lambda: visitor.text("state") == "running")
+        assert driver.execute_script(enabled) > 0
+
+        # A node stops and starts from the page, by the keyboard.
+        visitor.until(lambda: visitor.text("node-environment") == "stop")
+        driver.find_element("id", "node-environment").send_keys(Keys.ENTER)
+        visitor.until(lambda: visitor.text("node-environment") == "start")
+        driver.find_element("id", "node-environment").send_keys(Keys.ENTER)
+        visitor.until(lambda: visitor.text("node-environment") == "stop")
+        assert visitor.errors() == []
+        graph.end()
+        visitor.until(lambda: visitor.text("state").startswith("the graph has ended"))
+        assert driver.execute_script(enabled) == 0

@@ -27,6 +27,7 @@ from forcebound.cli.common import (
     show,
     table_of,
 )
+from forcebound.cli.view import check_tornado
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ def launch_graph(
     """Run the graph of a launch file in real time, e.g. stiff_wall law:=certified."""
     from forcebound.launch.live import check_here, run_live
 
+    if has_view:
+        check_tornado()
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:

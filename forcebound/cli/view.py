@@ -1,10 +1,28 @@
 """The live page of a running graph."""
 
+import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
 
 from forcebound.cli.common import reports_errors, run_option, show
+from forcebound.errors import ConfigError
+
+
+def check_tornado() -> None:
+    """Refuse to go on where the page's server is not installed.
+
+    Raises:
+        ConfigError: With what to install.
+    """
+    if find_spec("tornado") is None:
+        raise ConfigError("the page needs tornado: pip install 'forcebound[view]'")
+
+
+def has_screen() -> bool:
+    """Return whether a browser would have a window; one of text would take the terminal."""
+    return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
 
 
 @click.command(short_help="Open a live page of the running graph.")
@@ -29,14 +47,12 @@ def view(run_dir: Path | None, port: int, listen: str, opens: bool, launcher: in
     import asyncio
     import webbrowser
 
-    from forcebound.errors import ConfigError
     from forcebound.monitor.runs import find, find_launched
     from forcebound.view.access import LOOPBACK
 
-    try:
-        from forcebound.view.server import Server
-    except ImportError:
-        raise ConfigError("the page needs tornado: pip install 'forcebound[view]'") from None
+    check_tornado()
+    from forcebound.view.server import Server
+
     run = find(run_dir, of_graph=True) if launcher is None else find_launched(launcher)
 
     async def serve() -> None:
@@ -46,7 +62,7 @@ def view(run_dir: Path | None, port: int, listen: str, opens: bool, launcher: in
         show(f"to look only:  {access.address(access.watching)}")
         if access.hosts != LOOPBACK:
             show("others on this network can open them, and read what is sent", err=True)
-        if opens:
+        if opens and has_screen():
             webbrowser.open(access.address(access.token))
         await server.run()
         show("the graph has ended")

@@ -66,7 +66,6 @@ class Controls:
             "links": list(LINKS),
             "age_limit": servo.age_limit,
             "saturation": getattr(model, "saturation", None),
-            "wall": _wall(config),
             "hand": _hand(config),
             "workspace": getattr(model, "workspace", None),
         }
@@ -79,6 +78,7 @@ class Controls:
             "type": "parameters",
             "values": as_written(config, found),
             "ranges": ranges(config, found),
+            "wall": _wall(config),
         }
 
     def act(self, wanted: Mapping[str, Any]) -> str | None:

@@ -250,7 +250,9 @@ class _Page(tornado.websocket.WebSocketHandler):
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
         stream = getattr(self.ws_connection, "stream", None)
-        if stream is None or len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
+        if stream is None or stream.closed():
+            return
+        if len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
             return
         try:
             sent = self.write_message(text)

@@ -94,7 +94,10 @@ const takes = {
     document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
   },
   nodes(message) { controls.nodes(message); },
-  parameters(message) { controls.parameters(message); },
+  parameters(message) {
+    scene.wall = message.wall;
+    controls.parameters(message);
+  },
   answer(message) { controls.answer(message); },
   over() {
     isOver = true;

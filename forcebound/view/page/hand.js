@@ -18,9 +18,9 @@ export function listen(scene) {
     if (down.size > 1) turns = true;
     if (!turns) scene.grasp();
   });
-  canvas.addEventListener("pointermove", (event) => {
+  const moved = (event) => {
     const before = down.get(event.pointerId);
-    if (!before) return;
+    if (!before || (before[0] === event.clientX && before[1] === event.clientY)) return;
     const spread = () => { const [a, b] = [...down.values()]; return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0; };
     const wide = spread(), [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
     down.set(event.pointerId, [event.clientX, event.clientY]);
@@ -29,7 +29,9 @@ export function listen(scene) {
       if (wide > 0 && spread() > 0) scene.zoom(wide / spread());
       scene.turn(-dx * TURN / down.size, dy * TURN / down.size);
     }
-  });
+  };
+  canvas.addEventListener("pointermove", moved);
+  canvas.addEventListener("pointerrawupdate", moved); // where there is one, it does not wait for the next picture
   for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => down.delete(event.pointerId));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {

@@ -78,7 +78,6 @@ export class Scene {
 
   describe(hello) {
     this.axes = hello.axes;
-    this.wall = hello.wall;
     this.workspace = hello.workspace;
     this.hand = hello.may_change ? hello.hand : null;
     if (this.axes < 3) { this.yaw = 0; this.pitch = Math.PI / 2; }
@@ -145,7 +144,7 @@ export class Scene {
   draw() {
     const { context, width, height } = fit(this.canvas);
     const isWhole = this.bounded.every((object) => object.shape !== "mesh" || this.meshes.has(object.digest));
-    if (!this.isCentred && this.state.tip && (this.axes === 1 || this.bounded.length) && isWhole) {
+    if (!this.isCentred && this.state.tip && (this.axes === 1 ? this.wall !== undefined : this.bounded.length) && isWhole) {
       this.isCentred = true;
       this.centreOn();
     }
