@@ -59,7 +59,9 @@ def emulate(
     else:
         mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
         operator = None if no_hand else operator
-        command = f"identify {kind}" if no_hand else f"launch {KINDS[kind]}"
-        patience = "" if no_hand else f' watchdog_limit:="{PATIENCE}"'
-        show(f"in another terminal: `forcebound {command} device:={link}{patience}`")
+        advice = f"`forcebound identify {kind} device:={link}`"
+        if operator is not None:
+            words = f'{KINDS[kind]} device:={link} watchdog_limit:="{PATIENCE}"'
+            advice = f"`forcebound launch {words}`"
+        show(f"in another terminal: {advice}")
     program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)
