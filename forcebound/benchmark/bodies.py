@@ -31,14 +31,15 @@ def run(duration: float, rate: float, progress: Callable[[str], None]) -> dict[s
     for number in range(rounds):
         progress(f"round {number + 1} of {rounds}")
         for contestant, work in ((answer, ask), (bare, step)):
-            start_ns = time.monotonic_ns()
+            start_ns, processor_ns = time.monotonic_ns(), time.process_time_ns()
             times = []
             for tick in range(count):
                 wait_until(start_ns + tick * period_ns, 0)
                 begun_ns = time.monotonic_ns()
                 work((number * count + tick) / rate)
                 times.append(time.monotonic_ns() - begun_ns)
-            contestant.add(times, 0, 0, time.monotonic_ns() - start_ns)
+            processor_ns = time.process_time_ns() - processor_ns
+            contestant.add(times, 0, processor_ns, time.monotonic_ns() - start_ns)
     comparisons = {
         "answer_us": judge("answer, p50", answer.at("p50") / 1e3, "us", ANSWER_TARGET_US),
         "ratio": compare(answer, bare, "p50", None),
