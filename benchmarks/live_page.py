@@ -8,6 +8,7 @@ A graph runs, with its page in a real browser, Debian's Chromium without a graph
   notice: less than 5 % difference.
 """
 
+import importlib
 import json
 import os
 import shutil
@@ -96,7 +97,7 @@ def graph(folder: str, record: Path) -> Iterator[str]:
 @contextmanager
 def browser(folder: str) -> Iterator[Any]:
     """Give a browser without a window."""
-    from selenium import webdriver
+    webdriver = selenium("webdriver")
 
     options = webdriver.ChromeOptions()
     options.binary_location = str(shutil.which("chromium"))
@@ -133,22 +134,25 @@ def measure_hand(driver: Any, address: str, drags: int) -> dict[str, float]:
 
 def drag_once(driver: Any, way: float) -> None:
     """Drag the hand to a side in small moves, one each 16 ms, as a mouse does."""
-    from selenium.webdriver import ActionChains
-
-    chain = ActionChains(driver, duration=16)
+    chain = selenium("webdriver").ActionChains(driver, duration=16)
     chain.move_to_element(driver.find_element("id", "scene")).click_and_hold()
     for _ in range(STEPS):
         chain.move_by_offset(round(way / STEPS), 0)
     chain.release().perform()
 
 
+def selenium(name: str) -> Any:
+    """Return a module of selenium, which is in an extra of its own."""
+    return importlib.import_module(f"selenium.{name}")
+
+
 def open_page(driver: Any, address: str) -> None:
     """Open a page, until it shows a running graph."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     driver.get(address)
     is_running = "return document.getElementById('state').textContent === 'running'"
-    WebDriverWait(driver, PATIENCE).until(lambda _: driver.execute_script(is_running))
+    selenium("webdriver.support.ui").WebDriverWait(driver, PATIENCE).until(
+        lambda _: driver.execute_script(is_running)
+    )
 
 
 def take_turns(
