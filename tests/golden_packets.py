@@ -109,7 +109,15 @@ EVENT = Event(
     message="environment wall-7f3a serves now",
     data={"environment": "wall-7f3a"},
 )
-SIMULATED_TELEMETRY = replace(TELEMETRY, true_energy=0.1, true_position=(0.1,), hand_force=(0.1,))
+SIMULATED_TELEMETRY = replace(
+    TELEMETRY,
+    true_energy=0.1,
+    true_position=(0.1,),
+    hand_force=(0.1,),
+    joints=(0.1,),
+    torques=(0.1,),
+    cut_position=(0.1,),
+)
 GOLDEN: dict[str, Packet] = {
     "device_state": STATE,
     "environment_query": QUERY,

@@ -38,7 +38,8 @@ def telemetry(tick: int, **changes: Any) -> dict[str, Any]:
         hand_force=(0.5,),
         rejected={"age": 1},
     )
-    return asdict(packet) | changes
+    recorded = {name: value for name, value in asdict(packet).items() if value is not None}
+    return recorded | changes
 
 
 def event(tick: int, **changes: Any) -> dict[str, Any]:

@@ -192,7 +192,7 @@ def test_what_is_given_is_what_the_wire_has() -> None:
     device, board, line = switched_on(ODriveBoard(2))
     given = device.write(0, (0.1234567891, -0.05))
     assert given == (0.123456, -0.05)
-    assert board.torque == (-0.123457, 0.05)
+    assert board.torque == (-0.123456, 0.05)
     assert line.forces[-1]
 
 
