@@ -17,7 +17,7 @@ demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
-	$(BIN)/pytest -n 3 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered \
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered \
 	  --cov-fail-under=$(COVERAGE)
 	$(BIN)/coverage report --include='$(CORE)' --fail-under=$(CORE_COVERAGE) --format=total
 

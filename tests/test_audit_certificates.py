@@ -30,7 +30,7 @@ from forcebound.errors import ConfigError
 
 CERTIFIED_LAWS = sorted(name for name, law in LAWS.items() if law.is_certified)
 INFORMED = sorted(name for name, one in CERTIFICATES.items() if one.unstated)
-RUNS = 50
+RUNS = 25
 
 
 def lowest(law: str, certificate: str, is_stated: bool, sensor: int | None, runs: int) -> float:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builders import telemetry_packet
 from live_graph import LiveGraph, live_graph
@@ -200,7 +201,7 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     for begin in begins:
         assert begin.engagement == 0.0
         assert not any(begin.applied_force)
-    assert ended.columns.true_energy.min() >= 0.0
+    assert np.nanmin(ended.columns.true_energy) >= 0.0  # unknown where it was just written
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_graph import live_graph
 from test_emulators_live import program
@@ -36,7 +37,9 @@ def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
         assert graph.process.returncode == 1, graph.log
         columns = read(graph.record).telemetry
         assert columns.applied_force.any()
-        assert columns.true_energy.min() >= -allowance
+        # A tick has no truth where the emulator was just writing it.
+        assert np.isfinite(columns.true_energy).mean() > 0.5
+        assert np.nanmin(columns.true_energy) >= -allowance
 
 
 def test_an_emulator_of_its_own_that_is_unplugged_ends_the_graph_in_order(tmp_path: Path) -> None:
