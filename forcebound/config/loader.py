@@ -19,6 +19,7 @@ from typing import Any
 
 from forcebound.bounding import LAWS
 from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
+from forcebound.config.delays import check_delays, has_trace
 from forcebound.config.device_file import WHAT, with_device_file
 from forcebound.config.document import MAX_BYTES, find, missing, read
 from forcebound.config.fields import Section, fields_of
@@ -38,7 +39,6 @@ from forcebound.config.phases import KEY, phase_duration, read_phases
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
-from forcebound.config.traces import shortest_of, trace_of
 from forcebound.config.tree import Value, from_plain, parse, scalar
 from forcebound.config.user_parts import (
     can_be_written,
@@ -298,7 +298,7 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
     if made["operator"]:
         check_path(made["operator"], axes, sections["operator"])
     if environment and not getattr(controller, "answers_states", False):
-        _check_delays(device.servo, environment, made["links"], sections["device"])
+        check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])
     if controller is not None and asks:
@@ -352,8 +352,9 @@ def _controller(section: Section) -> Any:
 def _environment(section: Section) -> EnvironmentConfig | None:
     model = _model(section, fields_of(EnvironmentConfig, BESIDE_MODEL))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
-    has_trace = made is not None and _has_trace(section, "compute_trace", made.computation)
-    return made if has_trace and _has_files(section, model) else None
+    if made is None or not has_trace(section, "compute_trace", made.computation):
+        return None
+    return made if _has_files(section, model) else None
 
 
 def _has_files(section: Section, model: Any) -> bool:
@@ -376,44 +377,6 @@ def _links(section: Section) -> dict[str, Impairment]:
         if topic in LINKS:
             link = Section(value, f"links.{topic}", value, section.problems)
             impairment = link.make(Impairment, knows_all=True)
-            if impairment is not None and _has_trace(link, "trace", impairment):
+            if impairment is not None and has_trace(link, "trace", impairment):
                 links[topic] = impairment
     return {topic: links[topic] for topic in LINKS if topic in links}
-
-
-def _has_trace(section: Section, key: str, impairment: Impairment) -> bool:
-    """Whether the trace, if one is named, can be read; if not, a problem is noted."""
-    try:
-        trace_of(impairment)
-    except ConfigError as error:
-        section.add(f"{key}: {error}", section.value.entries[key])
-        return False
-    return True
-
-
-def _check_delays(
-    servo: ServoSettings,
-    environment: EnvironmentConfig,
-    links: Mapping[str, Impairment],
-    section: Section,
-) -> None:
-    """Note a loop so long that the device would refuse every answer."""
-    parts = (environment.computation, *links.values())
-    delays = sum(shortest_of(part) for part in parts)
-    wait = servo.reply_wait / servo.rate  # the device takes an answer when it writes
-    shortest = max(delays, wait)
-    if shortest < servo.age_limit:
-        return
-    what, remedy = "delays of the links and the environment", "lower the delays"
-    if wait > delays:
-        what, remedy = "reply_wait over rate", "raise the rate"
-    message = (
-        f"an answer takes at least {shortest * 1e3:g} ms ({what}), and the device refuses answers"
-        f" older than age_limit = {servo.age_limit * 1e3:g} ms, so there would never be a force:"
-        f" set age_limit in device: above {shortest * 1e3:g} ms, or {remedy}"
-    )
-    age_limit = section.value.entries.get("age_limit")
-    if age_limit is None:
-        section.add_here(message)
-    else:
-        section.add(message, age_limit)
