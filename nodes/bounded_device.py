@@ -94,6 +94,7 @@ class BoundedDevice:
         self._zero: Vector = (0.0,) * device.axes
         self._applied = self._zero  # by the motors
         self._has_begun = False
+        self._write_ns: int | None = None
         self._begin_ledger(law)
         self._start_counting()
 
@@ -120,7 +121,7 @@ class BoundedDevice:
         self.law = law
         limited = replace(self._dissipation, hold_limit=self._use_limit)
         self.bounder = ForceBounder(law, limited, len(self._zero))
-        self._write_ns: int | None = None
+        self._write_ns = None
 
     @property
     def holds_force(self) -> bool:
