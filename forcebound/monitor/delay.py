@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import TELEMETRY, read_launch_document
+from forcebound.launch.run_directory import TELEMETRY, read_launch_document
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import SHARES, read_topics
