@@ -13,7 +13,7 @@ from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.config.traces import loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import Telemetry

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.launch.live import (
+from forcebound.launch.run_directory import (
     LAUNCH_FILE,
     RECORDING,
     RUN_FILE,
@@ -259,7 +259,7 @@ def test_a_run_directory_may_have_several_owners(tmp_path: Path) -> None:
 OWNER = """
 import os, sys
 from pathlib import Path
-from forcebound.launch.live import RunDocument, run_directory
+from forcebound.launch.run_directory import (RunDocument, run_directory)
 with run_directory() as run_dir:
     RunDocument(os.getpid(), None, "", [], is_temporary=True).write(run_dir)
     print(run_dir, flush=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from forcebound.config.traces import RECORDING_SUFFIX, loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import TELEMETRY, read_launch_document
+from forcebound.launch.run_directory import TELEMETRY, read_launch_document
 from forcebound.messages.packets import LINKS, Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import read_topics

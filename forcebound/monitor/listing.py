@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.control import statuses
 from forcebound.monitor.nodes import UNKNOWN
 from forcebound.monitor.runs import running

@@ -2,8 +2,8 @@
 
 A run directory is named ``forcebound-...``, lies in the user's runtime folder
 (:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
-document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher or by nodes that
-were started by hand (:mod:`forcebound.launch.run_lock`).
+document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher or by
+nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.folders import is_own
-from forcebound.launch.live import RunDocument, own_run_directories, run_folders
+from forcebound.launch.run_directory import RunDocument, own_run_directories, run_folders
 from forcebound.launch.run_lock import is_held
 from forcebound.network import sockets
 from forcebound.process import has_control

@@ -18,7 +18,7 @@ import numpy as np
 from forcebound import realtime
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, PacketError
-from forcebound.launch.live import RUN_FILE, RunDocument, recorded_streams
+from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, Packet, field_types
 from forcebound.monitor.runs import while_running
