@@ -13,17 +13,13 @@ law it shows how they would answer somebody who pulls towards where that person 
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
-from forcebound.files import content_of, open_file, reason
-from forcebound.messages.packets import Vector
-
-SUFFIX = ".mcap"
-_METADATA, _TOPIC = "forcebound", "telemetry"  # where a recording has them
+from forcebound.files import content_of
+from forcebound.messages.packets import TOPIC_OF, Telemetry, Vector
 
 
 class _Hand(msgspec.Struct):
@@ -51,30 +47,16 @@ def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     """
     hand, ticks = _Hand(), []
     with content_of(file):
-        for content in _contents(file):
+        for content in mcap_file.readable(file, (TOPIC_OF[Telemetry],)):
             if isinstance(content, tuple):
                 ticks.append(msgspec.json.decode(content[1], type=_Tick))
-            elif content.name == _METADATA:
+            elif content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
                 hand = launch.operator or hand
     path = dict(_path(_engaged(ticks), hand))
     if not path:
         raise ConfigError(f"{file} has no tick with an engaged force: no path to follow")
     return tuple(path), tuple(path.values())
-
-
-def _contents(file: Path) -> Iterator[Any]:
-    try:
-        with open_file(file) as opened:
-            if not mcap_file.is_mcap(opened):
-                raise ConfigError(f"{file} is not an MCAP file")
-            yield from mcap_file.contents(opened, (_TOPIC,))
-    except OSError as error:
-        raise ConfigError(f"cannot read the recording {file}: {reason(error)}") from error
-    except mcap_file.TooLargeError as error:
-        raise ConfigError(f"{file}: {error}") from None
-    except mcap_file.DamagedError:
-        return  # what came before the damage is good
 
 
 def _engaged(ticks: list[_Tick]) -> Iterator[_Tick]:

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 from forcebound.errors import ConfigError
+from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.path_file import read_numbers
-from forcebound.operators.recorded_path import SUFFIX, read_recording
+from forcebound.operators.recorded_path import read_recording
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
 
 
