@@ -115,8 +115,8 @@ def replay(
     environment) or changes a key of the launch file (environment.stiffness).
 
     --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, or a tick is missing. If the recorder missed the first
-    ticks, it begins when the force engages, and with it the ledger.
+    the bit. Exit status 1: a force differs, or a tick is missing. If the recording lacks the first
+    ticks, it begins where a ledger does: when the force engages, or at a new law.
 
     \b
     forcebound replay run.mcap law:=none
@@ -160,7 +160,7 @@ def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
         if found.difference:
             show(f"first difference: {found.difference}")
         if found.unknown:
-            show(f"not verified: {found.unknown} ticks before the force engaged, see --help")
+            show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
         if found.verified + found.unknown < found.ticks:
             show("a tick is missing from the recording; what follows it cannot be verified")
         show(
