@@ -38,11 +38,15 @@ def has_screen() -> bool:
 @click.option("--launcher", type=int, hidden=True, help="Wait for the graph of this process.")
 @reports_errors
 def view(run_dir: Path | None, port: int, listen: str, opens: bool, launcher: int | None) -> None:
-    """Show a running graph in a browser, and change it from there, until Ctrl-C.
+    r"""Show a running graph in a browser, and change it from there, until Ctrl-C.
 
     Who has the first address may change the graph; the second is for an audience. Nobody else gets
     in. With --listen both go over the network as they are, without encryption: use it among
     people you trust.
+
+    \b
+    forcebound view
+    forcebound view --run pointer_wall --port 8000 --no-open
     """
     import asyncio
     import webbrowser
