@@ -27,7 +27,8 @@ from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
 from forcebound.launch.children import name_begins
 from forcebound.launch.links import build_links
-from forcebound.launch.live import (
+from forcebound.launch.results import run_metadata
+from forcebound.launch.run_directory import (
     RECORDING,
     RUN_FILE,
     RunDocument,
@@ -36,7 +37,6 @@ from forcebound.launch.live import (
     run_directory,
     write_launch_document,
 )
-from forcebound.launch.results import run_metadata
 from forcebound.launch.run_lock import is_held, shared
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd

@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from forcebound.cli import (
+    bridge,
     check,
     device,
     emulate,
@@ -25,6 +26,7 @@ from forcebound.cli import (
     run,
     start,
     study,
+    topics,
     view,
 )
 from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
@@ -47,18 +49,18 @@ COMMANDS = (
     graph.stop,
     graph.start,
     graph.param,
-    graph.delay,
+    graph.outage,
     view.view,
     look.list_graphs,
     look.top,
-    look.echo,
-    look.hz,
-    look.bw,
-    look.draw_graph,
-    look.log,
-    look.outage,
-    look.bridge,
-    graph.doctor,
+    look.doctor,
+    topics.echo,
+    topics.hz,
+    topics.bw,
+    topics.draw_graph,
+    topics.delay,
+    topics.log,
+    bridge.bridge,
     study.bench,
     study.audit,
     study.reproduce,

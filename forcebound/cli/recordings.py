@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
     from forcebound.recording import Recording
 
 _run_argument = click.argument(
-    "run", metavar="RUN.mcap", type=click.Path(path_type=Path, dir_okay=False)
+    "run",
+    metavar="RUN.mcap",
+    type=click.Path(path_type=Path, dir_okay=False),
+    shell_complete=complete.recordings,
 )
 _folder_option = click.Path(path_type=Path, file_okay=False)
 
@@ -71,7 +75,11 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
 @json_option
 @reports_errors
 def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
-    """Write what can be read of a cut or damaged recording as a complete one; says what is lost."""
+    r"""Write what can be read of a cut or damaged recording as a complete one; says what is lost.
+
+    \b
+    forcebound recover cut.mcap -o whole.mcap
+    """
     from forcebound.recordings.recovery import recover as write_recovered
 
     if output.exists() and not overwrite:

@@ -246,7 +246,7 @@ class _Rerun:
             self._tick(life[k])
             law = self._laws.get(life[k].time_ns)
             if law is not None:
-                self._begin(law)
+                self._bounded.change_law(law)
         return True
 
     def _tick(self, packet: Telemetry) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, ForceboundError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ask, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
