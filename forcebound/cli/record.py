@@ -43,7 +43,7 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     forcebound record stiff_wall -o run.mcap --duration 10s
     """
     from forcebound.files import check_writable
-    from forcebound.launch.live import RunDocument
+    from forcebound.launch.run_directory import RunDocument
     from forcebound.monitor.recorder import free_name, record_running
     from forcebound.monitor.runs import find, while_running
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from forcebound import process
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument, read_launch_document, recorded_streams
+from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
 from forcebound.launch.run_lock import is_held
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS

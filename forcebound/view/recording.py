@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.recorder import free_name
 
 PATIENCE = 10.0  # s for the end of a recording: there may be much to write to a slow disk
