@@ -228,6 +228,7 @@ class _RecordedPhase(msgspec.Struct):
 class _RecordedLaunch(msgspec.Struct):
     device: _RecordedDevice = msgspec.field(default_factory=_RecordedDevice)
     environment: dict[str, Any] = {}
+    controller: dict[str, Any] = {}
     phases: list[_RecordedPhase] = []
 
 

@@ -17,12 +17,11 @@ from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.config.traces import hop_delays, loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import LINKS, Telemetry
-from forcebound.monitor.delay import Measured, measure, watch
-from forcebound.monitor.streams import SHARES
+from forcebound.monitor.delay import SHARES, Measured, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
@@ -45,6 +44,22 @@ def test_the_delay_of_a_tick_is_that_of_its_answer(tmp_path: Path) -> None:
         near = [d for d in found if d is delay or (d and delay and abs(d - delay) < 1e-9)]
         assert abs(len(near) - count) <= 10
     assert len(found) == 900
+
+
+def test_delays_from_hop_to_hop_of_a_recording(tmp_path: Path) -> None:
+    run = tmp_path / "run.mcap"
+    run_virtual(load("stiff_wall", ["delay:=3 ms"]), 0.2, run)
+    done = CliRunner().invoke(main, ["delay", str(run), "--links", "--json"])
+    links = json.loads(done.stdout)["links_ms"]
+    # Each way 3 ms; the environment and the controller answer within the same instant.
+    for name in ("environment_query", "environment_reply"):
+        assert links[name]["p50"] == pytest.approx(3.0)
+        assert sum(row["count"] for row in links[name]["histogram"]) == links[name]["count"] > 100
+    hops = [links[name]["p50"] for name in links if name != "loop"]
+    assert links["loop"]["p50"] == pytest.approx(sum(hops))
+    row = CliRunner().invoke(main, ["delay", str(run), "--links"]).stdout.splitlines()[-1]
+    assert row.startswith("loop ")
+    assert row.endswith("█")
 
 
 def test_a_tick_that_a_newer_answer_overtook_counts_as_lost() -> None:

@@ -89,6 +89,12 @@ def test_a_number_that_is_not_finite_is_no_answer(path: Path) -> None:
     assert forces(path, [0.001 + 1e-6]) == [(3.0,)]
 
 
+def test_a_recording_that_begins_later_counts_from_its_beginning(path: Path) -> None:
+    states = [state(BEGIN + 500 + tick) for tick in range(3)]
+    answers(path, {BEGIN + 500: (1.0,), BEGIN + 502: (2.0,)}, states)
+    assert forces(path, [0.0, 0.002, 0.5]) == [(1.0,), (2.0,), (0.0,)]
+
+
 def test_the_answers_end_with_the_device_that_was_lost(path: Path) -> None:
     states = [*(state(BEGIN + tick) for tick in range(3)), state(0, 0.0), state(1, 0.001)]
     answers(path, {BEGIN + 1: (1.0,), BEGIN + 2: (2.0,), 1: (9.0,)}, states)

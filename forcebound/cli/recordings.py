@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
     from forcebound.recording import Recording
 
 _run_argument = click.argument(
-    "run", metavar="RUN.mcap", type=click.Path(path_type=Path, dir_okay=False)
+    "run",
+    metavar="RUN.mcap",
+    type=click.Path(path_type=Path, dir_okay=False),
+    shell_complete=complete.recordings,
 )
 _folder_option = click.Path(path_type=Path, file_okay=False)
 
@@ -71,7 +75,11 @@ def export(run: Path, csv: Path | None, parquet: Path | None, overwrite: bool) -
 @json_option
 @reports_errors
 def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
-    """Write what can be read of a cut or damaged recording as a complete one; says what is lost."""
+    r"""Write what can be read of a cut or damaged recording as a complete one; says what is lost.
+
+    \b
+    forcebound recover cut.mcap -o whole.mcap
+    """
     from forcebound.recordings.recovery import recover as write_recovered
 
     if output.exists() and not overwrite:
@@ -117,8 +125,8 @@ def replay(
     environment) or changes a key of the launch file (environment.stiffness).
 
     --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, or a tick is missing. If the recorder missed the first
-    ticks, it begins when the force engages, and with it the ledger.
+    the bit. Exit status 1: a force differs, or a tick is missing. If the recording lacks the first
+    ticks, it begins where a ledger does: when the force engages, or at a new law.
 
     \b
     forcebound replay run.mcap law:=none
@@ -164,7 +172,7 @@ def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
         if found.difference:
             show(f"first difference: {found.difference}")
         if found.unknown:
-            show(f"not verified: {found.unknown} ticks before the force engaged, see --help")
+            show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
         if found.verified + found.unknown < found.ticks:
             show("a tick is missing from the recording; what follows it cannot be verified")
         show(

@@ -85,6 +85,20 @@ class PlacedFile(ABC):
     def scene(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw."""
 
+    def drawn(self, shape: Literal["mesh", "points"], digest: str) -> tuple[SceneObject, ...]:
+        """Return the file at its place, to draw, under the name of its shape."""
+        return (
+            SceneObject(
+                name=shape,
+                shape=shape,
+                position=self.position,
+                orientation=self.rotation,
+                size=(self.unit or 1.0,),
+                file=str(self.path),
+                digest=digest,
+            ),
+        )
+
     def open(self, axes: int) -> OpenTouchable:
         """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
         return OpenTouchable(self, axes)

@@ -18,10 +18,10 @@ from forcebound.messages.packets import TOPIC_OF, Contact, DeviceState, Environm
 class RecordedEnvironment:
     """Answers again what an environment in a recording answered, wherever the hand is now.
 
-    Of a question it takes the time alone, and answers as the recorded state was answered whose time
-    since the force engaged is nearest; before the first and after the last one with zero force. A
-    force or a proxy that does not depend on where the hand is can give energy to it: such an
-    environment is not passive, and only the law at the device keeps the hand safe.
+    It looks at the time alone, which counts from when the force engaged, or from the recording's
+    beginning if that is later. The answer is that to the recorded state nearest in time; before the
+    first and after the last one it is zero force. Forces that do not depend on where the hand is
+    can give it energy: such an environment is not passive, and only the law bounds it.
 
     Axes that the recording lacks get no force; those that the device lacks are left out, and the
     contact with them.
@@ -112,6 +112,8 @@ class _Reply(msgspec.Struct):
 def _answers(file: Path) -> tuple[tuple[float, ...], tuple[_Answer, ...]]:
     """Return the times of the answered states, in s since the force engaged, and the answers.
 
+    If the recording begins later than that, the times count from its beginning.
+
     Raises:
         ConfigError: As :meth:`RecordedEnvironment.check_files`.
     """
@@ -145,11 +147,13 @@ def _read(file: Path, version: tuple[int, int]) -> tuple[tuple[float, ...], tupl
 def _by_time(states: list[_State], replies: list[_Reply]) -> dict[float, _Answer]:
     """Return the answers by the time of the state; empty if no force engaged."""
     times: dict[tuple[int, int], float] = {}
+    start = states[0].elapsed if states else 0.0
     last = 0.0
     for state in states:
         if state.elapsed < last:
             break  # the device was lost, and begins anew
-        last = times[state.seq, state.time_ns] = state.elapsed
+        last = state.elapsed
+        times[state.seq, state.time_ns] = last - start
     answers = {}
     for reply in replies:
         time = times.get((reply.device_seq, reply.device_time_ns))

@@ -11,7 +11,7 @@ law it shows how they would answer somebody who pulls towards where that person 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -33,6 +33,8 @@ class _Launch(msgspec.Struct):
 
 
 class _Tick(msgspec.Struct):
+    seq: int
+    deadline_misses: int
     elapsed: float
     position: tuple[float, ...]
     true_position: tuple[float, ...] | None = None
@@ -41,6 +43,8 @@ class _Tick(msgspec.Struct):
 
 def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     """Return the times, in s since the force engaged, and the places, in m, of a recorded hand.
+
+    If the recording begins later than that, the times count from its beginning.
 
     Raises:
         ConfigError: If the file cannot be read, or holds no tick with an engaged force.
@@ -53,10 +57,21 @@ def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
             elif content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
                 hand = launch.operator or hand
-    path = dict(_path(_engaged(ticks), hand))
+    start = began(ticks)
+    path = {time - start: place for time, place in _path(_engaged(ticks), hand)}
     if not path:
         raise ConfigError(f"{file} has no tick with an engaged force: no path to follow")
     return tuple(path), tuple(path.values())
+
+
+def began(ticks: Sequence[_Tick | Telemetry]) -> float:
+    """Return when recorded ticks begin, in s since the force engaged; 0: with the run, or before.
+
+    A run begins with its first tick, the elapsed time of which is up to a period.
+    """
+    if not ticks or ticks[0].seq == ticks[0].deadline_misses:
+        return 0.0
+    return ticks[0].elapsed
 
 
 def _engaged(ticks: list[_Tick]) -> Iterator[_Tick]:

@@ -2,9 +2,9 @@
 
 What can be fed from the recording in place of the graph's own:
 
-* ``hand``: a hand whose path is a function of time already repeats itself. Any other (a pointer, a
-  person on hardware, none) becomes one that follows the recorded path; see
-  :mod:`forcebound.operators.recorded_path`.
+* ``hand``: a hand whose path is a function of time already repeats itself, from its beginning. Any
+  other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
+  that follows the recorded path; see :mod:`forcebound.operators.recorded_path`.
 * ``network``: the recorded delays and losses of each link, in place of those of links and
   environment; see :func:`forcebound.config.traces.hop_delays`.
 * ``environment``: the recorded replies, whatever the hand does; see
@@ -28,6 +28,7 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.nodes.servo import ServoSettings
+from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
 
 FEEDS = ("hand", "network", "environment")
@@ -59,7 +60,7 @@ def graph_of(
         if "environment" in feeds:
             _feed_environment(document, file)
         if "hand" in feeds:
-            _feed_hand(document, file)
+            _feed_hand(document, file, began(_ticks(recording)) > 0.0)
     named = {_set(document, setting) for setting in settings}
     if "environment" in feeds and "environment" in named:
         raise ConfigError("environment:=KIND and --environment exclude each other: give one")
@@ -89,11 +90,14 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
     """Return for how long the force was engaged in a recording, in s."""
-    packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
-    ends = [packet.elapsed for packet in packets]
-    longest = max(ends, default=0.0)
+    ticks = _ticks(recording)
+    longest = max((tick.elapsed for tick in ticks), default=0.0) - began(ticks)
     period = config.device.servo.period_ns * 1e-9
     return (longest // period + 1.0) * period
+
+
+def _ticks(recording: Recording) -> list[Telemetry]:
+    return cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
 
 
 def _document(recording: Recording) -> dict[str, Any]:
@@ -125,9 +129,9 @@ def _drop_from_phases(document: dict[str, Any], fed: str) -> None:
         phase["set"] = {k: value for k, value in phase["set"].items() if not re.match(fed, k)}
 
 
-def _feed_hand(document: dict[str, Any], file: str) -> None:
+def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
     hand = document.get("operator", {})
-    if hand and hand["kind"] != "pointer":
+    if hand and hand["kind"] != "pointer" and not is_part:
         return
     kept = {name: hand[name] for name in ("mass", "stiffness", "damping") if name in hand}
     document["operator"] = {"kind": "trajectory", "file": file, **kept}
