@@ -84,23 +84,23 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
 
 _OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
 
-_overwrite_option = click.option(
+overwrite_option = click.option(
     "--overwrite",
     is_flag=True,
-    is_eager=True,  # evaluated before --record, in any order on the command line
+    is_eager=True,  # evaluated before the recording's name, in any order on the command line
     expose_value=False,
     callback=lambda context, _, wanted: context.meta.update({_OVERWRITE: wanted}),
-    help="Let --record replace an existing recording.",
+    help="Replace an existing recording.",
 )
 
-_record_option = file_option(
-    "--record", callback=_recording, metavar="RUN.mcap", help="Record the run in this file."
-)
+#: An option that gives the checked path of a recording to write; needs `overwrite_option`, too.
+recording_option = partial(file_option, callback=_recording, metavar="RUN.mcap")
 
 
 def record_option(command: Callable[P, None]) -> Callable[P, None]:
     """Add ``--record`` and ``--overwrite``; the command gets the checked path of the first only."""
-    return _record_option(_overwrite_option(command))
+    option = recording_option("--record", help="Record the run in this file.")
+    return option(overwrite_option(command))
 
 
 topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)

@@ -28,11 +28,13 @@ from forcebound.cli.common import (
     table_of,
 )
 from forcebound.cli.view import check_tornado
+from forcebound.ending import end
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
+PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
 
 _OPTIONS = (
     click.argument("file", shell_complete=complete.launch_files),
@@ -94,8 +96,7 @@ def _page() -> Iterator[None]:
     try:
         yield
     finally:
-        page.terminate()
-        page.wait()
+        end(page, PAGE_PATIENCE)
 
 
 @click.command(short_help="Run a launch file in virtual time.")
