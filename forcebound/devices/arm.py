@@ -54,6 +54,7 @@ class ArmBody:
         self._joints[ANGLE] = angles
         self._inputs = np.zeros((3, axes))
         self._from, self._to, self._told = self._inputs
+        self._input_view = self._inputs.data
         self._set_inputs = Struct(f"{3 * axes}d").pack_into  # numpy takes longer to set a number
         self._muscle = np.zeros(axes)
         self._energy = 0.0
@@ -87,7 +88,7 @@ class ArmBody:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
             self._plant[FRICTION:] = share * self._sound
-        self._set_inputs(self._inputs, 0, *target, *target_end, *told)
+        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
         self._energy += self._advance(
             self._joints,
             self._plant,

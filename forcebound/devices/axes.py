@@ -130,7 +130,7 @@ class AxesBody:
         # numpy takes longer to set or get a number
         self._set_inputs = Struct(f"{self._inputs.size}d").pack_into
         self._get_row = Struct(f"{axes}d").unpack_from
-        self._rows = list(self._state)
+        self._rows, self._input_view = [row.data for row in self._state], self._inputs.data
         self._advance = jit(advance_axes)
         # Compile, or load from the cache, before time matters.
         unmoved = self._state.copy()
@@ -151,7 +151,7 @@ class AxesBody:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._state[X].tolist())
             self._plant[FRICTION : PRESLIDING + 1] = share * self._sound
-        self._set_inputs(self._inputs, 0, *target, *target_end, *told)
+        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
         self._energy = self._advance(
             self._state,
             self._inputs,

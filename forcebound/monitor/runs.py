@@ -60,13 +60,12 @@ def find(
     known = running(folders)
     if run is None:
         return _only(known, of_graph, option)
-    if not run.exists():
-        named = {path: one for path, one in known.items() if _is_named(one, str(run))}
-        if named:
-            return _only(named, of_graph, option)
     run_dir = _real(run)
     document = _document(run_dir)  # the directory may lie elsewhere
     if document is None:
+        named = {path: one for path, one in known.items() if _is_named(one, str(run))}
+        if named:
+            return _only(named, of_graph, option)
         others = f"these are:{_list(known)}" if known else "none runs"
         raise ConfigError(
             f"{run} is not the run directory of a running graph, nor its launch file; {others}"

@@ -18,7 +18,8 @@ const MOST_EVENTS = 200;
 
 let socket = null;
 let request = 0;
-let isOver = false;
+let isOver = false; // the graph has ended
+let isClosed = false; // so has the server
 let mayChange = false;
 let heard = performance.now(); // ms, when the last frame came
 
@@ -53,6 +54,8 @@ const plots = [
 const takes = {
   hello(message) {
     mayChange = message.may_change;
+    isOver = false;
+    heard = performance.now();
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap where nothing was heard
@@ -99,9 +102,14 @@ const takes = {
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
+  recording(message) { controls.recording(message); },
   over() {
     isOver = true;
-    say("the graph has ended; a new one has a page, and an address, of its own", false);
+    say("the graph has ended; the page shows the next one as soon as it runs", false);
+  },
+  closed() {
+    isClosed = true;
+    say("this page has ended; `forcebound view` opens a new one", false);
   },
 };
 
@@ -116,7 +124,7 @@ function hintOf({ may_change, hand, axes }) {
 function say(words, isWell) {
   if ($("state").textContent !== words) $("state").textContent = words;
   document.body.classList.toggle("is-away", !isWell);
-  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver;
+  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
@@ -183,7 +191,7 @@ function connect() {
     takes[message.type]?.(message);
   });
   socket.addEventListener("close", () => {
-    if (isOver) return;
+    if (isClosed) return;
     say("not connected; trying again", false);
     setTimeout(connect, AGAIN);
   });
