@@ -105,11 +105,11 @@ class Server:
         if message["type"] == "event" and message["event"] == LAW_CHANGED:
             self.controls.law = message["data"]["law"]
 
-    def _pointed(self, stamp: Any) -> None:
-        """Tell a page that the device has taken its place."""
-        if isinstance(stamp, tuple):
-            page, number = stamp
-            page.tell(json.dumps({"type": "taken", "stamp": number}))
+    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
+        """Tell a page that the device has taken its place, and the times of it, in s."""
+        page, own, heard = stamp
+        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
+        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
 
     def newcomer(self) -> list[dict[str, Any]]:
         """Return what a page is told first."""
@@ -240,7 +240,8 @@ class _Page(tornado.websocket.WebSocketHandler):
         if not self._may_change:
             self._answer(wanted, "this page may only look")
         elif do == "point":
-            self._server.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
+            stamp = self, wanted.get("stamp"), time.monotonic()
+            self._server.pointer.point(wanted.get("target"), stamp)
         else:
             self._server.workers.submit(self._act, wanted)
 
