@@ -39,8 +39,18 @@ class Written(NamedTuple):
     cut: tuple[int, Vector] | None  # of the force before: when, in ns, and the reading then
 
 
+class _Met(NamedTuple):
+    """What the bounders of all laws have met since the force engaged."""
+
+    overruns: int = 0
+    refused_readings: int = 0
+    late_writes: int = 0
+    largest_allowance: float = 0.0  # J
+    allowance_repaid: bool = True
+
+
 class BoundedDevice:
-    """A device whose every force is bounded.
+    """A device whose every force is bounded, and zero before :meth:`begin`.
 
     Args:
         device: Open, without force.
@@ -51,6 +61,7 @@ class BoundedDevice:
 
     Attributes:
         bounder: Of this device.
+        law: Its law.
         learns: Whether the hold limit does follow the lateness.
     """
 
@@ -80,27 +91,47 @@ class BoundedDevice:
         self._is_fixed = learns and not self.learns
         if self._is_fixed:
             self._use_limit = FIXED * dissipation.period
-        dissipation = replace(dissipation, hold_limit=self._use_limit)
-        self.bounder = ForceBounder(law, dissipation, device.axes)
         self._zero: Vector = (0.0,) * device.axes
-        self._write_ns: int | None = None
         self._applied = self._zero  # by the motors
-        self.begin()
+        self._has_begun = False
+        self._write_ns: int | None = None
+        self._begin_ledger(law)
+        self._start_counting()
 
     def begin(self) -> None:
-        """Count and learn from now on: the force engages. With no force held, the ledger begins."""
+        """Count and learn from now on: the force engages, and the ledger begins."""
+        self._has_begun, self._write_ns = True, None
+        self._start_counting()
+
+    def _start_counting(self) -> None:
         self._hold_limit.restart()
         if self.learns:
             self._change_limit()
-        if not any(self._applied):
-            self._write_ns = None
-            self.bounder.overruns = self.bounder.refused_readings = self.bounder.late_writes = 0
-        self._overruns = self.bounder.overruns
-        self._refused = self.bounder.refused_readings
-        self._late_writes = self.bounder.late_writes
+        self._met_before = _Met()  # by the bounders of former laws
         self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
         self._longest = 0.0
+
+    def change_law(self, law: str) -> None:
+        """Begin a new ledger under another law; only while :attr:`holds_force` is false."""
+        self._met_before = self._met()
+        self._begin_ledger(law)
+
+    def _begin_ledger(self, law: str) -> None:
+        self.law = law
+        limited = replace(self._dissipation, hold_limit=self._use_limit)
+        self.bounder = ForceBounder(law, limited, len(self._zero))
+        self._write_ns = None
+
+    @property
+    def holds_force(self) -> bool:
+        """Whether the motors hold a force."""
+        return any(self._applied)
+
+    @property
+    def refused_readings(self) -> int:
+        """Readings that were not believed since :meth:`begin`."""
+        return self._met_before.refused_readings + self.bounder.refused_readings
 
     def read(self, time_ns: int) -> Vector:
         """Return the position of the tip, in m, for a state."""
@@ -149,7 +180,8 @@ class BoundedDevice:
         self._held += self._use_limit
         self._longest = max(self._longest, self._use_limit)
         interval_ns = 0 if self._write_ns is None else write_ns - self._write_ns
-        self._write_ns = write_ns
+        if self._has_begun:
+            self._write_ns = write_ns
         if self.learns and self._hold_limit.observe(interval_ns):
             self._change_limit()
         if kinematics is None:
@@ -183,17 +215,22 @@ class BoundedDevice:
         ``largest_allowance``: the most that late holds can have leaked, in J, and
         ``allowance_repaid``.
         """
-        bounder = self.bounder
         return {
-            "overruns": bounder.overruns - self._overruns,
+            **self._met()._asdict(),
             "hold_limit": self._held / self._writes if self._writes else self._use_limit,
             "longest_hold_limit": self._longest or self._use_limit,
-            "refused_readings": bounder.refused_readings - self._refused,
-            "late_writes": bounder.late_writes - self._late_writes,
             "longest_write_delay": self._longest_delay_ns * 1e-9,
-            "largest_allowance": bounder.largest_allowance,
-            "allowance_repaid": bounder.allowance_repaid,
         }
+
+    def _met(self) -> _Met:
+        before, bounder = self._met_before, self.bounder
+        return _Met(
+            before.overruns + bounder.overruns,
+            self.refused_readings,
+            before.late_writes + bounder.late_writes,
+            max(before.largest_allowance, bounder.largest_allowance),
+            before.allowance_repaid and bounder.allowance_repaid,
+        )
 
     def _change_limit(self) -> None:
         """Use the learned limit, and more where the watchdog may cut before it."""

@@ -14,7 +14,6 @@ import json
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple
 
@@ -87,11 +86,7 @@ class DeviceNode(Node):
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         learns = servo.hold_limit == "auto"
-        self._under = partial(
-            BoundedDevice, device, dissipation=dissipation, learns=learns, clock=clock
-        )
-        self._law = servo.law
-        self._bounded = self._under(self._law)
+        self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
         self._next_law: str | None = None  # to be taken as soon as no force is held
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
@@ -160,7 +155,7 @@ class DeviceNode(Node):
         return {
             "rejected": dict(self._chain.rejected),
             "engaged": self.is_engaged,
-            "law": self._law,
+            "law": self._bounded.law,
             "deadline_misses": self.deadline_misses,
             "bounder": self._bounded.report(),
         }
@@ -181,6 +176,7 @@ class DeviceNode(Node):
             if not isinstance(law, str) or not LAWS.is_shipped(law):
                 return {"error": f"law: expected one of {', '.join(sorted(LAWS))}, got {law!r}"}
             self._next_law = law
+            self._chain.disengage()
             return {"law": law}
         return self._point(request.get("target")) if wanted == "point" else None
 
@@ -232,7 +228,7 @@ class DeviceNode(Node):
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
                 packets += self._describe(time_ns)
-            if self._next_law is not None and not any(self._applied):
+            if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
             return packets
         return [self._sample(time_ns)]
@@ -271,15 +267,12 @@ class DeviceNode(Node):
 
     def _write(self, time_ns: int) -> Telemetry:
         chain = self._chain
-        is_engaged = self.is_engaged
-        if self._next_law is not None:
-            chain.disengage()
-        gives = is_engaged and self._next_law is None
+        gives = self.is_engaged and self._next_law is None
         commanded = chain.force(time_ns) if gives else self._zero
         written = self._bounded.write(time_ns, commanded, chain.engagement)
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
-        answered = chain.answered_tick if is_engaged else None
+        answered = chain.answered_tick if gives else None
         truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
@@ -311,9 +304,8 @@ class DeviceNode(Node):
 
     def _change_law(self, law: str, time_ns: int) -> Event:
         """Begin a new ledger under another law; no force is held."""
-        self._next_law, self._law = None, law
-        self._bounded = self._under(law)
-        self._bounded.begin()
+        self._next_law = None
+        self._bounded.change_law(law)
         self._overload = Overload(self._period_ns)  # the ticks that the loading costs are no news
         return self.events.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
 
@@ -335,7 +327,7 @@ class DeviceNode(Node):
         is_answered = self._chain.answered_tick is not None
         if self._is_answered != is_answered and time_ns >= self._next_event_ns:
             events.append(self._describe_answers(time_ns))
-        refused = self._bounded.bounder.refused_readings
+        refused = self._bounded.refused_readings
         if refused > self._refused_readings and time_ns >= self._next_refusal_ns:
             self._refused_readings = refused
             self._next_refusal_ns = time_ns + REFUSAL_INTERVAL_NS

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.messages.packets import Telemetry
+from forcebound.messages.packets import EnvironmentQuery, Telemetry
 
 MS = 1_000_000  # ns
 
@@ -83,3 +83,8 @@ def telemetry_packet(tick: int = 0, **fields: Any) -> Telemetry:
         "rejected": {},
     }
     return Telemetry(**usual | fields)
+
+
+def query(seq: int, position: float = 0.011) -> EnvironmentQuery:
+    """Return the query of a controller about the state of its millisecond, on one axis (m)."""
+    return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,), None)

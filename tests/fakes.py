@@ -1,6 +1,7 @@
 """Small stand-ins that tests pass in."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import Dissipation
@@ -9,16 +10,19 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.truth import Truth
 from forcebound.environments import EnvironmentModel
 from forcebound.environments.wall import Wall
+from forcebound.messages.codec import encode
 from forcebound.messages.packets import DeviceState, ForceCommand, Packet, Vector
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link, link_seed
+from forcebound.network.sockets import Network
 from forcebound.nodes import Node
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.pressing import PressingHand
+from forcebound.process import topic_endpoint
 from forcebound.simulation import Simulation
 
 DISSIPATION = Dissipation(
@@ -94,3 +98,13 @@ def press(
     device.engage()
     simulation.run(round(seconds * 1e9))
     return packets
+
+
+class Sender:
+    """Publishes by hand on one topic."""
+
+    def __init__(self, network: Network, run_dir: Path, topic: str) -> None:
+        self._publisher = network.publisher(topic_endpoint(run_dir, topic))
+
+    def send(self, data: Packet | bytes) -> None:
+        self._publisher.send(data if isinstance(data, bytes) else encode(data))

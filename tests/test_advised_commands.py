@@ -24,6 +24,7 @@ NO_SENTENCES = {
     "network/notices.py",
     "audit/command.py",
     "audit/report.py",
+    "cli/check.py",
     "config/schema.py",
     "experiments/report.py",
     "experiments/setup.py",
@@ -79,6 +80,16 @@ ADVICE = sorted(
 )
 
 
+def commands(group: click.Group, path: str = "") -> Iterator[tuple[str, click.Command]]:
+    """Give each command that is no group of others, or does something by itself, by its words."""
+    for name, command in group.commands.items():
+        inner = f"{path} {name}".strip()
+        if isinstance(command, click.Group):
+            yield from commands(command, inner)
+        if not isinstance(command, click.Group) or command.invoke_without_command:
+            yield inner, command
+
+
 def parse(words: list[str], is_whole: bool) -> None:
     """Parse a command as it comes from the shell, without doing it."""
     command: click.Command = main
@@ -114,6 +125,14 @@ def test_a_command_that_the_doctor_advises_is_one_that_there_is(command: str) ->
 @pytest.mark.parametrize(("page", "command"), PAGES)
 def test_a_command_on_a_page_is_one_that_there_is(page: str, command: str) -> None:
     parse(shlex.split(command, comments=True), is_whole=True)
+
+
+@pytest.mark.parametrize(("path", "command"), list(commands(main)))
+def test_the_help_of_each_command_has_examples(path: str, command: click.Command) -> None:
+    examples = re.findall(rf"^ *forcebound ({path}\b[^>\n]*)", str(command.help), re.MULTILINE)
+    assert examples
+    for example in examples:
+        parse(shlex.split(example), is_whole=True)
 
 
 @pytest.mark.parametrize("wrong", ["param list links.x", "doctor --all", "parm list", "delay a b"])

@@ -100,7 +100,38 @@ class Arm(Silent):
 
 
 def bounded(device: Silent, law: str = "none", learns: bool = True) -> BoundedDevice:
-    return BoundedDevice(device, law, DISSIPATION, learns)
+    made = BoundedDevice(device, law, DISSIPATION, learns)
+    made.begin()
+    return made
+
+
+def test_no_force_before_it_engages_whatever_is_commanded() -> None:
+    device = Silent()
+    node = BoundedDevice(device, "none", DISSIPATION, learns=False)
+    for tick in range(3):
+        assert node.write(tick * MS, (2.0,), 1.0).applied == (0.0,)
+    node.begin()
+    forces = [node.write(tick * MS, (2.0,), 1.0).applied for tick in range(3, 6)]
+    assert forces == [(0.0,), (2.0,), (2.0,)]  # the ledger begins with the first
+
+
+def test_another_law_begins_a_new_ledger_and_keeps_what_the_last_one_has_met() -> None:
+    device = Silent()
+    node = bounded(device, "certified")
+    for tick in range(20):
+        device.position = (math.nan,) if tick % 5 == 4 else (1e-4 * tick,)
+        node.write((2 * tick if tick > 10 else tick) * MS, (0.0,), 1.0)
+    before = node.report()
+    assert (before["overruns"], before["refused_readings"]) == (9, 4)
+    assert node.bounder.estimated_energy > 0.0
+    node.change_law("certified_memoryless")
+    device.position = (2e-3,)
+    node.write(60 * MS, (0.0,), 1.0)
+    assert node.bounder.estimated_energy == 0.0
+    assert node.report() == {**before, "hold_limit": pytest.approx(before["hold_limit"])}
+    device.position = (math.nan,)
+    node.write(61 * MS, (0.0,), 1.0)
+    assert node.report()["refused_readings"] == node.refused_readings == 5
 
 
 def test_a_hold_limit_that_the_device_cannot_change_is_told() -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from builders import MS
+from builders import MS, query
 from fakes import press
 from launch_texts import GOOD, problems_of, written
 
@@ -19,7 +19,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_node
 from forcebound.launch.links import build_links
-from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
+from forcebound.messages.packets import EnvironmentReply, Telemetry
 from forcebound.network.chances import Chances, Draws
 from forcebound.network.computation import ComputationTime
 from forcebound.network.impairment import Impairment
@@ -28,19 +28,6 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.simulation import Simulation
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.timing import timing_of
-
-
-def query(seq: int) -> EnvironmentQuery:
-    return EnvironmentQuery(
-        seq=seq,
-        time_ns=seq * MS,
-        device_seq=seq,
-        device_time_ns=seq * MS,
-        elapsed=0.0,
-        position=(0.02,),
-        velocity=(0.0,),
-        environment=None,
-    )
 
 
 def test_by_default_a_computation_takes_no_time() -> None:

@@ -9,6 +9,7 @@ from forcebound.analysis.contact import (
     BOUNCE_EXCURSION,
     count_bounces,
     extended_rate_hardness,
+    final_speed,
     limit_cycle_amplitude,
     rate_hardness,
     settling,
@@ -72,3 +73,27 @@ def test_repeated_readings_do_not_change_the_bounces() -> None:
     path = np.array([0.0, 1.0, 1.0, 0.5, 0.5, 0.5, 1.2, 1.2]) * 10 * BOUNCE_EXCURSION
     assert count_bounces(path) == 2
     assert count_bounces(path[:0]) == 0
+
+
+@pytest.mark.parametrize("periods", [1, 7])
+def test_an_oscillation_turns_twice_a_period(periods: int) -> None:
+    phase = np.linspace(0.0, 2.0 * math.pi * periods, 1000)
+    assert count_bounces(0.001 * np.sin(phase)) == 2 * periods
+
+
+def test_a_turn_counts_from_its_excursion_on() -> None:
+    for factor, bounces in [(0.99, 0), (1.01, 1)]:
+        there_and_back = np.array([0.0, 0.001, 0.001 - factor * BOUNCE_EXCURSION])
+        assert count_bounces(there_and_back) == bounces
+
+
+def test_an_encoder_that_chatters_does_not_turn() -> None:
+    chatter = 3e-5 * (np.arange(1000) % 2)
+    assert count_bounces(np.linspace(0.0, 0.004, 1000) + chatter) == 0
+
+
+def test_the_final_speed_is_the_rms_speed_of_the_last_half_second() -> None:
+    time = np.linspace(0.0, 2.0, 2001)
+    position = 0.001 * np.sin(2.0 * math.pi * 10.0 * time)[:, np.newaxis]
+    expected = 0.001 * 2.0 * math.pi * 10.0 / math.sqrt(2.0)
+    assert final_speed(time, position) == pytest.approx(expected, rel=1e-3)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from builders import telemetry_packet
 from live_graph import LiveGraph, live_graph
+from run_starts import running
 from test_emulators_live import program
-from test_lifecycle import running
 from waiting import until
 
 from forcebound.devices.truth_file import SUFFIX, TruthFile

@@ -8,7 +8,7 @@ from launch_texts import problems_of, written
 
 from forcebound.config.loader import load
 from forcebound.config.resolved import restore, to_document
-from forcebound.environments import open_environment
+from forcebound.environments import change_environment, open_environment
 from forcebound.environments.contract import check
 from forcebound.environments.fixtures import (
     Fixtures,
@@ -18,10 +18,12 @@ from forcebound.environments.fixtures import (
     WithFixtures,
     WorkspaceLimit,
 )
+from forcebound.environments.proxy_adversary import HoledWall
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.geometry.vectors import Vector3
 from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import Contact
 
 STILL = (0.0, 0.0, 0.0)
 PLANE = GuidancePlane(point=(0.0, 0.0, 0.01), normal=(0.0, 0.0, 2.0), stiffness=400.0, reach=0.02)
@@ -87,7 +89,18 @@ def test_fixtures_beside_a_wall_add_to_its_force() -> None:
     here: Vector3 = (0.02, 0.005, 0.0)
     more = ALL.force(here, STILL)
     assert opened.force(here[:2], (0.0, 0.0), 1.0) == pytest.approx((2.0 + more[0], more[1]))
-    assert not hasattr(opened, "contact")  # a wall tells none
+    assert getattr(opened, "contact", None) is None  # a wall tells none
+
+
+def test_an_environment_that_is_opened_anew_tells_its_own_contact() -> None:
+    behind = (0.02, 0.0, 0.0)
+    opened = open_environment(WithFixtures(HoledWall(holes=0.0), ALL), 3)
+    opened.force(behind, STILL, 1.0)
+    change_environment(opened, WithFixtures(HoledWall(holes=0.0, position=0.015), ALL), 3)
+    opened.force(behind, STILL, 1.0)
+    contact = getattr(opened, "contact", None)
+    assert contact is not None
+    assert contact() == Contact((0.015, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
 
 FILE = """

@@ -27,8 +27,8 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing
 from forcebound.monitor.bridges import frames, serve_plotjuggler
-from forcebound.monitor.delay import Measured
-from forcebound.monitor.streams import SHARES, Stream, check_fields, topic_named
+from forcebound.monitor.delay import SHARES, Measured
+from forcebound.monitor.streams import Stream, check_fields, topic_named
 from forcebound.network.trace import DelayTrace
 
 MS = 1_000_000
@@ -228,16 +228,16 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         assert len(rows.splitlines()) == 4
         [line] = look("echo", "device_state", "--json", "--count", "1").stdout.splitlines()
         assert json.loads(line)["elapsed"] > 0.0
-        links = json.loads(look("delay", "--links", "--duration", "500ms", "--json").stdout)
-        hops = links["links_ms"]
+        links = look("delay", "stiff_wall", "--links", "--duration", "500ms", "--json")
+        hops = json.loads(links.stdout)["links_ms"]
         assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
-        assert "running" in look("top", "--duration", "100ms").stdout
+        assert json.loads(look("top", "--duration", "100ms", "--json").stdout)["core"] is not None
         assert look("param", "get", "device.law").stdout == "device.law: certified\n"
 
         check_bridge(graph.run_dir)
         check_foxglove(graph.run_dir)
 
-        look("outage", "10 s")
+        assert json.loads(look("outage", "10 s", "--json").stdout)["duration_s"] == 10.0
         graph.until(lambda: "zero force" in graph.log, "the end of the force")
         graph.wait_until_released()
     refused = CliRunner().invoke(main, ["hz", "--run", "stiff_wall"])

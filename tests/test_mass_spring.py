@@ -3,9 +3,13 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from forcebound.analysis.plots import figure
+from forcebound.analysis.summary import summarize
 from forcebound.config.loader import load
+from forcebound.config.resolved import to_document
 from forcebound.environments import Environment
 from forcebound.environments.mass_spring import MassSpring
 from forcebound.launch.virtual import run_virtual
@@ -55,6 +59,20 @@ def test_new_stiffness_leaves_the_slab_where_it_is() -> None:
     assert held(slab, 0.022, 3.0, 3.0)[-1] == pytest.approx(
         0.012 * 600.0 * 2000.0 / 2600.0, rel=1e-3
     )
+
+
+def test_figures_and_pictures_are_those_of_the_face_where_it_is() -> None:
+    config = load("push_mass", ["law:=none"])
+    columns, document = run_virtual(config).columns, to_document(config)
+    figures = summarize(columns, document)
+    force = columns.applied_force[-1, 0]  # 2.9 N: the face has gone by 10 mm
+    assert figures["displayed_stiffness_n_per_m"] == pytest.approx(2000.0, rel=1e-3)
+    assert figures["penetration_at_rest_m"] == pytest.approx(force / 2000.0, rel=0.01)
+    assert figures["wall_error_rms_n"] < 0.05
+    lines = {line.get_label(): line for line in figure([("", columns, document)]).axes[0].lines}
+    assert "surface" not in lines
+    proxy = np.asarray(lines["proxy"].get_ydata(), float)
+    assert proxy[-1] == pytest.approx(10.0 + 1e3 * force / 300.0, rel=0.01)
 
 
 def test_a_hand_pushes_it_and_both_come_to_rest() -> None:

@@ -2,73 +2,20 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from builders import telemetry_packet
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import AxLine, Line2D
 from msgspec.structs import replace
-from numpy.typing import NDArray
+from plotted import WALL, drawn, panel, run_of, slopes, telemetry
 
-from forcebound.analysis.panels import PANELS, Run
+from forcebound.analysis.panels import PANELS
 from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Event, Telemetry
 from forcebound.nodes.events import PHASE_BEGINS, EventLog
-from forcebound.telemetry import TelemetryColumns
-
-WALL = 0.010  # m
-
-
-def telemetry(ticks: int = 200, swing: float = 0.0, energy: float = 0.005) -> list[Telemetry]:
-    """Return a hand that presses 2 mm into a wall, or swings about it with ``swing`` (m)."""
-    run = []
-    for tick in range(ticks):
-        elapsed = tick * 1e-3
-        position = min(0.2 * elapsed, WALL + 0.002) + swing * math.sin(60.0 * elapsed)
-        commanded = max(10_000.0 * (position - WALL), 0.0)
-        run.append(
-            telemetry_packet(
-                tick,
-                position=(position,),
-                commanded_force=(min(commanded, 8.5),),
-                applied_force=(min(commanded, 2.0),),
-                force_limit=2.0,
-                estimated_energy=0.9 * energy * elapsed,
-                true_energy=energy * elapsed,
-                true_position=(position + 1e-5,),
-                hand_force=(0.0,),
-            )
-        )
-    return run
-
-
-def run_of(packets: list[Telemetry], label: str = "bounded", law: str = "certified") -> Run:
-    environment = {"kind": "wall", "position": WALL, "stiffness": 10_000.0}
-    document = {"device": {"law": law}, "environment": environment}
-    return label, TelemetryColumns.from_packets(packets), document
-
-
-def panel(drawing: Figure, row: int, column: int = 0, columns: int = 1) -> Axes:
-    return drawing.axes[row * columns + column]
-
-
-def drawn(axes: Axes) -> dict[str, NDArray[np.float64]]:
-    """Return the y data of the lines, by label."""
-    return {str(line.get_label()): np.asarray(line.get_ydata()) for line in axes.lines}
-
 
 # --- The data ------------------------------------------------------------------------------------
-
-
-def slopes(lines: Sequence[Line2D]) -> list[float]:
-    found = [line.get_slope() for line in lines if isinstance(line, AxLine)]
-    return [slope for slope in found if slope is not None]
 
 
 def test_the_lines_are_the_columns_in_everyday_units() -> None:
@@ -234,89 +181,6 @@ def test_a_wall_that_only_pushes_hides_the_empty_half_of_the_bound() -> None:
     assert 0.0 < high < -0.1 * low
     both = [replace(p, applied_force=(-1.0,)) for p in telemetry()]
     assert panel(figure([run_of(both)]), 1).get_ylim()[0] < -1.9
-
-
-# --- What the environment was at that time -------------------------------------------------------
-
-
-def moved(values: dict[str, str], tick: int = 100) -> list[Event]:
-    return [EventLog("environment").emit(1_000_000 * tick, "parameter_set", "", values)]
-
-
-def test_a_surface_that_is_moved_is_drawn_where_it_was() -> None:
-    events = [moved({"environment.position": "0.011", "links.force_command.delay": "0.02"})]
-    drawing = figure([run_of(telemetry())], ["position", "force_over_penetration"], events)
-    surface = drawn(drawing.axes[0])["surface"]
-    assert surface[:100].tolist() == [10.0] * 100
-    assert surface[100:].tolist() == [11.0] * 100
-    _, applied = drawing.axes[1].lines
-    depth = np.asarray(applied.get_xdata(), dtype=float)
-    expected = run_of(telemetry())[1].position[:, 0] * 1e3 - surface
-    np.testing.assert_allclose(depth, expected, atol=1e-12)
-
-
-def test_a_wall_that_changes_has_a_line_for_each_of_its_stiffnesses() -> None:
-    events = [moved({"environment.stiffness": "4000.0"})]
-    wall, soft, _ = sorted(
-        figure([run_of(telemetry())], ["force_over_penetration"], events).axes[0].lines,
-        key=lambda line: str(line.get_label()),
-        reverse=True,
-    )
-    assert [wall.get_label(), soft.get_label()] == ["wall, 4 N/mm", "wall, 10 N/mm"]
-    assert slopes([wall, soft]) == [4.0, 10.0]
-
-
-def test_a_phase_begins_with_the_launch_file_and_sets_its_own() -> None:
-    label, columns, document = run_of(telemetry())
-    phases = [{"name": "far", "set": {"environment.position": 0.02}}, {"name": "near", "set": {}}]
-    log = EventLog("launcher")
-    events = [
-        log.emit(0, PHASE_BEGINS, "", {"name": "far"}),
-        *moved({"environment.position": "0.03"}, 20),
-        log.emit(50_000_000, PHASE_BEGINS, "", {"name": "near"}),
-    ]
-    run = (label, columns, {**document, "phases": phases})
-    surface = drawn(figure([run], ["position"], [events]).axes[0])["surface"]
-    assert surface[[0, 19, 20, 49, 50, 199]].tolist() == [20.0, 20.0, 30.0, 30.0, 10.0, 10.0]
-
-
-def test_a_wall_whose_force_is_no_multiple_of_the_depth_has_no_line() -> None:
-    label, columns, document = run_of(telemetry())
-    wall = {**document["environment"], "exponent": 1.5}
-    axes = figure([(label, columns, {"environment": wall})], ["force_over_penetration"]).axes[0]
-    assert [line.get_label() for line in axes.lines] == ["applied"]
-
-
-def test_a_wall_that_stiffens_is_drawn_at_its_softest_and_stiffest() -> None:
-    label, columns, document = run_of(telemetry())
-    wall = {**document["environment"], "stiffness_rate": 10_000.0}
-    axes = figure([(label, columns, {"environment": wall})], ["force_over_penetration"]).axes[0]
-    np.testing.assert_allclose(slopes(axes.lines[:2]), [10.5, 12.0], rtol=0.01)
-
-
-def test_a_run_of_several_axes_says_what_it_shows() -> None:
-    packets = [
-        replace(
-            p,
-            position=(*p.position, 0.5),
-            commanded_force=(3.0, 4.0),
-            applied_force=(0.6, 0.8),
-            true_position=None,
-            hand_force=None,
-        )
-        for p in telemetry()
-    ]
-    drawing = figure([run_of(packets)], list(PANELS))
-    notes = [[text.get_text() for text in axes.texts] for axes in drawing.axes]
-    normal, magnitude = "along the normal", "magnitude over 2 axes"
-    assert notes == [[], [magnitude], [normal], [], [], [normal], [], []]
-    assert {"x", "y", "surface, x"} <= set(drawn(panel(drawing, 0)))
-    (band,) = panel(drawing, 1).collections
-    assert band.get_label() == "limit of the\nwhole vector"
-    forces = drawn(panel(drawing, 1))
-    assert set(forces["commanded"]) == {5.0}  # against the limit, which is one of the magnitude
-    np.testing.assert_allclose(forces["applied"], 1.0)
-    assert drawn(panel(drawing, 5))["applied"][0] == 0.6
 
 
 # --- Names and numbers from outside --------------------------------------------------------------

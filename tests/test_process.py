@@ -1,4 +1,4 @@
-"""The live runner, one turn at a time in this process, and the recorder's loop."""
+"""The live runner, one turn at a time in this process."""
 
 import os
 import signal
@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from builders import MS
-from fakes import DISSIPATION, FakeDevice, device_node
+from builders import MS, query
+from fakes import DISSIPATION, FakeDevice, Sender, device_node
 from waiting import PATIENCE, until
 
-from forcebound import process, realtime
 from forcebound.controllers.direct import DirectController
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
@@ -75,28 +74,10 @@ class BrokenServo(Node):
         self.stopped_ns = time_ns
 
 
-class ListSink:
-    """A recording in memory."""
-
-    def __init__(self) -> None:
-        self.packets: list[Packet] = []
-        self.flushes = 0
-
-    def write(self, packet: Packet) -> None:
-        self.packets.append(packet)
-
-    def flush(self) -> None:
-        self.flushes += 1
-
-
 @pytest.fixture
 def stop() -> Iterator[Stop]:
     with Stop() as stop:
         yield stop
-
-
-def query(seq: int, time_ns: int = 0) -> EnvironmentQuery:
-    return EnvironmentQuery(seq, time_ns or seq * MS, seq, seq * MS, 0.0, (0.0,), (0.0,), None)
 
 
 def runner(
@@ -107,16 +88,6 @@ def runner(
     links: Mapping[str, Link[Packet]] | None = None,
 ) -> Runner:
     return Runner(node, name, run_dir, links or {}, network)
-
-
-class Sender:
-    """Publishes by hand on one topic."""
-
-    def __init__(self, network: Network, run_dir: Path, topic: str) -> None:
-        self._publisher = network.publisher(topic_endpoint(run_dir, topic))
-
-    def send(self, data: Packet | bytes) -> None:
-        self._publisher.send(data if isinstance(data, bytes) else encode(data))
 
 
 def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
@@ -357,48 +328,6 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
         return all(heard.values())
 
     until(both, "query and command")
-
-
-class StopsAfter(ListSink):
-    """A recording that asks for the end when it has enough."""
-
-    def __init__(self, count: int, stop: Stop) -> None:
-        super().__init__()
-        self._count = count
-        self._stop = stop
-
-    def write(self, packet: Packet) -> None:
-        super().write(packet)
-        if len(self.packets) == self._count:
-            self._stop.request()
-
-
-def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
-    run_dir: Path, stop: Stop, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
-    sink = StopsAfter(1, stop)
-    with Network() as network:
-        sender = Sender(network, run_dir, "environment_query")
-        end = time.monotonic() + PATIENCE
-
-        def send_now(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
-            assert time.monotonic() < end, "the recorder heard nothing"
-            if not stop.requested:
-                sender.send(b"junk")
-                sender.send(query(1))
-            return real_wait(descriptors, timeout_ns)
-
-        real_wait = sockets.wait
-        monkeypatch.setattr(sockets, "wait", send_now)
-        topics = ["environment_query", "telemetry"]
-        streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics]
-        status = process.record(sink, "recorder", run_dir, streams, None, stop)
-    assert set(map(type, sink.packets)) == {EnvironmentQuery}
-    assert status["received"] == {"environment_query": len(sink.packets), "telemetry": 0}
-    assert status["waiting_for"] == ["telemetry"]
-    assert status["rejected"]["malformed"] >= 1
-    assert sink.flushes >= 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import pytest
-from builders import MS
+from builders import MS, query
 from waiting import free_port, until
 
 from forcebound.controllers.direct import DirectController
@@ -16,7 +16,6 @@ from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
-    EnvironmentQuery,
     EnvironmentReply,
     Event,
     ForceCommand,
@@ -161,11 +160,6 @@ def perfect(
     return runner, network.publisher(topic_endpoint(run_dir, "environment_query"))
 
 
-def query(seq: int) -> bytes:
-    zero = (0.0,)
-    return encode(EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, zero, zero, None))
-
-
 def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
     network: Network, run_dir: Path
 ) -> None:
@@ -178,7 +172,7 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
     def lost() -> bool:
         nonlocal seq
         seq += 1
-        publisher.send(query(seq))
+        publisher.send(encode(query(seq)))
         runner.turn(time.monotonic_ns())
         return link.lost >= 3
 

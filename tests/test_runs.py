@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from forcebound.cli import main
 from forcebound.errors import ConfigError
-from forcebound.launch.live import (
+from forcebound.launch.run_directory import (
     LAUNCH_FILE,
     RECORDING,
     RUN_FILE,
@@ -97,6 +97,19 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
     with pytest.raises(ConfigError, match="name one with `forcebound delay DIR`"):
         find(None, [tmp_path], option="`forcebound delay DIR`")
     assert find(second, [tmp_path]) == second
+
+
+def test_a_graph_has_the_name_of_its_launch_file_also_where_that_file_lies(
+    tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_dir = make_run(tmp_path, "a", file="./my_wall.yaml delay:=2ms")
+    make_run(tmp_path, "b", file="stiff_wall")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_wall.yaml").touch()
+    (tmp_path / "stiff_wall").mkdir()
+    for name in ("my_wall", "my_wall.yaml", "./my_wall.yaml"):
+        assert find(Path(name), [tmp_path]) == run_dir
+    assert find(Path("stiff_wall"), [tmp_path]) != run_dir
 
 
 def test_an_environment_alone_is_found_but_does_not_count_beside_a_graph(
@@ -211,7 +224,7 @@ def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
     run_dir = make_run(tmp_path, "a")
     (run_dir / LAUNCH_FILE).write_text("{}")
 
-    def end(run_dir: Path, duration: float) -> NoReturn:
+    def end(run_dir: Path, *_: object) -> NoReturn:
         shutil.rmtree(run_dir)
         RunDocument.read(run_dir)
         raise AssertionError
@@ -246,7 +259,7 @@ def test_a_run_directory_may_have_several_owners(tmp_path: Path) -> None:
 OWNER = """
 import os, sys
 from pathlib import Path
-from forcebound.launch.live import RunDocument, run_directory
+from forcebound.launch.run_directory import (RunDocument, run_directory)
 with run_directory() as run_dir:
     RunDocument(os.getpid(), None, "", [], is_temporary=True).write(run_dir)
     print(run_dir, flush=True)

@@ -146,14 +146,44 @@ def test_a_run_that_touched_nothing_says_why_it_has_no_figures() -> None:
     assert figures["undefined"]["peak_proxy_distance_m"].startswith("nothing was touched")
 
 
+def run_on_one_axis() -> TelemetryColumns:
+    packets = [telemetry_packet(tick, position=(0.001 * tick,)) for tick in range(100)]
+    return TelemetryColumns.from_packets(packets)
+
+
 def test_a_run_on_one_axis_has_nothing_across_it() -> None:
-    columns = TelemetryColumns.from_packets(
-        [telemetry_packet(tick, position=(0.001 * tick,)) for tick in range(100)]
-    )
-    figures = summarize(columns, {"environment": {"position": 0.01, "stiffness": 1e3}})
+    wall = {"position": 0.01, "stiffness": 1e3}
+    figures = summarize(run_on_one_axis(), {"environment": wall})
     assert figures["peak_tangential_force_n"] is None
     assert figures["undefined"]["peak_tangential_force_n"] == "the run has one axis"
     assert "peak tangential force" not in dict(summary_rows(figures))
+
+
+@pytest.mark.parametrize(
+    ("setting", "is_felt_there"),
+    [
+        ({}, True),
+        ({"force_scale": "auto", "border_rate": 7.0}, True),
+        ({"motion_scale": 2.0}, False),
+        ({"force_scale": 0.5}, False),
+        ({"origin": 0.1}, False),
+        ({"clutch_button": 0}, False),
+        ({"border": 0.05}, False),
+    ],
+)
+def test_behind_a_scale_no_surface_is_where_the_hand_is(
+    setting: dict[str, Any], is_felt_there: bool
+) -> None:
+    config = SPHERE | {"controller": {"kind": "scaled", **setting}}
+    figures = summarize(run_of(around, 2.0), config)
+    assert (figures["peak_penetration_m"] is not None) == is_felt_there
+    axes = figure([("a sphere", run_of(around, 2.0), config)], ["position"]).axes[0]
+    assert ("x, proxy" in [line.get_label() for line in axes.lines]) == is_felt_there
+    wall = {"kind": "wall", "position": 0.01, "stiffness": STIFFNESS}
+    flat = summarize(run_on_one_axis(), config | {"environment": wall})
+    assert (flat["peak_penetration_m"] is not None) == is_felt_there
+    if not is_felt_there:
+        assert figures["undefined"]["peak_penetration_m"].startswith("the controller `scaled`")
 
 
 # --- Pictures ------------------------------------------------------------------------------------

@@ -45,13 +45,20 @@ class View:
     time: Floats  # s
     columns: TelemetryColumns
     shown: slice  # samples since the force engaged
-    wall: Surface | None  # a flat one of the launch file, as it was at each sample of the run
+    wall: Surface | None  # a flat one of the launch file, at each sample; None: see the proxy
     touch: Touch | None  # what was touched, likewise
 
     @property
     def axes(self) -> int:
         """Number of axes of the run."""
         return int(self.columns.position.shape[1])
+
+    @property
+    def proxy(self) -> Floats:
+        """The shown samples of the proxy, in m, shape ``(n, axes)``; NaN where none is told."""
+        if self.touch is None or self.touch.proxy is None:
+            return np.full_like(self.columns.position[self.shown], np.nan)
+        return self.touch.proxy[self.shown]
 
     def along(self, force: Floats) -> Floats:
         """Return the shown samples of a force; of several axes its magnitude, as its limit is."""
@@ -70,7 +77,9 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
     _, columns, config = run
-    wall, touch = surface_of_run(columns, events, config), touch_of_run(columns, events, config)
+    touch = touch_of_run(columns, events, config)
+    is_told = touch is not None and touch.proxy is not None
+    wall = None if is_told else surface_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
     return View(columns.time[shown], columns, shown, wall, touch)
@@ -98,12 +107,13 @@ def _draw_position(axes: Axes, view: View) -> None:
     if view.axes == 1:
         true = {"color": PHYSICAL, "linewidth": 2.2, "alpha": 0.45}
         _line(axes, view.time, true_position[:, 0], "true", **true)
+        _line(axes, view.time, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
         _line(axes, view.time, position[:, 0], "reading", color="black", linewidth=0.6)
         return
     for axis in range(view.axes):
         colour, name = AXIS_COLOURS[axis], AXIS_NAMES[axis]
         _line(axes, view.time, position[:, axis], name, color=colour, linewidth=0.9)
-        proxy = columns.proxy[shown, axis] * 1e3
+        proxy = view.proxy[:, axis] * 1e3
         _line(axes, view.time, proxy, f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35)
 
 
@@ -189,8 +199,8 @@ def _draw_path(axes: Axes, view: View, up: int) -> None:
     """Draw the first axis to the right and another one up, in one scale."""
     if view.axes <= up:
         return
-    columns, shown = view.columns, view.shown
-    tip, proxy = (one[shown][:, (0, up)] * 1e3 for one in (columns.position, columns.proxy))
+    position = view.columns.position[view.shown]
+    tip, proxy = (one[:, (0, up)] * 1e3 for one in (position, view.proxy))
     _line(axes, proxy[:, 0], proxy[:, 1], "proxy", color=COMMANDED, linewidth=2.2, alpha=0.6)
     _line(axes, tip[:, 0], tip[:, 1], "tip", color=PHYSICAL, linewidth=0.8)
     if (np.abs(tip[:1]) <= LARGEST).all():

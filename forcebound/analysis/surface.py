@@ -16,6 +16,15 @@ from forcebound.telemetry import TelemetryColumns
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
+#: The controller `scaled` with which a place of the environment is that of the hand.
+UNSCALED = {
+    "motion_scale": 1.0,
+    "force_scale": "auto",
+    "origin": 0.0,
+    "clutch_button": None,
+    "border": 0.0,
+}
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -28,6 +37,18 @@ class Surface:
     position: float | Floats  # m
     axis: int
     stiffness: float | Floats | None  # N/m; None where force is not this times depth
+
+
+def is_to_scale(config: Mapping[str, Any]) -> bool:
+    """Return whether a hand feels the environment where it is, and with its own forces.
+
+    Args:
+        config: The launch file as resolved for the run; reads ``controller``.
+    """
+    controller = config.get("controller") or {}
+    return controller.get("kind") != "scaled" or all(
+        controller.get(name, value) == value for name, value in UNSCALED.items()
+    )
 
 
 def surface(config: Mapping[str, Any]) -> Surface | None:
@@ -58,18 +79,19 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
 def surface_of_run(
     columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
 ) -> Surface | None:
-    """Return the surface as it was at each sample; None for an environment without one.
+    """Return the surface as it was at each sample; None where a hand does not feel one there.
 
     Args:
         columns: Telemetry of the run.
         events: Of the run: what begins a phase, and what has changed a parameter.
-        config: The launch file as resolved for the run; reads ``environment`` and ``phases``.
+        config: The launch file as resolved for the run; reads ``controller``, ``environment`` and
+            ``phases``.
 
     Raises:
         ConfigError: As :func:`surface`.
     """
     wall = surface(config)
-    if wall is None:
+    if wall is None or not is_to_scale(config):
         return None
     position = np.full(columns.time.shape, wall.position, dtype=np.float64)
     for since, environment in _environments(columns, events, config):

@@ -7,7 +7,8 @@ position x that was asked about, depth and force along the normal are
 .. math:: d = (p - x) \cdot n , \qquad F_n = -F \cdot n ,
 
 whatever the surface has done meanwhile: it may be curved, be moved, or change. Of an environment
-that does not say it, the launch file may describe a flat wall across an axis.
+that does not say it, the launch file may describe a flat wall across an axis. Behind the controller
+``scaled`` neither is where the hand is.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from forcebound.analysis.surface import (
     Floats,
     Mask,
+    is_to_scale,
     penetration,
     stiffness_of_run,
     surface_of_run,
@@ -57,16 +59,19 @@ class Touch:
 def touch_of_run(
     columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
 ) -> Touch | None:
-    """Return what a run touched; None if neither its environment nor its launch file says it.
+    """Return what a run touched where the hand is; None if nobody says it.
 
     Args:
         columns: Telemetry of the run, with the contacts that its environment said.
         events: Of the run: what begins a phase, and what has changed a parameter.
-        config: The launch file as resolved for the run; reads ``environment`` and ``phases``.
+        config: The launch file as resolved for the run; reads ``controller``, ``environment`` and
+            ``phases``.
 
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
+    if not is_to_scale(config):
+        return None
     if np.isfinite(columns.proxy).all(axis=1).any():
         return _touch_of_contacts(columns, events, config)
     wall = surface_of_run(columns, events, config)

@@ -1,11 +1,12 @@
 """Commands that check a user's own parts."""
 
 import time
+from functools import partial
 from typing import Any
 
 import click
 
-from forcebound.cli.common import ARGUMENTS, json_option, print_json, reports_errors, show
+from forcebound.cli.common import ARGUMENTS, json_option, print_document, reports_errors, show
 from forcebound.errors import RunError
 
 PARTS = {
@@ -20,6 +21,7 @@ STATUS = """
 Takes a Python file or an installed kind. Exit status 1: a promise is broken; 2: no such part, or
 its code does not return."""
 TIME = " Reports the time per answer without judging it; a slow environment gets fewer queries."
+EXAMPLE = "\n\n\b\nforcebound check {0} my_{0}.py"
 
 axes_option = click.option(
     "--axes",
@@ -65,17 +67,14 @@ def _add_command(section: str, summary: str) -> None:
         from forcebound.launch.check import check_part, lines
 
         document = check_part(section, kind, arguments, **options, progress=Progress().show)
-        if as_json:
-            print_json(document)
-        else:
-            show("\n".join(lines(section, document)))
+        print_document(document, as_json, partial(lines, section))
         if not document["passed"]:
             raise RunError(f"{kind} breaks its contract")
 
     text = summary + STATUS
     if section == "environment":
         command, text = axes_option(rest_option(command)), text + TIME
-    check.command(section, help=text, short_help=summary)(command)
+    check.command(section, help=text + EXAMPLE.format(section), short_help=summary)(command)
 
 
 for _section, _summary in PARTS.items():

@@ -10,12 +10,13 @@ from typing import Any, ParamSpec
 
 import click
 
-from forcebound.cli.complete import graphs
+from forcebound.cli.complete import graphs, topics
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import printable
 
 P = ParamSpec("P")
 
+UNKNOWN = "–"  # in place of a figure
 LONGEST_CELL = 500  # characters
 WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 ARGUMENTS = "[NAME:=VALUE]..."
@@ -51,6 +52,9 @@ def _duration(_: click.Context, parameter: click.Parameter, text: str | None) ->
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+json_lines_option = click.option(
+    "--json", "as_json", is_flag=True, help="One JSON document each, on a line."
+)
 
 
 def duration_option_for(
@@ -80,24 +84,26 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
 
 _OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
 
-_overwrite_option = click.option(
+overwrite_option = click.option(
     "--overwrite",
     is_flag=True,
-    is_eager=True,  # evaluated before --record, in any order on the command line
+    is_eager=True,  # evaluated before the recording's name, in any order on the command line
     expose_value=False,
     callback=lambda context, _, wanted: context.meta.update({_OVERWRITE: wanted}),
-    help="Let --record replace an existing recording.",
+    help="Replace an existing recording.",
 )
 
-_record_option = file_option(
-    "--record", callback=_recording, metavar="RUN.mcap", help="Record the run in this file."
-)
+#: An option that gives the checked path of a recording to write; needs `overwrite_option`, too.
+recording_option = partial(file_option, callback=_recording, metavar="RUN.mcap")
 
 
 def record_option(command: Callable[P, None]) -> Callable[P, None]:
     """Add ``--record`` and ``--overwrite``; the command gets the checked path of the first only."""
-    return _record_option(_overwrite_option(command))
+    option = recording_option("--record", help="Record the run in this file.")
+    return option(overwrite_option(command))
 
+
+topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)
 
 run_option = click.option(
     "--run",
@@ -160,6 +166,16 @@ def print_rows(
 def print_json(document: Any) -> None:
     """Print one JSON document."""
     click.echo(json_text(document))
+
+
+def print_document(
+    document: dict[str, Any], as_json: bool, lines: Callable[[dict[str, Any]], Iterable[str]]
+) -> None:
+    """Print a document as JSON, or in lines for people."""
+    if as_json:
+        print_json(document)
+    else:
+        show("\n".join(lines(document)))
 
 
 def json_text(document: Any) -> str:

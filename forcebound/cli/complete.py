@@ -34,13 +34,39 @@ def launch_files(_: click.Context, begun: str) -> Iterable[str]:
     from forcebound.config.document import shipped
 
     yield from (Path(name).stem for name in shipped())
-    folder = Path(begun).parent if "/" in begun else Path()
-    start = f"{folder}/" if "/" in begun else ""
-    for path in sorted(folder.iterdir()):
+    yield from _files(begun, ".yaml", ".yml")
+
+
+@offering
+def sweeps(_: click.Context, begun: str) -> Iterable[str]:
+    """Sweep files that come with forcebound, without ending, and YAML files of the folder."""
+    from forcebound.sweep.plan import shipped
+
+    yield from (Path(name).stem for name in shipped())
+    yield from _files(begun, ".yaml", ".yml")
+
+
+@offering
+def recordings(_: click.Context, begun: str) -> Iterable[str]:
+    """Recordings of the folder."""
+    return _files(begun, ".mcap")
+
+
+@offering
+def runs(_: click.Context, begun: str) -> Iterable[str]:
+    """Graphs that run, and recordings of the folder."""
+    yield from _graphs()
+    yield from _files(begun, ".mcap")
+
+
+def _files(begun: str, *endings: str) -> Iterable[str]:
+    """Give files with one of these endings, and folders, where the user has begun a name."""
+    folder, sign, _ = begun.rpartition("/")
+    for path in sorted(Path(folder + sign).iterdir()):
         if path.is_dir() and not path.name.startswith("."):
-            yield f"{start}{path.name}/"
-        elif path.suffix in (".yaml", ".yml"):
-            yield f"{start}{path.name}"
+            yield f"{folder}{sign}{path.name}/"
+        elif path.suffix in endings:
+            yield f"{folder}{sign}{path.name}"
 
 
 @offering
@@ -52,7 +78,12 @@ def settings(context: click.Context, begun: str) -> Iterable[str]:
     known = {one.name: one for one in arguments_of(context.params["file"])}
     if not sign:
         return [f"{one}:=" for one in known]
-    return [f"{name}:={value}" for value in _values(name, known)]
+    return [f"{name}:={_one_word(value)}" for value in _values(name, known)]
+
+
+def _one_word(value: object) -> str:
+    """Return a value as a shell takes it without quotes: 2ms."""
+    return str(value).replace(" ", "")
 
 
 def _values(name: str, known: dict[str, Any]) -> Iterable[object]:
@@ -93,9 +124,37 @@ def nodes(_: click.Context, begun: str) -> Iterable[str]:
 @offering
 def graphs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, by the names of their launch files."""
+    return _graphs()
+
+
+def _graphs() -> Iterable[str]:
     from forcebound.monitor.runs import running
 
     return (run.file.partition(" ")[0] for run in running().values())
+
+
+@offering
+def fields(context: click.Context, begun: str) -> Iterable[str]:
+    """Fields of the topic that is already there."""
+    from forcebound.messages.packets import TOPICS, field_types
+
+    return field_types(TOPICS[context.params["topic"]].packet)
+
+
+@offering
+def benchmarks(_: click.Context, begun: str) -> Iterable[str]:
+    """Benchmarks."""
+    from forcebound.benchmark import BENCHMARKS
+
+    return BENCHMARKS
+
+
+@offering
+def laws(_: click.Context, begun: str) -> Iterable[str]:
+    """Laws that come with forcebound."""
+    from forcebound.bounding import LAWS
+
+    return sorted(LAWS)
 
 
 @offering
@@ -106,13 +165,23 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph, each ``name:=``."""
-    return (f"{name}:=" for name in _parameters(context))
+    """Parameters of the running graph, each ``name:=``, and the value that it has."""
+    name, sign, _ = begun.partition(":=")
+    if not sign:
+        return [f"{one}:=" for one in _parameters(context)]
+    from forcebound.monitor.formatting import as_written
+
+    config, known = _parameters_of(context)
+    return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]
 
 
 def _parameters(context: click.Context) -> Iterable[str]:
+    return _parameters_of(context)[1]
+
+
+def _parameters_of(context: click.Context) -> tuple[Any, dict[str, Any]]:
     from forcebound.monitor.runs import find
     from forcebound.monitor.tuning import configuration, find_parameters
 
-    run = find(context.params.get("run_dir"))
-    return find_parameters(configuration(run, serves=False), ())
+    config = configuration(find(context.params.get("run_dir")), serves=False)
+    return config, find_parameters(config, ())

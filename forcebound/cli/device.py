@@ -24,7 +24,11 @@ def device_group() -> None:
 @json_option
 @reports_errors
 def list_devices(as_json: bool) -> None:
-    """List the serial ports of this machine, and what seems to be there."""
+    r"""List the serial ports of this machine, and what seems to be there.
+
+    \b
+    forcebound device list --json
+    """
     from forcebound.hardware.ports import listed
 
     ports = listed()
@@ -51,9 +55,12 @@ def list_devices(as_json: bool) -> None:
 @run_option
 @reports_errors
 def resume(run_dir: Path | None) -> None:
-    """Let a running graph open its lost device again (on_loss: wait).
+    r"""Let a running graph open its lost device again (on_loss: wait).
 
     First plug it in, switch it on, and hold it in its home pose.
+
+    \b
+    forcebound device resume --run haply_2diy
     """
     from forcebound.monitor.control import resume_device
     from forcebound.monitor.runs import find

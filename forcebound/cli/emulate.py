@@ -44,10 +44,13 @@ def emulate(
     until_unused: bool,
     values: TextIO | None,
 ) -> None:
-    """Play a device on a pseudo-terminal, for tests and trials without hardware.
+    r"""Play a device on a pseudo-terminal, for tests and trials without hardware.
 
-    Mechanism and hand are those of its launch file, whose arguments can be set, such as
-    approach_speed:=50mm/s.
+    Mechanism and hand are those of its launch file, whose arguments can be set.
+
+    \b
+    forcebound emulate haply_2diy approach_speed:=50mm/s
+    forcebound emulate haply_2diy --fault short:at=3s --fault stall:at=5s,for=50ms
     """
     from forcebound.emulators import program
     from forcebound.emulators.faults import parse_fault

@@ -1,6 +1,5 @@
 """The command that identifies a device."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -9,7 +8,7 @@ from forcebound.cli.common import (
     ARGUMENTS,
     file_option,
     json_option,
-    print_json,
+    print_document,
     reports_errors,
     show,
 )
@@ -49,10 +48,15 @@ def identify(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Measure DEVICE, a kind of device or a launch file, and write what it may state.
+    r"""Measure DEVICE, a kind of device or a launch file, and write what it may state.
 
     The motors move the device by themselves. With --check: a short test of the device of a file;
     exit status 1 if it no longer keeps what the file states.
+
+    \b
+    forcebound identify five_bar
+    forcebound identify haply_2diy device:=auto --weight 30g --lever 70mm --by-hand 10s
+    forcebound identify --check device.yaml
     """
     from forcebound.identification import command
 
@@ -68,7 +72,7 @@ def identify(
         if device is not None:
             raise ConfigError(f"--check names the device by its file: leave out {device!r}")
         document = command.check(checked, say, ready)
-        _print(document, as_json, command.check_lines)
+        print_document(document, as_json, command.check_lines)
         if not document["passed"]:
             raise RunError(f"{checked} promises what the device no longer keeps: identify it again")
         return
@@ -76,11 +80,4 @@ def identify(
         raise ConfigError("name a device: a kind such as five_bar, or a launch file")
     wishes = command.Wishes(reach, force, weight, lever, by_hand)
     document = command.run(device, arguments, output, wishes, say, ready)
-    _print(document, as_json, command.lines)
-
-
-def _print(document: dict[str, object], as_json: bool, lines: Callable[..., list[str]]) -> None:
-    if as_json:
-        print_json(document)
-    else:
-        show("\n".join(lines(document)))
+    print_document(document, as_json, command.lines)

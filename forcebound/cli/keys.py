@@ -17,7 +17,11 @@ def keys_group() -> None:
 @json_option
 @reports_errors
 def new_keys(name: str, as_json: bool) -> None:
-    """Create the key pair NAME; the secret stays on this machine."""
+    r"""Create the key pair NAME; the secret stays on this machine.
+
+    \b
+    forcebound keys new lab_pc
+    """
     from forcebound.network.keys import key_folder, new_key
 
     made, folder = new_key(name), key_folder()
@@ -32,7 +36,11 @@ def new_keys(name: str, as_json: bool) -> None:
 @json_option
 @reports_errors
 def list_all_keys(as_json: bool) -> None:
-    """List the keys on this machine."""
+    r"""List the keys on this machine.
+
+    \b
+    forcebound keys list --json
+    """
     from forcebound.network.keys import key_folder, list_keys
 
     entries = list_keys()
@@ -52,7 +60,11 @@ def list_all_keys(as_json: bool) -> None:
 @json_option
 @reports_errors
 def show_key(name: str, as_json: bool) -> None:
-    """Print the public key NAME, for the other machine."""
+    r"""Print the public key NAME, for the other machine.
+
+    \b
+    forcebound keys show lab_pc
+    """
     from forcebound.network.keys import public_key
 
     public = public_key(name)

@@ -28,11 +28,13 @@ from forcebound.cli.common import (
     table_of,
 )
 from forcebound.cli.view import check_tornado
+from forcebound.ending import end
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
+PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
 
 _OPTIONS = (
     click.argument("file", shell_complete=complete.launch_files),
@@ -65,7 +67,13 @@ def launch_graph(
     as_json: bool,
     has_view: bool,
 ) -> None:
-    """Run the graph of a launch file in real time, e.g. stiff_wall law:=certified."""
+    r"""Run the graph of a launch file in real time, until its end or Ctrl-C.
+
+    \b
+    forcebound launch stiff_wall law:=none delay:="2 ms"
+    forcebound launch pointer_wall --view
+    forcebound launch my_wall.yaml --duration 60s --record run.mcap
+    """
     from forcebound.launch.live import check_here, run_live
 
     if has_view:
@@ -88,8 +96,7 @@ def _page() -> Iterator[None]:
     try:
         yield
     finally:
-        page.terminate()
-        page.wait()
+        end(page, PAGE_PATIENCE)
 
 
 @click.command(short_help="Run a launch file in virtual time.")
@@ -106,7 +113,13 @@ def simulate(
     show_args: bool,
     as_json: bool,
 ) -> None:
-    """Run a launch file in virtual time: deterministic, faster than real time."""
+    r"""Run a launch file in virtual time: deterministic, faster than real time.
+
+    \b
+    forcebound simulate stiff_wall law:=none
+    forcebound simulate stiff_wall --show-args
+    forcebound simulate my_wall.yaml --record run.mcap --json
+    """
     from forcebound.launch.virtual import run_virtual
 
     if record is not None:
@@ -139,23 +152,33 @@ def simulate(
 def node(
     kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
 ) -> None:
-    """Run one node of a launch file by hand, for a graph on this machine or another."""
+    r"""Run one node of a launch file by hand, for a graph on this machine or another.
+
+    \b
+    forcebound node environment remote_wall
+    """
     from forcebound.launch.worker import run_node
 
     sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
 
 
 @click.command(short_help="Draw recordings side by side.")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN.mcap...")
+@click.argument(
+    "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
+)
 @file_option(
     "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
 )
 @json_option
 @reports_errors
 def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    """Draw recordings side by side: position, forces, energy, loop delay.
+    r"""Draw recordings side by side: position, forces, energy, loop delay.
 
     Says whether a hand feels the difference between the first run and each other.
+
+    \b
+    forcebound plot run.mcap
+    forcebound plot none.mcap certified.mcap -o both.svg
     """
     from forcebound.analysis.plots import check_picture, figure, save
     from forcebound.launch.results import RunResult
@@ -206,7 +229,11 @@ def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]
     "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
 )
 def schema(page: bool) -> None:
-    """Print the JSON schema of launch files, for completion in an editor."""
+    r"""Print the JSON schema of launch files, for completion in an editor.
+
+    \b
+    forcebound schema > forcebound.schema.json
+    """
     if page:
         from forcebound.config.schema import reference_page
 

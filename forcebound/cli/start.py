@@ -54,7 +54,11 @@ complete -o nosort -o bashdefault -F %(complete_func)s %(prog_name)s
 @click.option("--print", "only_prints", is_flag=True, help="Print the script; install nothing.")
 @reports_errors
 def completion(shell: str, only_prints: bool) -> None:
-    """Install completion for SHELL: commands, files, arguments, laws, parameters, topics."""
+    r"""Install completion for SHELL: commands, files, arguments, laws, parameters, topics.
+
+    \b
+    forcebound completion bash
+    """
     from forcebound.cli import main
 
     kind: type[ShellComplete] | None = Bash if shell == "bash" else get_completion_class(shell)
@@ -76,7 +80,11 @@ def completion(shell: str, only_prints: bool) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @reports_errors
 def new(folder: Path) -> None:
-    """Make FOLDER with a launch file and an environment of one's own, to be changed."""
+    r"""Make FOLDER with a launch file and an environment of one's own, to be changed.
+
+    \b
+    forcebound new my_wall
+    """
     files = [EXAMPLES / name for name in STARTER]
     try:
         folder.mkdir(parents=True, exist_ok=True)

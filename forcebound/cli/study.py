@@ -1,16 +1,19 @@
 """Commands for benchmarks, audits, sweeps and the paper's experiments."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import (
     ARGUMENTS,
     duration_option,
     file_option,
     json_option,
+    print_document,
     print_json,
     print_rows,
     reports_errors,
@@ -28,15 +31,19 @@ workers_option = click.option(
 
 
 @click.command(short_help="Measure against a reference implementation.")
-@click.argument("name")
+@click.argument("name", shell_complete=complete.benchmarks)
 @duration_option
 @click.option("--rate", default=1000.0, show_default=True, help="Sampling rate, in Hz.")
 @json_option
 @reports_errors
 def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    """Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
+    r"""Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
 
     Most are measured beside a reference implementation.
+
+    \b
+    forcebound bench loop
+    forcebound bench servo --rate 4000 --duration 10s --json
     """
     from forcebound.benchmark import BENCHMARKS, tables
 
@@ -53,60 +60,76 @@ def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None
         print_rows(table.columns, table.rows, table.title)
 
 
+def _campaign_options(
+    of_each: str, runs: int
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the options of an audit: laws, numbers of runs, seed, report."""
+    options = (
+        click.option(
+            "--runs",
+            type=click.IntRange(min=0),
+            default=runs,
+            show_default=True,
+            help=f"Random runs of {of_each}.",
+        ),
+        click.option(
+            "--search",
+            "searched",
+            type=click.IntRange(min=0),
+            default=runs,
+            show_default=True,
+            help="Runs of each in a CMA-ES search for the lowest energy.",
+        ),
+        click.option(
+            "--law",
+            "laws",
+            multiple=True,
+            shell_complete=complete.laws,
+            help="Only this law; repeatable.",
+        ),
+        click.option(
+            "--seed",
+            type=click.IntRange(min=0),
+            default=1,
+            show_default=True,
+            help="Seed of the runs.",
+        ),
+        workers_option,
+        file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file."),
+        json_option,
+    )
+
+    def add(command: Callable[..., None]) -> Callable[..., None]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
 @click.group(invoke_without_command=True, short_help="Attack the laws in simulation.")
-@click.option(
-    "--runs",
-    type=click.IntRange(min=0),
-    default=1000,
-    show_default=True,
-    help="Random runs of each law, and of it with each certificate.",
-)
-@click.option(
-    "--search",
-    "searched",
-    type=click.IntRange(min=0),
-    default=1000,
-    show_default=True,
-    help="Runs of each in a CMA-ES search for the lowest energy.",
-)
-@click.option("--law", "laws", multiple=True, help="Only this law; repeatable.")
+@_campaign_options("each law, and of it with each certificate", 1000)
 @click.option(
     "--certificate", "certificates", multiple=True, help="Only this certificate; repeatable."
 )
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the runs."
-)
-@workers_option
-@file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
-@json_option
 @click.pass_context
 @reports_errors
-def audit(
-    context: click.Context,
-    runs: int,
-    searched: int,
-    laws: tuple[str, ...],
-    certificates: tuple[str, ...],
-    seed: int,
-    workers: int | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
-    """Attack the laws and their certificates; exit status 1 if a certified law leaks energy.
+def audit(context: click.Context, /, as_json: bool, **campaign: Any) -> None:
+    r"""Attack the laws and their certificates; exit status 1 if a certified law leaks energy.
 
     With --law alone the certificates are left out, with --certificate alone the laws.
+
+    \b
+    forcebound audit
+    forcebound audit --law tdpa --runs 100 --search 0
     """
     if context.invoked_subcommand is not None:
         return
     from forcebound.audit.command import run
     from forcebound.audit.report import holds, lines
 
-    document = run(laws, certificates, runs, searched, seed, workers, out)
-    if as_json:
-        print_json(document)
-    else:
-        for line in lines(document):
-            show(line)
+    document = run(**campaign)
+    print_document(document, as_json, lines)
     sys.exit(0 if holds(document) else 1)
 
 
@@ -118,58 +141,35 @@ def audit(
 @json_option
 @reports_errors
 def replay(law: str, case: str, duration: float | None, out: Path | None, as_json: bool) -> None:
-    """Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate."""
+    r"""Repeat one run of an audit: LAW under CASE, a seed or a code, or one of a certificate.
+
+    \b
+    forcebound audit replay tdpa 7 -o attack.png
+    """
     from forcebound.audit.command import run_again
     from forcebound.audit.report import replay_lines
 
-    document = run_again(law, case, duration, out)
-    if as_json:
-        print_json(document)
-        return
-    for line in replay_lines(document):
-        show(line)
+    print_document(run_again(law, case, duration, out), as_json, replay_lines)
 
 
 @audit.command(short_help="Attack the laws through worlds, in two and three axes.")
-@click.option(
-    "--runs",
-    type=click.IntRange(min=0),
-    default=100,
-    show_default=True,
-    help="Random runs of each law with each world and controller.",
-)
-@click.option(
-    "--search",
-    "searched",
-    type=click.IntRange(min=0),
-    default=100,
-    show_default=True,
-    help="Runs of each in a CMA-ES search for the lowest energy.",
-)
-@click.option("--law", "laws", multiple=True, help="Only this law; repeatable.")
+@_campaign_options("each law with each world and controller", 100)
 @click.option("--world", "worlds", multiple=True, help="Only this world; repeatable.")
 @click.option("--controller", "controllers", multiple=True, help="Only this one; repeatable.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the runs."
-)
-@workers_option
-@file_option(*OUTPUT, metavar="REPORT.md", help="Write the report to this file.")
-@json_option
 @reports_errors
 def worlds(as_json: bool, **campaign: Any) -> None:
-    """Attack the certified laws through every world and controller; status 1 if one leaks.
+    r"""Attack the certified laws through every world and controller; status 1 if one leaks.
 
     The law none meets some of the random cases, to show what the attacks can do.
+
+    \b
+    forcebound audit worlds --world mesh --runs 20 --search 0
     """
     from forcebound.audit.command import run_in_worlds
     from forcebound.audit.world_report import lines
 
     document = run_in_worlds(**campaign)
-    if as_json:
-        print_json(document)
-    else:
-        for line in lines(document):
-            show(line)
+    print_document(document, as_json, lines)
     sys.exit(0 if all(row["holds"] for row in document["worlds"]) else 1)
 
 
@@ -188,7 +188,11 @@ def worlds(as_json: bool, **campaign: Any) -> None:
 @json_option
 @reports_errors
 def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> None:
-    """Show what each wrong number of a device costs: the lowest energy that a search finds."""
+    r"""Show what each wrong number of a device costs: the lowest energy that a search finds.
+
+    \b
+    forcebound audit sensitivity --device knob --runs 100
+    """
     from forcebound.audit.command import run_mistakes
     from forcebound.audit.report import show_energy
 
@@ -212,7 +216,12 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
 @json_option
 @reports_errors
 def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
-    """Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all."""
+    r"""Repeat the paper's experiments: table1, fig4 to fig21, eq41_42. Default: all.
+
+    \b
+    forcebound reproduce table1
+    forcebound reproduce -o results/paper
+    """
     from forcebound.experiments.reproduce import reproduce, tables
 
     done = reproduce(names, out, lambda line: show(line, err=True))
@@ -227,7 +236,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
-@click.argument("file")
+@click.argument("file", shell_complete=complete.sweeps)
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
 @file_option("-o", "--output", help="Parquet file to write. Default: name of the sweep file.")
 @click.option(
@@ -254,9 +263,13 @@ def sweep(
     as_plot: bool,
     as_json: bool,
 ) -> None:
-    """Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
+    r"""Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
     `forcebound sweep audit` runs `forcebound audit`.
+
+    \b
+    forcebound sweep stability_map --plot
+    forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
     if file == "audit":
         if arguments or cluster or restart or overwrite or as_plot:
@@ -283,7 +296,11 @@ def sweep(
 )
 @reports_errors
 def draw_map(result: Path, output: Path | None) -> None:
-    """Draw the map of a sweep's RESULT.parquet, with theoretical limits."""
+    r"""Draw the map of a sweep's RESULT.parquet, with theoretical limits.
+
+    \b
+    forcebound map stability_map.parquet -o map.svg
+    """
     from forcebound.sweep.maps import draw
 
     output = output or result.with_suffix(".png")

@@ -4,8 +4,12 @@ It matches each answer with its question, measures how long an answer takes, and
 answers stay away: nobody else knows that the environment is gone.
 """
 
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
 from forcebound.controllers.plane import Asked
 from forcebound.messages.packets import DeviceState, EnvironmentReply
+from forcebound.quantities import POSITIVE, Time, check_ranges
 
 REMEMBERED = 4096  # questions that are kept; at 4 kHz those of one second
 ROUND_TRIP_SHARE = 0.05  # weight of a new round trip in their mean
@@ -16,19 +20,37 @@ def has_restarted(before: DeviceState, state: DeviceState) -> bool:
     return state.seq < before.seq and state.time_ns > before.time_ns
 
 
+@dataclass(frozen=True, kw_only=True)
+class Patience:
+    """Part of a controller that answers states by itself: how long it waits for the environment.
+
+    Attributes:
+        hold: Silence of the environment after which the force fades.
+        fade: Time in which it does.
+        age_limit: An answer that has taken longer is none.
+    """
+
+    hold: Annotated[Time, POSITIVE] = 0.1
+    fade: Annotated[Time, POSITIVE] = 0.05
+    age_limit: Annotated[Time, POSITIVE] = 0.5
+
+    answers_states: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 class Exchange:
     """Questions that wait for an answer, and how long it takes.
 
     Args:
-        hold: Silence after which the force fades, in s.
-        fade: Time in which it does, in s.
-        age_limit: An answer that has taken longer is none, in s.
+        patience: Of the controller.
 
     Times are of the controller's clock, in ns.
     """
 
-    def __init__(self, hold: float, fade: float, age_limit: float) -> None:
-        self._hold, self._fade, self._age_limit = hold, fade, age_limit
+    def __init__(self, patience: Patience) -> None:
+        self._patience = patience
         self._asked: dict[int, tuple[Asked, int]] = {}  # by tick, with the time of asking
         self._newest = -1  # tick that was answered
         self._heard_ns: int | None = None
@@ -47,7 +69,7 @@ class Exchange:
             return None
         asked, asked_ns = known
         round_trip = (time_ns - asked_ns) * 1e-9
-        if round_trip > self._age_limit:
+        if round_trip > self._patience.age_limit:
             return None
         share = 1.0 if self._heard_ns is None else ROUND_TRIP_SHARE
         self._round_trip += share * (round_trip - self._round_trip)
@@ -69,4 +91,4 @@ class Exchange:
         if self._heard_ns is None:
             return 0.0
         silence = (time_ns - self._heard_ns) * 1e-9
-        return min(max(1.0 - (silence - self._hold) / self._fade, 0.0), 1.0)
+        return min(max(1.0 - (silence - self._patience.hold) / self._patience.fade, 0.0), 1.0)

@@ -19,9 +19,9 @@ Source: model-mediated teleoperation, Hannaford 1989; Mitra and Niemeyer, IJRR 2
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
-from forcebound.controllers.exchange import Exchange, has_restarted
+from forcebound.controllers.exchange import Exchange, Patience, has_restarted
 from forcebound.controllers.plane import Asked, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
 from forcebound.controllers.vectors import along
@@ -35,7 +35,6 @@ from forcebound.quantities import (
     Ratio,
     Stiffness,
     Time,
-    check_ranges,
 )
 
 VELOCITY_STATES = 16  # over which the velocity for looking ahead is taken: one step of the encoder
@@ -45,7 +44,7 @@ MICROMETRE = 1e-6
 
 
 @dataclass(frozen=True)
-class LocalModel:
+class LocalModel(Patience):
     """Parameters of the local model.
 
     Attributes:
@@ -58,9 +57,6 @@ class LocalModel:
         power: Most that changes of the plane may give to the hand.
         forgetting: Weight that older pairs of answers keep at each new one.
         stiffest: Largest stiffness that is believed.
-        hold: Silence of the environment after which the force fades.
-        fade: Time in which it does.
-        age_limit: An answer that has taken longer is none.
     """
 
     prediction: Literal["plane", "hold"] = "plane"
@@ -70,14 +66,6 @@ class LocalModel:
     power: Annotated[Power, NOT_NEGATIVE] = 0.005
     forgetting: Annotated[Ratio, Range(above=0, at_most=1)] = 0.9
     stiffest: Annotated[Stiffness, POSITIVE] = 1e5
-    hold: Annotated[Time, POSITIVE] = 0.1
-    fade: Annotated[Time, POSITIVE] = 0.05
-    age_limit: Annotated[Time, POSITIVE] = 0.5
-
-    answers_states: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def open(self, axes: int) -> "OpenLocalModel":
         """Return a local model that knows nothing yet."""
@@ -96,7 +84,7 @@ class OpenLocalModel:
 
     def _know_nothing(self) -> None:
         model = self._model
-        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
+        self._exchange = Exchange(model)
         self._estimator = PlaneEstimator(model.forgetting, model.stiffest)
         self._shown = ShownPlane(model.power, len(self._zero))
         self._answer: Vector | None = None  # N, the newest

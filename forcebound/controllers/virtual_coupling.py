@@ -21,9 +21,9 @@ Transactions on Robotics and Automation 15(3), 1999.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
-from forcebound.controllers.exchange import Exchange, has_restarted
+from forcebound.controllers.exchange import Exchange, Patience, has_restarted
 from forcebound.controllers.passivity import colgate_schenkel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.vectors import along, dot
@@ -34,8 +34,6 @@ from forcebound.quantities import (
     Damping,
     Mass,
     Stiffness,
-    Time,
-    check_ranges,
 )
 
 FORGETTING, STIFFEST = 0.9, 1e6  # of the environment's plane; N/m
@@ -44,29 +42,18 @@ GONE = 10  # answers without force behind the plane, one after the other
 
 
 @dataclass(frozen=True)
-class VirtualCoupling:
+class VirtualCoupling(Patience):
     """Parameters of the virtual coupling.
 
     Attributes:
         stiffness: Between device and proxy; all that a hand can feel of a wall.
         damping: Between them.
         mass: Of the proxy; 0: it moves at once to where both forces are equal.
-        hold: Silence of the environment after which the force fades.
-        fade: Time in which it does.
-        age_limit: An answer that has taken longer is none.
     """
 
     stiffness: Annotated[Stiffness, POSITIVE] = 250.0
     damping: Annotated[Damping, NOT_NEGATIVE] = 0.02
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
-    hold: Annotated[Time, POSITIVE] = 0.1
-    fade: Annotated[Time, POSITIVE] = 0.05
-    age_limit: Annotated[Time, POSITIVE] = 0.5
-
-    answers_states: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
         """Return what to know before a start; see :class:`forcebound.controllers.Cautious`."""
@@ -97,7 +84,7 @@ class OpenVirtualCoupling:
 
     def _let_go(self) -> None:
         model = self._model
-        self._exchange = Exchange(model.hold, model.fade, model.age_limit)
+        self._exchange = Exchange(model)
         self._estimator = PlaneEstimator(FORGETTING, STIFFEST, PAIR_WAY)
         self._plane: Plane | None = None
         self._missing = 0  # answers without force behind it

@@ -154,6 +154,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "exploding_body": "forcebound.environments.proxy_adversary:ExplodingBody",
         "holed_wall": "forcebound.environments.proxy_adversary:HoledWall",
         "jumping_proxy": "forcebound.environments.proxy_adversary:JumpingProxy",
+        "recorded": "forcebound.environments.recorded:RecordedEnvironment",
         "mesh": "forcebound.environments.mesh:TriangleMesh",
         "active_wall": "forcebound.environments.adversary:ActiveWall",
         "negative_damper": "forcebound.environments.adversary:NegativeDamper",

@@ -308,9 +308,11 @@ class _Guided:
 
     def __init__(self, model: WithFixtures, axes: int) -> None:
         self._model, self._axes = model, axes
-        self._opened = open_environment(model.model, axes)
-        if contact := getattr(self._opened, "contact", None):
-            self.contact = contact
+        self._take(open_environment(model.model, axes))
+
+    def _take(self, opened: Environment) -> None:
+        self._opened = opened
+        self.contact = getattr(opened, "contact", None)
 
     def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force of both; see :class:`forcebound.environments.Environment`."""
@@ -326,7 +328,7 @@ class _Guided:
     def change(self, model: WithFixtures) -> None:
         """Take over other parameters; the environment keeps its state if it can."""
         if model.model != self._model.model:
-            self._opened = change_environment(self._opened, model.model, self._axes)
+            self._take(change_environment(self._opened, model.model, self._axes))
         self._model = model
 
     def close(self) -> None:

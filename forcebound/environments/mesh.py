@@ -45,17 +45,7 @@ class TriangleMesh(PlacedFile):
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the mesh."""
-        return (
-            SceneObject(
-                name="mesh",
-                shape="mesh",
-                position=self.position,
-                orientation=self.rotation,
-                size=(self.unit or 1.0,),
-                file=str(self.path),
-                digest=self.read().digest,
-            ),
-        )
+        return self.drawn("mesh", self.read().digest)
 
 
 @lru_cache(CACHED)

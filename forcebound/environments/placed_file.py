@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
+from forcebound.files import version_of
 from forcebound.geometry.proxy import Solid, Surface
 from forcebound.geometry.vectors import Quaternion, unit_quaternion
 from forcebound.messages.packets import SceneObject
@@ -84,6 +85,20 @@ class PlacedFile(ABC):
     def scene(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw."""
 
+    def drawn(self, shape: Literal["mesh", "points"], digest: str) -> tuple[SceneObject, ...]:
+        """Return the file at its place, to draw, under the name of its shape."""
+        return (
+            SceneObject(
+                name=shape,
+                shape=shape,
+                position=self.position,
+                orientation=self.rotation,
+                size=(self.unit or 1.0,),
+                file=str(self.path),
+                digest=digest,
+            ),
+        )
+
     def open(self, axes: int) -> OpenTouchable:
         """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
         return OpenTouchable(self, axes)
@@ -105,8 +120,4 @@ class PlacedFile(ABC):
 
     def version(self) -> tuple[int, int]:
         """Return what tells this content of the file from another one."""
-        try:
-            status = self.path.stat()
-        except (OSError, ValueError):
-            return (0, 0)  # reading it says what is wrong
-        return status.st_mtime_ns, status.st_size
+        return version_of(self.path)

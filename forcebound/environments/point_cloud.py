@@ -44,17 +44,7 @@ class PointCloud(PlacedFile):
 
     def scene(self) -> tuple[SceneObject, ...]:
         """Return the points."""
-        return (
-            SceneObject(
-                name="points",
-                shape="points",
-                position=self.position,
-                orientation=self.rotation,
-                size=(self.unit or 1.0,),
-                file=str(self.path),
-                digest=_cloud(self._content()).digest,
-            ),
-        )
+        return self.drawn("points", _cloud(self._content()).digest)
 
     def _content(self) -> "Version":
         return self.path, self.version(), self.unit

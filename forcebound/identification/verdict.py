@@ -84,6 +84,7 @@ def displayed_stiffness(
     device = BoundedDevice(
         _Prescribed(start, end, step, kinematics), servo.law, dissipation, learns=False
     )
+    device.begin()
     lever = 1.0 if kinematics is None else math.hypot(*kinematics.torque(start, normal))
     wanted = tuple([0.99 * model.saturation / lever * n for n in normal])
     ticks = round((DEPTH / SPEED + RESTING) * servo.rate)

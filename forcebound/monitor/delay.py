@@ -1,25 +1,58 @@
-"""Loop delay of a graph that runs or was recorded."""
+"""Delays of a graph that runs or was recorded: of its loop, and from hop to hop."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import TELEMETRY, read_launch_document
-from forcebound.messages.packets import Packet, Telemetry
+from forcebound.launch.run_directory import TELEMETRY, read_launch_document
+from forcebound.mcap_file import SUFFIX
+from forcebound.messages.packets import LINKS, Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
-from forcebound.monitor.streams import SHARES, read_topics
+from forcebound.monitor.streams import read_topics
 from forcebound.network.trace import DelayTrace
 from forcebound.telemetry import TelemetryColumns
 
 DURATION = 5.0  # s, how long a running graph is watched
+SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 CLASSES = 12  # of a histogram
 LEAST = 0.12  # ms, width of a histogram of equal delays
+HOPS = (*LINKS, TELEMETRY)  # topics, in the order in which a tick goes through them
+
+
+@dataclass(frozen=True)
+class Hops:
+    """When the packets of each tick were sent.
+
+    A link's delay goes from the sending of its packet until its receiver has sent what it made of
+    it. Clocks of two machines differ, so of a link to another one nothing is known.
+    """
+
+    sent_ns: Mapping[str, dict[int, int]] = field(
+        default_factory=lambda: {topic: {} for topic in HOPS}
+    )
+
+    def add(self, topic: str, packet: Packet) -> None:
+        """Add a packet; of several that answer the same tick the first counts."""
+        tick = packet.seq if topic == HOPS[0] else getattr(packet, "device_seq", None)
+        if tick is not None:
+            self.sent_ns[topic].setdefault(tick, packet.time_ns)
+
+    def delays(self) -> dict[str, NDArray[np.float64]]:
+        """Return the delays of each link and of ``loop``, all of them together, in ms."""
+        found = {topic: self._between(topic, after) for topic, after in pairwise(HOPS)}
+        return {**found, "loop": self._between(HOPS[0], HOPS[-1])}
+
+    def _between(self, topic: str, later: str) -> NDArray[np.float64]:
+        starts, ends = self.sent_ns[topic], self.sent_ns[later]
+        known = np.array([ends[tick] - starts[tick] for tick in starts if tick in ends]) * 1e-6
+        return known[:0] if (known < 0.0).any() else known  # clocks of two machines
 
 
 @dataclass(frozen=True)
@@ -29,6 +62,7 @@ class Measured:
     trace: DelayTrace  # see :func:`forcebound.config.traces.loop_delays`
     document: Mapping[str, Any]  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
+    hops: Hops | None = None  # None: not asked for
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -36,18 +70,30 @@ class Measured:
 
         ``ticks``, ``lost_share`` (0 to 1), ``loop_delay_ms``: the percentiles in ``SHARES``, each
         None if every answer was lost, and ``histogram``: ``from_ms``, ``to_ms`` and ``count`` of
-        each class.
+        each class. With hops ``links_ms``: for each link and ``loop`` a map of ``count``, the
+        percentiles and the ``histogram``.
         """
         known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
-        wanted = list(SHARES.values())
-        figures = np.percentile(known, wanted).tolist() if known.size else [None] * len(wanted)
         ticks = len(self.trace.delays)
-        return {
+        figures = {
             "ticks": ticks,
             "lost_share": 1.0 - known.size / ticks,
-            "loop_delay_ms": dict(zip(SHARES, figures, strict=True)),
+            "loop_delay_ms": _percentiles(known),
             "histogram": _histogram(known),
         }
+        if self.hops is None:
+            return figures
+        links = {
+            name: {"count": one.size, **_percentiles(one), "histogram": _histogram(one)}
+            for name, one in self.hops.delays().items()
+        }
+        return figures | {"links_ms": links}
+
+
+def _percentiles(delays: NDArray[np.float64]) -> dict[str, float | None]:
+    if not delays.size:
+        return dict.fromkeys(SHARES)
+    return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
 
 
 def _histogram(delays: NDArray[np.float64]) -> list[dict[str, float]]:
@@ -60,31 +106,52 @@ def _histogram(delays: NDArray[np.float64]) -> list[dict[str, float]]:
     return [{"from_ms": float(a), "to_ms": float(b), "count": int(n)} for a, b, n in rows]
 
 
-def measure(run: Path | None, duration: float | None = None) -> Measured:
+def measure(run: Path | None, duration: float | None = None, links: bool = False) -> Measured:
     """Return the loop delays of a run.
 
     Args:
         run: A recording; the run directory of a running graph; None: the only one that runs.
         duration: How long to watch a running graph, in s; None: :data:`DURATION`.
+        links: Whether to measure from hop to hop, too.
 
     Raises:
         ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
             for a recording.
         RunError: If the graph sent nothing, or ended meanwhile.
     """
-    if run is not None and not run.is_dir():
+    if run is not None and _is_recording(run):
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
-        return Measured(*of_recording(run))
+        return Measured(*of_recording(run), _recorded_hops(run) if links else None)
     run_dir = find(run, of_graph=True, option="`forcebound delay GRAPH`")
+    hops = Hops() if links else None
     with while_running(run_dir):
         document = read_launch_document(run_dir)
-        columns = watch(run_dir, DURATION if duration is None else duration)
-    return Measured(loop_delays(columns), document)
+        columns = watch(run_dir, DURATION if duration is None else duration, hops)
+    return Measured(loop_delays(columns), document, hops=hops)
 
 
-def watch(run_dir: Path, duration: float) -> TelemetryColumns:
+def _is_recording(run: Path) -> bool:
+    return run.suffix == SUFFIX or (not run.suffix and run.is_file())
+
+
+def _recorded_hops(file: Path) -> Hops:
+    from forcebound.recording import read
+
+    recording, hops = read(file, HOPS), Hops()
+    for topic in HOPS:
+        for packet in recording.packets(topic):
+            hops.add(topic, packet)
+    return hops
+
+
+def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:
     """Return the telemetry of a running graph, for ``duration`` s or until the graph ends.
+
+    Args:
+        run_dir: Of the graph.
+        duration: Longest time, in s.
+        hops: Gets the packets of all links, if there is one.
 
     Raises:
         ConfigError: If it is no run directory, or no longer one.
@@ -93,10 +160,13 @@ def watch(run_dir: Path, duration: float) -> TelemetryColumns:
     packets: list[Telemetry] = []
 
     def take(topic: str, packet: Packet, data: bytes) -> bool:
-        packets.append(cast("Telemetry", packet))
+        if hops is not None:
+            hops.add(topic, packet)
+        if isinstance(packet, Telemetry):
+            packets.append(packet)
         return True
 
-    read_topics(run_dir, (TELEMETRY,), take, duration)
+    read_topics(run_dir, (TELEMETRY,) if hops is None else HOPS, take, duration)
     if not packets:
         raise RunError(
             f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"

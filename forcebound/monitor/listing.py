@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.control import statuses
 from forcebound.monitor.nodes import UNKNOWN
 from forcebound.monitor.runs import running
@@ -59,10 +59,10 @@ def list_graphs(interval: float = INTERVAL, only: Path | None = None) -> list[Li
         interval: Between two looks at the processes.
         only: Run directory of the only graph to list; None: all.
     """
-    runs = running() if only is None else {only: RunDocument.read(only)}
     known: dict[Path, tuple[RunDocument, str | None, dict[str, dict[str, Any]]]] = {}
-    for run_dir, run in runs.items():
-        with suppress(ConfigError, RunError, OSError):  # it ended just now
+    for run_dir in running() if only is None else (only,):
+        with suppress(ConfigError, RunError, OSError):  # it has ended
+            run = RunDocument.read(run_dir)
             known[run_dir] = (run, *_processes(run_dir, run))
     pids = {p["pid"] for _, _, nodes in known.values() for p in nodes.values() if p.get("pid")}
     before, start = {pid: _used(pid) for pid in pids}, time.monotonic()

@@ -7,7 +7,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.control import statuses
 from forcebound.network import sockets
 from forcebound.processes import LAUNCHER, NODES

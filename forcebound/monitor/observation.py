@@ -16,7 +16,7 @@ from typing import Any
 from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.control import statuses
 from forcebound.monitor.delay import watch
 from forcebound.monitor.nodes import UNKNOWN

@@ -2,8 +2,8 @@
 
 A run directory is named ``forcebound-...``, lies in the user's runtime folder
 (:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
-document (:class:`forcebound.launch.live.RunDocument`) and is held by a launcher or by nodes that
-were started by hand (:mod:`forcebound.launch.run_lock`).
+document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher or by
+nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError, RunError
 from forcebound.folders import is_own
-from forcebound.launch.live import RunDocument, own_run_directories, run_folders
+from forcebound.launch.run_directory import RunDocument, own_run_directories, run_folders
 from forcebound.launch.run_lock import is_held
 from forcebound.network import sockets
 from forcebound.process import has_control
@@ -60,13 +60,12 @@ def find(
     known = running(folders)
     if run is None:
         return _only(known, of_graph, option)
-    if not run.exists():
-        named = {path: one for path, one in known.items() if _is_named(one, str(run))}
-        if named:
-            return _only(named, of_graph, option)
     run_dir = _real(run)
     document = _document(run_dir)  # the directory may lie elsewhere
     if document is None:
+        named = {path: one for path, one in known.items() if _is_named(one, str(run))}
+        if named:
+            return _only(named, of_graph, option)
         others = f"these are:{_list(known)}" if known else "none runs"
         raise ConfigError(
             f"{run} is not the run directory of a running graph, nor its launch file; {others}"

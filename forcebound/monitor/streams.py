@@ -1,4 +1,4 @@
-"""Topics of a running graph, read from outside: packets, rates, sizes, delays from hop to hop.
+"""Topics of a running graph, read from outside: packets, rates, sizes.
 
 A reader looks a hundred times a second and stays off the nodes' core, so that it costs the servo
 nothing. Rates are those of the senders' own time stamps, so a slow reader does not change them.
@@ -17,17 +17,16 @@ import numpy as np
 
 from forcebound import realtime
 from forcebound.config.problems import unknown
-from forcebound.errors import ConfigError, PacketError, RunError
-from forcebound.launch.live import RUN_FILE, RunDocument, recorded_streams
+from forcebound.errors import ConfigError, PacketError
+from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import LINKS, TOPIC_OF, TOPICS, Packet, Telemetry, field_types
+from forcebound.messages.packets import TOPICS, Packet, field_types
 from forcebound.monitor.runs import while_running
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 
 DURATION = 2.0  # s, how long rates are measured
 PERIOD_NS = 10_000_000  # of looking: waking for each packet would disturb the graph
-SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 
 #: Called with topic, packet and its bytes; returns whether to go on.
 Take = Callable[[str, Packet, bytes], bool]
@@ -160,41 +159,6 @@ def measure_streams(
     read_topics(run_dir, topics, take, duration)
     watched = time.monotonic() - start
     return {topic: stream.figures(watched) for topic, stream in streams.items()}
-
-
-def measure_hops(run_dir: Path, duration: float = DURATION) -> dict[str, dict[str, Any]]:
-    """Return how long a tick takes from hop to hop, in ms, fit for JSON.
-
-    For each link and ``loop`` a map of ``count`` and the percentiles in ``SHARES``, None without
-    any. A link's time goes from the sending of its packet until its receiver has sent what it made
-    of it; clocks of two machines differ, so of a link to another one nothing is known.
-
-    Raises:
-        ConfigError: If no graph runs there.
-        RunError: If nothing came.
-    """
-    times: dict[str, dict[int, int]] = {topic: {} for topic in (*LINKS, TOPIC_OF[Telemetry])}
-
-    def take(topic: str, packet: Packet, data: bytes) -> bool:
-        tick = packet.seq if topic == LINKS[0] else getattr(packet, "device_seq", None)
-        if tick is not None:
-            times[topic].setdefault(tick, packet.time_ns)
-        return True
-
-    read_topics(run_dir, times, take, duration)
-    if not times[LINKS[0]]:
-        raise RunError(f"no device state in {duration:g} s: is the graph starting, or ending?")
-    hops = dict(zip(LINKS, zip(times, list(times)[1:], strict=False), strict=True))
-    hops["loop"] = (LINKS[0], TOPIC_OF[Telemetry])
-    return {name: _between(times[a], times[b]) for name, (a, b) in hops.items()}
-
-
-def _between(starts: dict[int, int], ends: dict[int, int]) -> dict[str, Any]:
-    known = np.array([ends[tick] - starts[tick] for tick in starts if tick in ends]) * 1e-6
-    if not known.size or (known < 0.0).any():  # clocks of two machines
-        return {"count": 0} | dict.fromkeys(SHARES)
-    figures = np.percentile(known, list(SHARES.values())).tolist()
-    return {"count": known.size} | dict(zip(SHARES, figures, strict=True))
 
 
 def check_fields(topic: str, names: Collection[str]) -> None:

@@ -20,7 +20,7 @@ from forcebound.config.problems import Problems
 from forcebound.config.resolved import ALL_CODE, restore, to_document
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.live import (
+from forcebound.launch.run_directory import (
     RunDocument,
     read_launch_document,
     updating,

@@ -9,22 +9,18 @@ from typing import Annotated
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.buttons import PressingButtons
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.path_file import read_numbers
 from forcebound.operators.places import StraightWay, straight_way
 from forcebound.quantities import (
-    NOT_NEGATIVE,
     POSITIVE,
-    Damping,
     Length,
-    Mass,
     Speed,
-    Stiffness,
-    check_ranges,
 )
 
 
 @dataclass(frozen=True)
-class FollowingHand(PressingButtons):
+class FollowingHand(SoftGrip, PressingButtons):
     """Mass, spring and damper whose target goes from point to point in straight lines.
 
     The points stand in the launch file or in a CSV file: one header line, then a point a line, its
@@ -45,14 +41,11 @@ class FollowingHand(PressingButtons):
     file: Path | None = None
     speed: Annotated[Speed, POSITIVE] = 0.05
     repeat: bool = False
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     _ways: tuple[StraightWay, ...] = field(init=False, repr=False, compare=False)
     _ends: tuple[float, ...] = field(init=False, repr=False, compare=False)  # m, along the path
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         places = self._read()
         ways = [straight_way(one, other) for one, other in pairwise((*places, places[0]))]
         if not self.repeat:

@@ -5,38 +5,29 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.grip import SoftGrip
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
-    Damping,
     Frequency,
     Length,
-    Mass,
     Speed,
-    Stiffness,
-    check_ranges,
 )
 
 
 @dataclass(frozen=True)
-class PalpatingHand:
+class PalpatingHand(SoftGrip):
     """Mass, spring and damper whose target moves to ``centre`` and then is a sine about it.
 
     Unlike :class:`forcebound.operators.sinusoidal.SinusoidalHand` it begins outside the surface
     and, with a ``centre`` deeper than the ``amplitude``, then never leaves it.
     """
 
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Length = 0.0
     centre: Length = 0.0125  # 2.5 mm behind the surface of the paper's wall at 10 mm
     amplitude: Annotated[Length, NOT_NEGATIVE] = 0.002
     frequency: Annotated[Frequency, NOT_NEGATIVE] = 2.0
     approach_speed: Annotated[Speed, POSITIVE] = 0.05
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def target(self, elapsed: float) -> Vector:
         """Return the target after ``elapsed`` s; see :class:`forcebound.operators.Operator`."""

@@ -5,22 +5,18 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.places import Place, check_places, coordinates
 from forcebound.quantities import (
-    NOT_NEGATIVE,
     POSITIVE,
-    Damping,
     Length,
-    Mass,
     Speed,
-    Stiffness,
     Time,
-    check_ranges,
 )
 
 
 @dataclass(frozen=True)
-class PointerHand:
+class PointerHand(SoftGrip):
     """Mass, spring and damper whose target follows a pointer, such as the mouse of a page.
 
     The target does not jump: it follows the pointer through a first-order low-pass, no faster than
@@ -34,16 +30,13 @@ class PointerHand:
         speed: Largest speed of the target.
     """
 
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Place = 0.0
     reach: Annotated[Length, POSITIVE] = 0.1
     smoothing: Annotated[Time, POSITIVE] = 0.010
     speed: Annotated[Speed, POSITIVE] = 0.5
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_places(self, "start")
 
     def target(self, elapsed: float) -> Vector:

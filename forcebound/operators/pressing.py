@@ -5,15 +5,11 @@ from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.places import Place, StraightWay, check_places, straight_way
 from forcebound.quantities import (
-    NOT_NEGATIVE,
     POSITIVE,
-    Damping,
-    Mass,
     Speed,
-    Stiffness,
-    check_ranges,
 )
 
 
@@ -29,10 +25,8 @@ def pressing_target(elapsed: float, start: float, end: float, speed: float) -> f
 
 
 @dataclass(frozen=True)
-class PressingHand:
+class PressingHand(SoftGrip):
     """Mass, spring and damper whose target moves straight from ``start`` to ``end``.
-
-    The defaults are close to the soft grip of the paper's experiments (section 4.1).
 
     Attributes:
         start: Where the target begins: on the first axis, or a list of one for each axis.
@@ -40,16 +34,13 @@ class PressingHand:
         approach_speed: Along the way from the one to the other.
     """
 
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Place = -0.010
     end: Place = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
     # Paper 4.2: "high" is 150 to 250 mm/s, "low" 20 to 50 mm/s.
     approach_speed: Annotated[Speed, POSITIVE] = 0.2
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_places(self, "start", "end")
 
     def target(self, elapsed: float) -> Vector:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
-from forcebound.quantities import NOT_NEGATIVE, Damping, Frequency, Length, Mass, Stiffness
+from forcebound.operators.grip import SoftGrip
+from forcebound.quantities import NOT_NEGATIVE, Frequency, Length
 
 
 def sinusoidal_target(elapsed: float, centre: float, amplitude: float, frequency: float) -> float:
@@ -15,12 +16,9 @@ def sinusoidal_target(elapsed: float, centre: float, amplitude: float, frequency
 
 
 @dataclass(frozen=True)
-class SinusoidalHand:
+class SinusoidalHand(SoftGrip):
     """Mass, spring and damper whose target is a sine along the first axis (paper Fig. 19: 2 Hz)."""
 
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     centre: Length = 0.010
     amplitude: Annotated[Length, NOT_NEGATIVE] = 0.004
     frequency: Annotated[Frequency, NOT_NEGATIVE] = 2.0

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from forcebound.messages.packets import Vector
 from forcebound.operators.buttons import PressingButtons
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.places import (
     Place,
     StraightWay,
@@ -18,17 +19,13 @@ from forcebound.operators.places import (
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
-    Damping,
     Frequency,
-    Mass,
     Speed,
-    Stiffness,
-    check_ranges,
 )
 
 
 @dataclass(frozen=True)
-class StrokingHand(PressingButtons):
+class StrokingHand(SoftGrip, PressingButtons):
     """Mass, spring and damper whose target goes straight to ``end`` and then strokes about it.
 
     Pressed into a surface, with a ``stroke`` along it, the tip slides: the spring presses with
@@ -43,9 +40,6 @@ class StrokingHand(PressingButtons):
         frequency: Of strokes to and fro; the motion is a sine.
     """
 
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     start: Place = -0.010
     end: Place = 0.014  # 4 mm behind the surface of the paper's wall at 10 mm
     approach_speed: Annotated[Speed, POSITIVE] = 0.1
@@ -53,7 +47,7 @@ class StrokingHand(PressingButtons):
     frequency: Annotated[Frequency, NOT_NEGATIVE] = 0.5
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         check_places(self, "start", "end", "stroke")
 
     def target(self, elapsed: float) -> Vector:

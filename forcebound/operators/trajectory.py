@@ -3,17 +3,17 @@
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 from forcebound.errors import ConfigError
+from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import MAX_AXES, Vector
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.path_file import read_numbers
-from forcebound.operators.recorded_path import SUFFIX, read_recording
-from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness
+from forcebound.operators.recorded_path import read_recording
 
 
 @dataclass(frozen=True)
-class TrajectoryHand:
+class TrajectoryHand(SoftGrip):
     """Mass, spring and damper whose target follows a CSV file, or the hand in a recording.
 
     A CSV file has a header line; its first column is the time in s, strictly increasing, the others
@@ -27,13 +27,11 @@ class TrajectoryHand:
     """
 
     file: Path
-    mass: Annotated[Mass, NOT_NEGATIVE] = 0.275
-    stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 950.0
-    damping: Annotated[Damping, NOT_NEGATIVE] = 2.8
     _times: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _positions: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         try:
             is_recording = Path(self.file).suffix == SUFFIX
             read = read_recording if is_recording else _read_path

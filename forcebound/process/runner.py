@@ -289,8 +289,8 @@ class Runner:
         if time_ns >= self._next_complaint_ns:
             self._next_complaint_ns = time_ns + COMPLAINT_INTERVAL_NS
             rejected = self._node.status()["rejected"]
-            counts = ", ".join(f"{count} {why}" for why, count in rejected.items())
-            data = {why: str(count) for why, count in rejected.items()}
+            data = {name: str(count) for name, count in rejected.items()}
+            counts = ", ".join(f"{count} {name}" for name, count in data.items())
             message = f"rejected packets so far: {counts}; the last: {why}"
             self.emit("packets_refused", message, data, is_fault=True)
 

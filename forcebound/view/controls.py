@@ -1,4 +1,4 @@
-"""What a page may change: parameters, nodes, the law, outages, the pointer of the hand."""
+"""What a page may do: change parameters, nodes, law, links; record; move the hand."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, ForceboundError, RunError
-from forcebound.launch.live import RunDocument
+from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ask, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
@@ -22,6 +22,7 @@ from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
 from forcebound.view.kernels import Kernels, shipped_laws
+from forcebound.view.recording import PageRecording
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN, SAFE = ("none", "5 ms"), ("certified", "0 ms")  # law, delay each way
@@ -31,12 +32,18 @@ OVERDUE = 0.5  # s without an answer, after which a device is asked again: it wa
 class Controls:
     """The controls of one running graph; to be closed.
 
+    Args:
+        run_dir: Of the graph.
+        recordings: Folder for recordings.
+
     Attributes:
         law: Of the device, now.
+        recording: That a page has begun.
     """
 
-    def __init__(self, run_dir: Path) -> None:
+    def __init__(self, run_dir: Path, recordings: Path) -> None:
         self._run_dir = run_dir
+        self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, serves=False)
         status = ask(run_dir, "device", {"request": "status"}) or {}
         self.law = str(status.get("law", self._config.device.servo.law))
@@ -48,6 +55,8 @@ class Controls:
             "start": lambda wanted: start_node(run_dir, str(wanted["node"])),
             "law": lambda wanted: self._take_law(str(wanted["law"])),
             "outage": lambda wanted: self._cut(str(wanted["time"])),
+            "record": lambda _: self.recording.begin(),
+            "end_recording": lambda _: self.recording.end(),
             "break": lambda wanted: self._show(*BROKEN),
             "safe": lambda wanted: self._show(*SAFE),
         }
@@ -113,6 +122,7 @@ class Controls:
 
     def close(self) -> None:
         """End what is still under way."""
+        self.recording.close()
         self._kernels.close()
 
     def _show(self, law: str, delay: str) -> None:

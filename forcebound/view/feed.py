@@ -16,7 +16,7 @@ import msgspec
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
 from forcebound.geometry.mesh_file import read_mesh
-from forcebound.launch.live import RunDocument, recorded_streams
+from forcebound.launch.run_directory import RunDocument, recorded_streams
 from forcebound.launch.run_lock import is_held
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import (

@@ -19,7 +19,8 @@ const MOST_EVENTS = 200;
 
 let socket = null;
 let request = 0;
-let isOver = false;
+let isOver = false; // the graph has ended
+let isClosed = false; // so has the server
 let mayChange = false;
 let heard = performance.now(); // ms, when the last frame came
 
@@ -55,6 +56,8 @@ const histogram = new Histogram($("histogram"), shown, "delay", "Loop delay, how
 const takes = {
   hello(message) {
     mayChange = message.may_change;
+    isOver = false;
+    heard = performance.now();
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap where nothing was heard
@@ -104,9 +107,14 @@ const takes = {
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
+  recording(message) { controls.recording(message); },
   over() {
     isOver = true;
-    say("the graph has ended; a new one has a page, and an address, of its own", false);
+    say("the graph has ended; the page shows the next one as soon as it runs", false);
+  },
+  closed() {
+    isClosed = true;
+    say("this page has ended; `forcebound view` opens a new one", false);
   },
 };
 
@@ -121,7 +129,7 @@ function hintOf({ may_change, hand, axes }) {
 function say(words, isWell) {
   if ($("state").textContent !== words) $("state").textContent = words;
   document.body.classList.toggle("is-away", !isWell);
-  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver;
+  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
@@ -188,7 +196,7 @@ function connect() {
     takes[message.type]?.(message);
   });
   socket.addEventListener("close", () => {
-    if (isOver) return;
+    if (isClosed) return;
     say("not connected; trying again", false);
     setTimeout(connect, AGAIN);
   });

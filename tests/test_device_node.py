@@ -1,7 +1,5 @@
-"""Decisions of each node, fed by hand."""
+"""The device node, fed by hand: its schedule, its safety chain, its events."""
 
-import dataclasses
-import logging
 import math
 from itertools import pairwise
 from typing import Any
@@ -11,26 +9,16 @@ from builders import MS
 from fakes import answer, device_node
 from msgspec.structs import replace
 
-from forcebound.config.loader import load
-from forcebound.controllers.direct import DirectController
-from forcebound.environments.wall import Wall
-from forcebound.launch.build import dead_lease_ns, lease_ns
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import (
     DeviceState,
-    EnvironmentQuery,
-    EnvironmentReply,
     Event,
     ForceCommand,
     Packet,
     Telemetry,
     Vector,
 )
-from forcebound.network.computation import ComputationTime
-from forcebound.network.impairment import Impairment
-from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
-from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.servo import ServoSettings
 
@@ -265,127 +253,7 @@ def test_settings_without_meaning_are_refused(setting: str, value: Any) -> None:
         ServoSettings(**{setting: value})
 
 
-# The controller node
-
-
-def test_the_controller_asks_about_each_state_and_commands_each_answer_with_its_echo() -> None:
-    node = ControllerNode(DirectController())
-    state = DeviceState(41, 1000, 0.5, (0.01,), (0.2,), (0.0,))
-    (query,) = node.step(1500, [state])
-    assert query == EnvironmentQuery(0, 1500, 41, 1000, 0.5, (0.01,), (0.2,), None)
-    reply = EnvironmentReply(7, 1700, 41, 1000, 0, 1500, (3.0,), "e")
-    event, command = node.step(1800, [reply])
-    assert isinstance(event, Event)
-    assert (event.event, event.data) == ("environment_serves", {"environment": "e"})
-    assert command == ForceCommand(0, 1800, 41, 1000, (3.0,))
-    assert node.step(1900, [command]) == []
-
-
-def reply_of(name: str, query: EnvironmentQuery) -> EnvironmentReply:
-    """What an environment with this name answers."""
-    echo = (query.device_seq, query.device_time_ns, query.seq, query.time_ns)
-    return EnvironmentReply(query.seq, query.time_ns, *echo, (1.0,), name)
-
-
-def ask(node: ControllerNode, time_ns: int) -> EnvironmentQuery:
-    """The query that a controller makes at a time."""
-    tick = time_ns // MS
-    state = DeviceState(tick, time_ns, 0.5, (0.01,), (0.2,), (0.0,))
-    queries = [p for p in node.step(time_ns, [state]) if isinstance(p, EnvironmentQuery)]
-    (query,) = queries
-    return query
-
-
-def test_the_first_environment_that_answers_serves_and_another_one_is_refused() -> None:
-    node = ControllerNode(DirectController(), lease_ns=1000 * MS)
-    first = ask(node, 0)
-    assert first.environment is None
-    node.step(1 * MS, [reply_of("one", first)])
-    query = ask(node, 2 * MS)
-    assert query.environment == "one"
-    (event,) = node.step(3 * MS, [reply_of("two", query)])
-    assert isinstance(event, Event)
-    assert (event.event, event.is_fault) == ("environment_refused", True)
-    assert "two" in event.message
-    assert "one" in event.message
-    assert node.step(4 * MS, [reply_of("two", query)]) == []  # told once a second, counted always
-    assert node.status()["rejected"] == {"second_environment": 2}
-
-
-def test_another_environment_serves_once_the_one_that_did_has_been_silent() -> None:
-    node = ControllerNode(DirectController(), lease_ns=1000 * MS)
-    node.step(1 * MS, [reply_of("one", ask(node, 0))])
-    assert ask(node, 1001 * MS).environment == "one"
-    lost, query = node.step(1002 * MS, [DeviceState(2, 1002 * MS, 0.0, (0.0,), (0.0,), (0.0,))])
-    assert isinstance(lost, Event)
-    assert isinstance(query, EnvironmentQuery)
-    assert lost.event == "environment_lost"
-    assert query.environment is None
-    _, command = node.step(1003 * MS, [reply_of("two", query)])
-    assert isinstance(command, ForceCommand)
-    assert node.status()["environment"] == "two"
-
-
-def died(process: str) -> dict[str, str]:
-    return {"request": "environment_died", "process": process}
-
-
-def test_the_lease_of_an_environment_that_is_gone_is_shorter_and_the_next_one_has_a_whole_one() -> (
-    None
-):
-    node = ControllerNode(DirectController(), lease_ns=1000 * MS, dead_lease_ns=200 * MS)
-    node.step(1 * MS, [reply_of("host/1/a", ask(node, 0))])
-    node.handle(died("host/12/"))
-    assert ask(node, 300 * MS).environment == "host/1/a"
-    node.step(301 * MS, [reply_of("host/1/a", ask(node, 301 * MS))])
-    node.handle(died("host/1/"))
-    assert ask(node, 501 * MS).environment == "host/1/a"  # the force must be at zero before
-    lost, query = node.step(502 * MS, [DeviceState(2, 502 * MS, 0.0, (0.0,), (0.0,), (0.0,))])
-    assert isinstance(lost, Event)
-    assert isinstance(query, EnvironmentQuery)
-    assert (lost.event, lost.is_fault) == ("environment_lost", True)
-    assert "host/1/a is gone" in lost.message
-    assert query.environment is None
-    node.step(503 * MS, [reply_of("host/2/b", query)])
-    assert ask(node, 1503 * MS).environment == "host/2/b"
-
-
-def test_the_lease_outlasts_the_age_limit_so_that_the_force_is_zero_between_environments() -> None:
-    config = load("stiff_wall.yaml")
-    servo = dataclasses.replace(config.device.servo, age_limit=3.0)
-    device = dataclasses.replace(config.device, servo=servo)
-    assert lease_ns(dataclasses.replace(config, device=device)) >= 6_000 * MS
-    assert lease_ns(config) > 1e9 * config.device.servo.age_limit
-    assert dead_lease_ns(config) > 1e9 * config.device.servo.age_limit
-
-
-# The environment node
-
-
-def test_an_environment_that_does_not_serve_says_so_and_answers_once_a_second() -> None:
-    node = EnvironmentNode(Wall(), name="two")
-    answers = 0
-    events = []
-    for tick in range(2500):
-        asked = replace(query(tick), environment="one")
-        packets = node.step(tick * MS, [asked])
-        answers += sum(isinstance(p, EnvironmentReply) for p in packets)
-        events += [p for p in packets if isinstance(p, Event)]
-    assert answers == 3
-    assert [event.event for event in events] == ["environment_refused"]
-    assert "one" in events[0].message
-
-
-def test_an_environment_whose_queries_change_their_mind_says_so_now_and_then() -> None:
-    node = EnvironmentNode(Wall(), name="two")
-    events: list[Event] = []
-    for tick in range(1000):
-        asked = replace(query(tick), environment=("one", "two", None, "three")[tick % 4])
-        events += [p for p in node.step(tick * MS, [asked]) if isinstance(p, Event)]
-    assert 2 <= len(events) <= 6
-    last = replace(query(2000), environment="four")
-    (told,) = (p for p in node.step(2000 * MS, [last]) if isinstance(p, Event))
-    assert "four serves this graph" in told.message
+# Events
 
 
 def test_a_device_whose_answers_come_near_the_age_limit_says_so_now_and_then() -> None:
@@ -415,91 +283,3 @@ def test_an_event_with_much_to_tell_fits_into_a_packet() -> None:
     many = log.emit(0, "parameter_set", "x" * 5000, {f"name{i}": "y" * 300 for i in range(200)})
     assert decode(encode(many)) == many
     assert int(many.data["left_out"]) == 200 - (len(many.data) - 1)
-
-
-@pytest.mark.parametrize("serving", [None, "two"])
-def test_an_environment_answers_when_nobody_serves_or_it_does(serving: str | None) -> None:
-    node = EnvironmentNode(Wall(), name="two")
-    node.step(0, [replace(query(0), environment="one")])
-    *_, reply = node.step(1, [replace(query(1), environment=serving)])
-    assert isinstance(reply, EnvironmentReply)
-    assert reply.environment == "two"
-
-
-def query(seq: int, position: float = 0.011) -> EnvironmentQuery:
-    return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,), None)
-
-
-def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
-    node = EnvironmentNode(Wall(stiffness=1000.0))
-    (reply,) = node.step(5 * MS, [query(3)])
-    assert isinstance(reply, EnvironmentReply)
-    assert reply.force == pytest.approx((1.0,))
-    assert reply == EnvironmentReply(0, 5 * MS, 3, 3 * MS, 3, 3 * MS, reply.force, "environment")
-    assert node.wake_ns is None
-
-
-@pytest.mark.parametrize("key", ["position", "velocity", "elapsed"])
-def test_a_query_that_is_not_finite_is_counted_and_not_answered(key: str) -> None:
-    node = EnvironmentNode(Wall())
-    for number in (math.nan, math.inf):
-        assert (
-            node.step(0, [replace(query(0), **{key: number if key == "elapsed" else (number,)})])
-            == []
-        )
-    assert node.status()["rejected"] == {"not_finite": 2}
-    assert node.answered == 0
-
-
-def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
-    node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
-    assert node.step(0, [query(0)]) == []
-    assert node.wake_ns == 3 * MS
-    assert node.step(1 * MS, [query(1)]) == []
-    assert node.step(2 * MS, [query(2)]) == []
-    (reply,) = node.step(3 * MS, [])
-    assert isinstance(reply, EnvironmentReply)
-    assert reply.query_seq == 0
-    assert node.wake_ns == 6 * MS
-    (reply,) = node.step(6 * MS, [])
-    assert isinstance(reply, EnvironmentReply)
-    assert reply.query_seq == 2
-    assert node.wake_ns is None
-
-
-class Broken:
-    """An environment of a user who makes mistakes."""
-
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        raise ZeroDivisionError
-
-
-class OneAxisShort:
-    """Another one: it forgets an axis."""
-
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        return position[1:]
-
-
-def test_an_answer_with_another_number_of_axes_is_none_and_is_counted(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    node = EnvironmentNode(OneAxisShort())
-    (event,) = node.step(0, [query(0)])
-    assert isinstance(event, Event)
-    assert event.event == "environment_failed"
-    assert node.status()["failures"] == 1
-    assert "expected 1 entries, got 0" in caplog.text
-
-
-def test_an_environment_that_raises_is_silent_and_counted(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    node = EnvironmentNode(Broken())
-    with caplog.at_level(logging.ERROR):
-        (event,) = node.step(0, [query(0)])
-        assert isinstance(event, Event)
-        assert (event.event, event.is_fault) == ("environment_failed", True)
-        assert node.step(1, [query(1)]) == []
-    assert node.status()["failures"] == 2
-    assert len(caplog.records) == 1

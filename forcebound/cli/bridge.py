@@ -1,0 +1,74 @@
+"""Commands that show a running graph in other programs."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from forcebound.cli.common import duration_option_for, reports_errors, run_option, topics_argument
+
+_duration_option = duration_option_for("Time after which it ends. Default: with the graph.")
+
+
+@click.group(short_help="Show a running graph in another program.")
+def bridge() -> None:
+    """Show a running graph in another program, which can change nothing."""
+
+
+def _port_option(default: int) -> Callable[..., Any]:
+    kind = click.IntRange(1, 65535)
+    return click.option(
+        "--port", type=kind, default=default, help=f"On loopback. Default: {default}."
+    )
+
+
+@bridge.command(short_help="Publish topics for PlotJuggler.")
+@topics_argument
+@run_option
+@_port_option(9872)
+@_duration_option
+@reports_errors
+def plotjuggler(
+    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
+) -> None:
+    r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
+
+    In PlotJuggler: Streaming, ZMQ Subscriber, connect to tcp:// localhost, port 9872, JSON.
+
+    \b
+    forcebound bridge plotjuggler
+    forcebound bridge plotjuggler telemetry device_state --run stiff_wall
+    """
+    from forcebound.monitor.bridges import serve_plotjuggler
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
+    serve_plotjuggler(find(run_dir), wanted, port, duration)
+
+
+@bridge.command(short_help="Serve topics to Foxglove.")
+@topics_argument
+@run_option
+@_port_option(8765)
+@_duration_option
+@reports_errors
+def foxglove(
+    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
+) -> None:
+    r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
+
+    In Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the extra
+    `foxglove`. Every program and every page in a browser of this machine can read there.
+
+    \b
+    forcebound bridge foxglove
+    """
+    from forcebound.messages.packets import TOPICS
+    from forcebound.monitor.bridges import serve_foxglove
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    wanted = [topic_named(topic) for topic in topics or TOPICS]
+    serve_foxglove(find(run_dir), wanted, port, duration)

@@ -1,0 +1,365 @@
+"""Commands that show the topics of a running graph: packets, events, rates, delays."""
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from forcebound.cli import complete
+from forcebound.cli.common import (
+    UNKNOWN,
+    duration_option_for,
+    file_option,
+    json_lines_option,
+    json_option,
+    print_json,
+    print_rows,
+    reports_errors,
+    run_option,
+    show,
+    topics_argument,
+)
+
+if TYPE_CHECKING:
+    from forcebound.messages.packets import Packet
+
+BAR = 40  # characters, of the longest bar of a histogram
+BARS = " ▁▂▃▄▅▆▇█"  # of a histogram in one line
+
+_measuring_option = duration_option_for("Measuring time. Default: 2s.")
+
+
+@click.command(short_help="Print the packets of a topic.")
+@click.argument("topic", shell_complete=complete.topics)
+@click.option(
+    "--field",
+    "fields",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=complete.fields,
+    help="Only this field; repeatable.",
+)
+@click.option("--count", type=click.IntRange(min=1), help="End after so many packets.")
+@click.option("--csv", "as_csv", is_flag=True, help="One row each, a column for each entry.")
+@click.option("--line", "as_line", is_flag=True, help="One line each.")
+@json_lines_option
+@run_option
+@duration_option_for("Time after which it ends. Default: with the graph.")
+@reports_errors
+def echo(
+    topic: str,
+    fields: tuple[str, ...],
+    count: int | None,
+    as_csv: bool,
+    as_line: bool,
+    as_json: bool,
+    run_dir: Path | None,
+    duration: float | None,
+) -> None:
+    r"""Print the packets of TOPIC as they come, until Ctrl-C.
+
+    \b
+    forcebound echo telemetry --field position --field applied_force --line
+    forcebound echo event --json
+    forcebound echo telemetry --csv --duration 5s > telemetry.csv
+    """
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import check_fields, fields_of_packet, read_topics, topic_named
+
+    if as_csv + as_line + as_json > 1:
+        raise click.UsageError("choose one of --csv, --line, --json")
+    check_fields(topic_named(topic), fields)
+    write = _as_csv() if as_csv else _as_line if as_line else _as_json if as_json else _as_block
+    left = [count]
+
+    def take(_: str, packet: "Packet", data: bytes) -> bool:
+        values = fields_of_packet(packet)
+        write({name: values[name] for name in fields or values if name in values})
+        if left[0] is not None:
+            left[0] -= 1
+        return left[0] != 0
+
+    read_topics(find(run_dir), (topic,), take, duration)
+
+
+def _as_block(values: Mapping[str, Any]) -> None:
+    show("\n".join(f"{name}: {_text(value)}" for name, value in values.items()) + "\n---")
+
+
+def _as_line(values: Mapping[str, Any]) -> None:
+    show("  ".join(f"{name}={_text(value)}" for name, value in values.items()))
+
+
+def _as_json(values: Mapping[str, Any]) -> None:
+    from msgspec.json import encode
+
+    click.echo(encode(values))  # a number that is not finite becomes null
+
+
+def _as_csv() -> Callable[[Mapping[str, Any]], None]:
+    """Return a writer of rows; the first has the names, with a column for each entry of a list."""
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    names: list[str] = []
+
+    def write(values: Mapping[str, Any]) -> None:
+        flat: dict[str, Any] = {}
+        for name, value in values.items():
+            if isinstance(value, list | tuple):
+                flat |= {f"{name}[{i}]": entry for i, entry in enumerate(value)}
+            else:
+                flat[name] = json.dumps(value) if isinstance(value, Mapping) else value
+        if not names:
+            names.extend(flat)
+            rows.writerow(names)
+        rows.writerow([flat.get(name) for name in names])
+
+    return write
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{name}: {_text(entry)}' for name, entry in value.items())}}}"
+    return UNKNOWN if value is None else str(value)
+
+
+def _measuring(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the topics, the graph, a duration and ``--json``."""
+    for option in (reports_errors, json_option, _measuring_option, run_option, topics_argument):
+        command = option(command)
+    return command
+
+
+@click.command()
+@_measuring
+def hz(
+    topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
+) -> None:
+    r"""Measure how often topics are sent, by their senders' time stamps. Default: all topics.
+
+    \b
+    forcebound hz
+    forcebound hz telemetry force_command --duration 10s --json
+    """
+    head = ("topic", "rate", "mean", "min", "max", "deviation", "packets", "missing")
+    _show_figures(_measured(topics, run_dir, duration), as_json, head, _regularity)
+
+
+def _regularity(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    interval = figures["interval_ms"] or {}
+    times = [interval.get(name) for name in ("mean", "min", "max", "deviation")]
+    shown = [UNKNOWN if time is None else f"{time:.3f} ms" for time in times]
+    rate = f"{figures['rate_hz']:.1f} Hz"
+    return (rate, *shown, str(figures["packets"]), str(figures["missing"]))
+
+
+@click.command()
+@_measuring
+def bw(
+    topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
+) -> None:
+    r"""Measure how many bytes topics need. Default: all topics.
+
+    \b
+    forcebound bw
+    forcebound bw telemetry --duration 10s
+    """
+    head = ("topic", "bandwidth", "mean size", "packets")
+    _show_figures(_measured(topics, run_dir, duration), as_json, head, _sizes)
+
+
+def _sizes(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    size = figures["mean_size_b"]
+    mean = UNKNOWN if size is None else f"{size:.0f} B"
+    return (f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean, str(figures["packets"]))
+
+
+def _show_figures(
+    figures: Mapping[str, Mapping[str, Any]],
+    as_json: bool,
+    head: Sequence[str],
+    row: Callable[[Mapping[str, Any]], tuple[str, ...]],
+) -> None:
+    if as_json:
+        print_json(figures)
+    else:
+        print_rows(head, [(topic, *row(one)) for topic, one in figures.items()])
+
+
+def _measured(
+    topics: Sequence[str], run_dir: Path | None, duration: float | None
+) -> dict[str, dict[str, Any]]:
+    from forcebound.messages.packets import TOPICS
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import DURATION, measure_streams, topic_named
+
+    wanted = [topic_named(topic) for topic in topics] or list(TOPICS)
+    return measure_streams(find(run_dir), wanted, DURATION if duration is None else duration)
+
+
+@click.command("graph", short_help="Show the graph with its measured rates.")
+@click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart.")
+@file_option("-o", "--output", metavar="GRAPH.svg", help="Draw a picture: .svg, .png or .pdf.")
+@run_option
+@_measuring_option
+@json_option
+@reports_errors
+def draw_graph(
+    mermaid: bool,
+    output: Path | None,
+    run_dir: Path | None,
+    duration: float | None,
+    as_json: bool,
+) -> None:
+    r"""Show who sends what to whom, with the measured rates.
+
+    \b
+    forcebound graph
+    forcebound graph --mermaid > graph.md
+    forcebound graph -o graph.svg
+    """
+    from forcebound.messages.packets import LINKS
+    from forcebound.monitor import drawing
+
+    if output is not None:
+        from forcebound.analysis.plots import check_picture
+
+        check_picture(output)
+    rates = _measured(LINKS, run_dir, duration)
+    if output is not None:
+        drawing.draw(rates, output)
+    if as_json:
+        names = ("sender", "receiver", "topic", "rate_hz")
+        print_json([dict(zip(names, edge, strict=True)) for edge in drawing.edges(rates)])
+    elif output is not None:
+        show(f"picture: {output}")
+    else:
+        show(drawing.as_mermaid(rates) if mermaid else drawing.as_text(rates))
+
+
+@click.command(short_help="Print events of a graph as they come.")
+@click.option("-q", "--quiet", is_flag=True, help="Faults only.")
+@click.option("-v", "--verbose", is_flag=True, help="Their data, too.")
+@run_option
+@duration_option_for("Time after which it ends. Default: with the graph.")
+@json_lines_option
+@reports_errors
+def log(
+    quiet: bool, verbose: bool, run_dir: Path | None, duration: float | None, as_json: bool
+) -> None:
+    r"""Print the events of a graph with the time of day, until Ctrl-C.
+
+    \b
+    forcebound log
+    forcebound log -q --json
+    forcebound log -v --run stiff_wall
+    """
+    import time
+    from datetime import datetime
+
+    from forcebound.messages.packets import Event
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import fields_of_packet, read_topics
+
+    ahead_ns = time.time_ns() - time.monotonic_ns()
+
+    def take(_: str, packet: "Packet", data: bytes) -> bool:
+        if isinstance(packet, Event) and (packet.is_fault or not quiet):
+            at = datetime.fromtimestamp((packet.time_ns + ahead_ns) * 1e-9).isoformat(
+                " ", "milliseconds"
+            )
+            if as_json:
+                _as_json({"time": at, **fields_of_packet(packet)})
+            else:
+                more = f"  {dict(packet.data)}" if verbose and packet.data else ""
+                kind = "FAULT" if packet.is_fault else "event"
+                show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
+        return True
+
+    read_topics(find(run_dir), ("event",), take, duration)
+
+
+@click.command(short_help="Show the loop delay of a recording or graph.")
+@click.argument(
+    "run",
+    required=False,
+    metavar="[RUN]",
+    type=click.Path(path_type=Path),
+    shell_complete=complete.runs,
+)
+@file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
+@duration_option_for("Measuring time of a running graph. Default: 5s.")
+@click.option("--links", is_flag=True, help="Of each link, too.")
+@json_option
+@reports_errors
+def delay(
+    run: Path | None, output: Path | None, duration: float | None, links: bool, as_json: bool
+) -> None:
+    r"""Show the loop delay of RUN, a recording or a running graph. Default: the running graph.
+
+    With --links also how long a tick takes from hop to hop: from the sending of a packet until its
+    receiver has sent what it made of it.
+
+    \b
+    forcebound delay
+    forcebound delay stiff_wall --links --duration 10s
+    forcebound delay run.mcap -o trace.csv
+    """
+    from forcebound.config.traces import as_link_trace
+    from forcebound.monitor.delay import measure
+    from forcebound.network.trace import check_output
+
+    if output is not None:
+        check_output(output)
+    measured = measure(run, duration, links)
+    if not measured.is_complete:
+        show(f"{run} is incomplete: these are the delays up to its end", err=True)
+    if output is not None:
+        as_link_trace(measured.trace, measured.document).write(output)
+    document = {**measured.summary, "trace": None if output is None else str(output)}
+    if as_json:
+        print_json(document)
+        return
+    for name, value in document["loop_delay_ms"].items():
+        label = name.replace("_", ".")
+        show(f"loop delay {label:<6}{'-' if value is None else f'{value:.2f} ms':>10}")
+    _show_histogram(document["histogram"])
+    why = "lost, or overtaken by a newer answer"
+    show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
+    if links:
+        _show_links(document["links_ms"])
+    if output is not None:
+        show(f"trace: {output}")
+
+
+def _show_histogram(classes: Sequence[Mapping[str, float]]) -> None:
+    most = max((row["count"] for row in classes), default=1)
+    for row in classes:
+        bar = "█" * round(BAR * row["count"] / most)
+        show(f"{row['from_ms']:>8.2f} ms {row['count']:>7} {bar}".rstrip())
+
+
+def _show_links(links: Mapping[str, Mapping[str, Any]]) -> None:
+    from forcebound.monitor.delay import SHARES
+
+    shares = [name.replace("_", ".") for name in SHARES]
+    head = ("from sending, ms", "least", *shares, "ticks", "least to p99.9")
+    print_rows(head, [(name, *_delays(one, SHARES)) for name, one in links.items()])
+
+
+def _delays(link: Mapping[str, Any], shares: Iterable[str]) -> tuple[str, ...]:
+    """Return least delay, percentiles, count and histogram of a link, as cells."""
+    classes = link["histogram"]
+    counts = [row["count"] for row in classes]
+    delays = [classes[0]["from_ms"] if classes else None, *(link[share] for share in shares)]
+    shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
+    # The rarest class is seen, too.
+    bars = "".join(BARS[-(-count * (len(BARS) - 1) // max(counts))] for count in counts)
+    return (*shown, str(link["count"]), bars)

@@ -1,0 +1,204 @@
+"""The run directory: where it is, its documents and streams, what remains of it after a crash.
+
+It is private (0700) and holds the sockets of a run and two documents for its processes:
+``launch.json``, the resolved launch file, and ``run.json``, what only this run knows
+(:class:`RunDocument`). The next run removes what remains after a crash.
+"""
+
+import fcntl
+import json
+import logging
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from forcebound.config.graph import GraphConfig
+from forcebound.config.parameters import parameters
+from forcebound.config.resolved import to_document
+from forcebound.errors import ConfigError
+from forcebound.files import read_bytes
+from forcebound.folders import is_own, runtime_folder, runtime_folders
+from forcebound.launch.run_lock import exclusive, shared
+from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
+from forcebound.network.sockets import IPC_PATH_LIMIT
+from forcebound.process import (
+    control_endpoint,
+    event_endpoint,
+    remote_endpoint,
+    topic_endpoint,
+)
+from forcebound.processes import LAUNCHER, PROCESSES
+
+MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB
+
+TELEMETRY, REPLY, EVENT = TOPIC_OF[Telemetry], TOPIC_OF[EnvironmentReply], TOPIC_OF[Event]
+
+LAUNCH_FILE, RUN_FILE, RECORDING = "launch.json", "run.json", "recording.mcap"
+
+UPDATE_LOCK = "launch.lock"  # file; its lock belongs to the process that changes launch.json
+UPDATE_POLL = 1e-3  # s between two attempts to lock it; a change takes some 10 ms
+
+PREFIX = "forcebound-"  # of the names of run directories
+SHORTEST = "/tmp"  # folder for temporary files whose path is short enough for any socket
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RunDocument:
+    """What the processes of a run need in addition to the launch document."""
+
+    launcher: int  # process id of the launcher, with which they end
+    core: int | None  # that the chain of nodes shares
+    record: str  # absolute path of the recording
+    streams: list[list[str]]  # topic, endpoint; for each, the loop wakes the recorder
+    metadata: dict[str, str] = field(default_factory=dict)  # of the recording
+    file: str = ""  # launch file with its arguments, to identify the graph
+    is_graph: bool = True  # False: one environment for a graph on another machine
+    is_temporary: bool = False  # created for this run and removed after it
+
+    def write(self, run_dir: Path) -> None:
+        """Write this for the processes."""
+        (run_dir / RUN_FILE).write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def read(cls, run_dir: Path) -> "RunDocument":
+        """Read what the launcher wrote.
+
+        Raises:
+            ConfigError: If it is not there, not yet or not any more, or not of this version.
+        """
+        try:
+            return cls(**json.loads(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT)))
+        except (OSError, ValueError, TypeError, RecursionError) as error:
+            raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
+
+
+def read_launch_document(run_dir: Path) -> dict[str, Any]:
+    """Return what a graph runs with now, as :func:`write_launch_document` wrote it.
+
+    Raises:
+        ConfigError: If the run directory does not say.
+    """
+    try:
+        document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"cannot read what the graph in {run_dir} runs with: {error}") from error
+    return document
+
+
+def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
+    """Write the configuration for processes that start and for commands that read the run.
+
+    Returns:
+        The request that brings a running process to it; see
+        :class:`forcebound.launch.application.Tuner`.
+    """
+    unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
+    unfinished.write_text(json.dumps(to_document(config)), encoding="utf-8")
+    unfinished.replace(run_dir / LAUNCH_FILE)
+    return {
+        "request": "configure",
+        "time_ns": time.monotonic_ns(),
+        "parameters": parameters(config),
+    }
+
+
+@contextmanager
+def updating(run_dir: Path, patience: float) -> Iterator[bool]:
+    """Lock the launch document between reading and writing it.
+
+    Args:
+        run_dir: Of the run.
+        patience: How long to wait for another command that changes it, in s.
+
+    Yields:
+        Whether the lock was taken.
+    """
+    end = time.monotonic() + patience
+    descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        is_locked = _try_lock(descriptor)
+        while not is_locked and time.monotonic() < end:
+            time.sleep(UPDATE_POLL)
+            is_locked = _try_lock(descriptor)
+        yield is_locked
+    finally:
+        os.close(descriptor)  # this frees the lock
+
+
+def _try_lock(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
+    """Return topic and endpoint of each stream for a recorder of these topics."""
+    streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
+    if REPLY in topics:
+        streams.append([REPLY, remote_endpoint(run_dir, REPLY)])
+    return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
+
+
+@contextmanager
+def run_directory() -> Iterator[Path]:
+    """Create a private directory whose ``ipc`` endpoints are short enough; remove it at the end."""
+    longest = max(
+        len(endpoint(Path(), name))
+        for endpoint, names in (
+            (topic_endpoint, tuple(TOPICS)),
+            (control_endpoint, (*PROCESSES, LAUNCHER)),
+        )
+        for name in names
+    )
+    remove_left_over(run_folders())
+    folder = tempfile.mkdtemp(prefix=PREFIX, dir=runtime_folder())
+    if len(os.fsencode(folder)) + longest > IPC_PATH_LIMIT:
+        os.rmdir(folder)
+        folder = tempfile.mkdtemp(prefix=PREFIX, dir=SHORTEST)
+    try:
+        with shared(Path(folder)):
+            yield Path(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def run_folders() -> set[Path]:
+    """Return the folders that may hold run directories."""
+    return {*runtime_folders(), Path(tempfile.gettempdir()), Path(SHORTEST)}
+
+
+def own_run_directories(folders: Iterable[Path]) -> list[Path]:
+    """Return what is named like a run directory and belongs to this user, in folders of anybody."""
+    return sorted(path for each in folders for path in each.glob(f"{PREFIX}*") if is_own(path))
+
+
+def remove_left_over(folders: Iterable[Path]) -> list[Path]:
+    """Remove run directories of this user that remain from a crash; return them.
+
+    Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
+    hold no recording: after a crash it may be of use.
+    """
+    removed = []
+    for run_dir in own_run_directories(folders):
+        try:
+            run = RunDocument.read(run_dir)
+            if not run.is_temporary or (run_dir / RECORDING).exists():
+                continue
+        except (OSError, ConfigError):
+            continue  # no run, or one that is just beginning or ending
+        with exclusive(run_dir) as is_free:
+            if is_free:
+                shutil.rmtree(run_dir, ignore_errors=True)
+                removed.append(run_dir)
+                _logger.info("removed a run directory that remained after a crash: %s", run_dir)
+    return removed

@@ -1,0 +1,32 @@
+"""The beginning of a run as events and actions, for tests of the lifecycle."""
+
+from typing import TypeAlias
+
+from forcebound.launch.actions import (
+    Action,
+    Engage,
+    Engaged,
+    Event,
+    Reported,
+)
+from forcebound.launch.lifecycle import Lifecycle, Limits
+
+NODES = ("environment", "controller", "device", "recorder")
+LIMITS = Limits(start_ns=100, engage_ns=10, stop_ns=20, recorder_stop_ns=50, kill_ns=5)
+
+Step: TypeAlias = tuple[int, Event | None, list[Action]]  # when (ns), what happens, what is done
+
+READY = [Reported(name, ()) for name in NODES]
+RUNNING: list[Step] = [
+    *((1, event, []) for event in READY[:-1]),
+    (2, READY[-1], [Engage()]),
+    (3, Engaged(), []),
+]
+
+
+def running(duration_ns: int | None = None) -> Lifecycle:
+    """Return a run whose force is engaged since 3 ns."""
+    lifecycle = Lifecycle(NODES, duration_ns, 0, LIMITS)
+    for time_ns, event, actions in RUNNING:
+        assert lifecycle.advance(time_ns, event) == actions
+    return lifecycle

@@ -1,0 +1,128 @@
+"""The environment node, fed by hand: answers, computation time, and code that fails."""
+
+import logging
+import math
+
+import pytest
+from builders import MS, query
+from msgspec.structs import replace
+
+from forcebound.environments.wall import Wall
+from forcebound.messages.packets import (
+    EnvironmentReply,
+    Event,
+    Vector,
+)
+from forcebound.network.computation import ComputationTime
+from forcebound.network.impairment import Impairment
+from forcebound.nodes.environment import EnvironmentNode
+
+
+def test_an_environment_that_does_not_serve_says_so_and_answers_once_a_second() -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    answers = 0
+    events = []
+    for tick in range(2500):
+        asked = replace(query(tick), environment="one")
+        packets = node.step(tick * MS, [asked])
+        answers += sum(isinstance(p, EnvironmentReply) for p in packets)
+        events += [p for p in packets if isinstance(p, Event)]
+    assert answers == 3
+    assert [event.event for event in events] == ["environment_refused"]
+    assert "one" in events[0].message
+
+
+def test_an_environment_whose_queries_change_their_mind_says_so_now_and_then() -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    events: list[Event] = []
+    for tick in range(1000):
+        asked = replace(query(tick), environment=("one", "two", None, "three")[tick % 4])
+        events += [p for p in node.step(tick * MS, [asked]) if isinstance(p, Event)]
+    assert 2 <= len(events) <= 6
+    last = replace(query(2000), environment="four")
+    (told,) = (p for p in node.step(2000 * MS, [last]) if isinstance(p, Event))
+    assert "four serves this graph" in told.message
+
+
+@pytest.mark.parametrize("serving", [None, "two"])
+def test_an_environment_answers_when_nobody_serves_or_it_does(serving: str | None) -> None:
+    node = EnvironmentNode(Wall(), name="two")
+    node.step(0, [replace(query(0), environment="one")])
+    *_, reply = node.step(1, [replace(query(1), environment=serving)])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.environment == "two"
+
+
+def test_the_environment_answers_at_once_when_it_needs_no_time() -> None:
+    node = EnvironmentNode(Wall(stiffness=1000.0))
+    (reply,) = node.step(5 * MS, [query(3)])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.force == pytest.approx((1.0,))
+    assert reply == EnvironmentReply(0, 5 * MS, 3, 3 * MS, 3, 3 * MS, reply.force, "environment")
+    assert node.wake_ns is None
+
+
+@pytest.mark.parametrize("key", ["position", "velocity", "elapsed"])
+def test_a_query_that_is_not_finite_is_counted_and_not_answered(key: str) -> None:
+    node = EnvironmentNode(Wall())
+    for number in (math.nan, math.inf):
+        assert (
+            node.step(0, [replace(query(0), **{key: number if key == "elapsed" else (number,)})])
+            == []
+        )
+    assert node.status()["rejected"] == {"not_finite": 2}
+    assert node.answered == 0
+
+
+def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
+    node = EnvironmentNode(Wall(), ComputationTime(Impairment(0.003)))
+    assert node.step(0, [query(0)]) == []
+    assert node.wake_ns == 3 * MS
+    assert node.step(1 * MS, [query(1)]) == []
+    assert node.step(2 * MS, [query(2)]) == []
+    (reply,) = node.step(3 * MS, [])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.query_seq == 0
+    assert node.wake_ns == 6 * MS
+    (reply,) = node.step(6 * MS, [])
+    assert isinstance(reply, EnvironmentReply)
+    assert reply.query_seq == 2
+    assert node.wake_ns is None
+
+
+class Broken:
+    """An environment of a user who makes mistakes."""
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        raise ZeroDivisionError
+
+
+class OneAxisShort:
+    """Another one: it forgets an axis."""
+
+    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        return position[1:]
+
+
+def test_an_answer_with_another_number_of_axes_is_none_and_is_counted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    node = EnvironmentNode(OneAxisShort())
+    (event,) = node.step(0, [query(0)])
+    assert isinstance(event, Event)
+    assert event.event == "environment_failed"
+    assert node.status()["failures"] == 1
+    assert "expected 1 entries, got 0" in caplog.text
+
+
+def test_an_environment_that_raises_is_silent_and_counted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    node = EnvironmentNode(Broken())
+    with caplog.at_level(logging.ERROR):
+        (event,) = node.step(0, [query(0)])
+        assert isinstance(event, Event)
+        assert (event.event, event.is_fault) == ("environment_failed", True)
+        assert node.step(1, [query(1)]) == []
+    assert node.status()["failures"] == 2
+    assert len(caplog.records) == 1

@@ -1,0 +1,63 @@
+"""The recorder's loop, in this process."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from builders import query
+from fakes import Sender
+from waiting import PATIENCE
+
+from forcebound import process, realtime
+from forcebound.messages.packets import (
+    EnvironmentQuery,
+    Packet,
+)
+from forcebound.network import sockets
+from forcebound.network.sockets import Network
+from forcebound.process import Stop, topic_endpoint
+
+
+class StoppingSink:
+    """A recording in memory that asks for the end when it has a packet."""
+
+    def __init__(self, stop: Stop) -> None:
+        self.packets: list[Packet] = []
+        self.flushes = 0
+        self._stop = stop
+
+    def write(self, packet: Packet) -> None:
+        self.packets.append(packet)
+        self._stop.request()
+
+    def flush(self) -> None:
+        self.flushes += 1
+
+
+def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
+    with Stop() as stop, Network() as network:
+        sink = StoppingSink(stop)
+        sender = Sender(network, run_dir, "environment_query")
+        end = time.monotonic() + PATIENCE
+
+        def send_now(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
+            assert time.monotonic() < end, "the recorder heard nothing"
+            if not stop.requested:
+                sender.send(b"junk")
+                sender.send(query(1))
+            return real_wait(descriptors, timeout_ns)
+
+        real_wait = sockets.wait
+        monkeypatch.setattr(sockets, "wait", send_now)
+        topics = ["environment_query", "telemetry"]
+        streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics]
+        status = process.record(sink, "recorder", run_dir, streams, None, stop)
+    assert set(map(type, sink.packets)) == {EnvironmentQuery}
+    assert status["received"] == {"environment_query": len(sink.packets), "telemetry": 0}
+    assert status["waiting_for"] == ["telemetry"]
+    assert status["rejected"]["malformed"] >= 1
+    assert sink.flushes >= 1
