@@ -65,11 +65,11 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
         ):
             hand = measure_hand(driver, running.address, drags)
             taken = take_turns(driver, running, turns, seconds)
-        found = {"hand": hand, "servo": servo(record, taken), "load": os.getloadavg()[0]}
+        figures, load = servo(record, taken), os.getloadavg()[0]
     if as_json:
-        click.echo(json.dumps(found, indent=2))
+        click.echo(json.dumps({"hand": hand, "servo": figures, "load": load}, indent=2))
     else:
-        show(hand, found["servo"], found["load"])
+        show(hand, figures, load)
 
 
 def show(hand: Mapping[str, float], servo: Mapping[str, Mapping[str, float]], load: float) -> None:

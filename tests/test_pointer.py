@@ -76,14 +76,18 @@ def test_a_dragged_device_answers_after_each_write_and_says_from_when_on_it_foll
     device = node()
     servo = Runner(device, "device", run_dir, {}, network)
     client = network.control_client(control_endpoint(run_dir, "device"))
-    until(lambda: client.ask({"request": "point", "target": [0.001]}), "a connection")
     servo.turn(0)
-    until(lambda: servo.look(0) or client.answer(), "the answer of a look")
+
+    def is_answered(time_ns: int) -> bool:
+        servo.turn(time_ns)
+        return client.pending()
+
+    device.handle({"request": "point", "target": [0.001]})
     assert not device.awaits_requests  # the write comes first
     servo.turn(400_000)
     assert device.awaits_requests
-    client.ask({"request": "point", "target": [0.002]})
-    until(lambda: servo.turn(400_001) or client.pending(), "an answer in the same tick")
+    until(lambda: client.ask({"request": "point", "target": [0.002]}), "a connection")
+    until(lambda: is_answered(400_001), "an answer in the same tick")
     assert client.answer() == {"target": [0.002], "time_ns": MS}  # the next read
 
 
