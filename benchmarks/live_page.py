@@ -13,25 +13,25 @@ A graph runs, with its page in a real browser, Debian's Chromium without a graph
 import asyncio
 import json
 import os
-import statistics
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
 from tornado.websocket import websocket_connect
 
 from benchmarks.live_browser import Graph, Mouse, browser, graph, open_page
-from forcebound.recording import read
+from benchmarks.turns import ALONE, Figures, Turn, servo, told
 
 VIEWERS = 3
+READERS, PAGES = f"{VIEWERS} readers", f"{VIEWERS} pages"
 STEPS = 125  # events of a drag
 SETTLE = 1.0  # s at the begin of a turn that do not count: something opens, something closes
-TARGET_MS, TARGET_RATE, TARGET_SHARE = 20.0, 30.0, 0.05
+TARGET_MS, TARGET_RATE = 20.0, 30.0
 
 WATCH = """
 window.taken = [];
@@ -40,14 +40,6 @@ document.addEventListener("taken", ({ detail }) => window.taken.push([detail.the
 const context = document.getElementById("scene").getContext("2d"), clear = context.clearRect;
 context.clearRect = (...place) => { window.pictures += 1; clear.apply(context, place); };
 """
-
-
-class Turn(NamedTuple):
-    """A part of the run: who looks, and when, in ns."""
-
-    viewers: str
-    begin_ns: int
-    end_ns: int
 
 
 @click.command()
@@ -72,7 +64,7 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
         show(hand, figures, load)
 
 
-def show(hand: Mapping[str, float], servo: Mapping[str, Mapping[str, float]], load: float) -> None:
+def show(hand: Mapping[str, float], figures: Figures, load: float) -> None:
     """Print the figures, beside their targets."""
     for way, words in (("there", "pointer to device"), ("back", "and back to the page")):
         click.echo(
@@ -83,16 +75,8 @@ def show(hand: Mapping[str, float], servo: Mapping[str, Mapping[str, float]], lo
         f"{hand['places_per_second']:.0f} places, {hand['pictures_per_second']:.0f} pictures a"
         f" second (target {TARGET_RATE:g} of both), of {hand['events_per_second']:.0f} events"
     )
-    for name, of in servo.items():
-        click.echo(
-            f"{name}: {of['nobody']:.1f} us"
-            + "".join(
-                f"; {of[viewers]:.1f} us ({of[viewers] / of['nobody'] - 1:+.1%})"
-                f" with {VIEWERS} {viewers}"
-                for viewers in ("readers", "pages")
-            )
-            + f" (target {TARGET_SHARE:.0%})"
-        )
+    for line in told(figures):
+        click.echo(line)
     click.echo(f"load of the machine at the end: {load:.1f}")
 
 
@@ -125,11 +109,11 @@ def take_turns(driver: Any, running: Graph, turns: int, seconds: float) -> list[
     driver.get("about:blank")
     taken = []
     for _ in range(turns):
-        for viewers in ("nobody", "readers", "pages"):
+        for viewers in (ALONE, READERS, PAGES):
             own = driver.current_window_handle
-            pages = open_windows(driver, running.address) if viewers == "pages" else []
+            pages = open_windows(driver, running.address) if viewers == PAGES else []
             begin_ns = time.monotonic_ns()
-            if viewers == "readers":
+            if viewers == READERS:
                 asyncio.run(read_pages(running.address, SETTLE + seconds))
             else:
                 running.run_for(SETTLE + seconds)
@@ -164,36 +148,6 @@ async def read_pages(address: str, seconds: float) -> None:
         async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
             for _ in range(VIEWERS):
                 group.create_task(listen())
-
-
-def lateness(time_ns: Any, period_ns: float) -> Any:
-    """Return how much later than the earliest of its turn each write is in its period, in us."""
-    angle = 2.0 * np.pi * (((time_ns - time_ns[0]) / period_ns) % 1.0)
-    middle = np.angle(np.exp(1j * angle).mean())
-    phase = np.angle(np.exp(1j * (angle - middle))) / (2.0 * np.pi) * period_ns / 1e3
-    return phase - np.percentile(phase, 1)
-
-
-def servo(record: Path, turns: Sequence[Turn]) -> dict[str, dict[str, float]]:
-    """Return the median over the turns of each kind, in us, by figure and kind."""
-    recording = read(record)
-    columns, period_ns = recording.telemetry, 1e9 / recording.launch["device"]["rate"]
-    found: dict[str, dict[str, list[float]]] = {}
-    for viewers, begin_ns, end_ns in turns:
-        here = (columns.time_ns >= begin_ns) & (columns.time_ns < end_ns)
-        delay = columns.loop_delay[here]
-        measured = {
-            "lateness of the write": lateness(columns.time_ns[here], period_ns),
-            "loop delay": delay[np.isfinite(delay)] * 1e6,
-        }
-        for name, values in measured.items():
-            for share in (50, 99):
-                kinds = found.setdefault(f"{name}, p{share}", {})
-                kinds.setdefault(viewers, []).append(float(np.percentile(values, share)))
-    return {
-        name: {viewers: statistics.median(values) for viewers, values in kinds.items()}
-        for name, kinds in found.items()
-    }
 
 
 if __name__ == "__main__":
