@@ -87,6 +87,7 @@ class DeviceNode(Node):
         self._servo = servo
         self._orientation = getattr(device, "orientation", None)
         self._buttons = getattr(device, "buttons", None)
+        self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
         is_exchange = getattr(device, "fresh_reading", None) is not None
@@ -137,6 +138,11 @@ class DeviceNode(Node):
         return self._writes_next
 
     @property
+    def awaits_requests(self) -> bool:
+        """Whether somebody drags its hand; only after a write, when the loop rests."""
+        return self._is_dragged and not self._writes_next
+
+    @property
     def is_engaged(self) -> bool:
         """Whether force may be applied: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
@@ -167,7 +173,7 @@ class DeviceNode(Node):
 
         ``law``: the bounding law from now on, one that comes with forcebound; it is taken when no
         force is held, and the force comes back over the engage ramp. ``point``: where the pointer
-        of a simulated hand is, ``target``, in m.
+        of a simulated hand is, ``target``, in m; ``time_ns``: from when on it counts.
         """
         wanted = request.get("request")
         if wanted == "engage":
@@ -190,7 +196,8 @@ class DeviceNode(Node):
         place = None if point is None else point(tuple(map(float, target)))
         if place is None:
             return {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
-        return {"target": list(place)}
+        self._is_dragged = True
+        return {"target": list(place), "time_ns": self._wake_ns}
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
