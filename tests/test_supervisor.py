@@ -20,6 +20,7 @@ from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
+from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Supervisor
 from forcebound.monitor import control
 from forcebound.monitor.control import ask_launcher, start_node, stop_node
@@ -92,7 +93,12 @@ def supervise(
         name: [sys.executable, "-c", FAKE_NODE, name, str(run_dir), mode]
         for name, mode in modes.items()
     }
-    supervisor = Supervisor(commands, run_dir, duration_ns, limits, lambda *line: said.append(line))
+
+    class Kept(Screen):
+        def show(self, name: str, line: str) -> None:
+            said.append((name, line))
+
+    supervisor = Supervisor(commands, run_dir, duration_ns, limits, Kept())
     return supervisor.run(), said
 
 
