@@ -57,6 +57,18 @@ def open_file(path: Path) -> BinaryIO:
         raise
 
 
+def version_of(path: Path) -> tuple[int, int]:
+    """Return what tells this content of a file from another one; of a file that is not there, 0s.
+
+    For caches of what a file holds: reading it says what is wrong.
+    """
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # ValueError: a name that no file can have
+        return 0, 0
+    return status.st_mtime_ns, status.st_size
+
+
 def read_bytes(path: Path, limit: int) -> bytes:
     """Return the content of a regular file of at most ``limit`` bytes.
 

@@ -13,6 +13,8 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import lz4.frame
@@ -22,6 +24,11 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
 
+from forcebound.errors import ConfigError
+from forcebound.files import open_file, reason
+
+SUFFIX = ".mcap"
+METADATA_NAME = "forcebound"  # of the metadata record of a recording
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = 9  # bytes before the data of a record: opcode and length
 MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
@@ -43,16 +50,31 @@ def most_of(size: int) -> int:
     return MAX_RECORD + MAX_EXPANSION * size
 
 
-def is_mcap(file: BinaryIO) -> bool:
-    """Return whether a file begins as MCAP does, and pass over that."""
-    return file.read(len(MAGIC)) == MAGIC
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file for :func:`contents` or :func:`parts`.
+
+    Raises:
+        ConfigError: If it cannot be read, is not MCAP, or unpacks to more than a recording does.
+    """
+    try:
+        file = open_file(path)
+    except OSError as error:
+        raise ConfigError(f"cannot read the recording {path}: {reason(error)}") from error
+    with file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ConfigError(f"{path} is not an MCAP file")
+        try:
+            yield file
+        except TooLargeError as error:
+            raise ConfigError(f"{path}: {error}") from None
 
 
 def contents(file: BinaryIO, topics: Collection[str]) -> Iterator[Metadata | tuple[str, bytes]]:
     """Yield the metadata of a file and its messages, each as topic and data.
 
     Args:
-        file: Open after :func:`is_mcap`.
+        file: As :func:`opened` gives it.
         topics: Of the messages that are wanted.
 
     Raises:
@@ -72,11 +94,21 @@ def contents(file: BinaryIO, topics: Collection[str]) -> Iterator[Metadata | tup
             raise TooLargeError(f"its messages have more than {MAX_MESSAGES >> 20} MiB")
 
 
+def readable(path: Path, topics: Collection[str]) -> Iterator[Metadata | tuple[str, bytes]]:
+    """Yield as :func:`contents` what can be read of a file, complete or not.
+
+    Raises:
+        ConfigError: As :func:`opened`.
+    """
+    with opened(path) as file, suppress(DamagedError):
+        yield from contents(file, topics)
+
+
 def parts(file: BinaryIO) -> Iterator[Metadata | bytes]:
     """Yield the metadata of a file and the records in each chunk, unpacked.
 
     Args:
-        file: Open after :func:`is_mcap`.
+        file: As :func:`opened` gives it.
 
     Raises:
         DamagedError: If the file is cut or damaged here, at the place in the file where it is now;

@@ -32,7 +32,7 @@ from msgspec.json import Encoder
 
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
-from forcebound.files import open_file, reason
+from forcebound.mcap_file import METADATA_NAME
 from forcebound.messages.codec import plain
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -46,8 +46,6 @@ from forcebound.messages.packets import (
 )
 from forcebound.recording_schema import is_optional, plain_type, schema
 from forcebound.telemetry import TelemetryColumns
-
-METADATA_NAME = "forcebound"  # of the metadata record
 
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 
@@ -255,18 +253,12 @@ def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> 
     messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
     complete = True
     try:
-        with open_file(path) as file:
-            if not mcap_file.is_mcap(file):
-                raise ConfigError(f"{path} is not an MCAP file")
+        with mcap_file.opened(path) as file:
             for content in mcap_file.contents(file, topics):
                 if isinstance(content, tuple):
                     messages[content[0]].append(content[1])
                 elif content.name == METADATA_NAME:
                     metadata = content.metadata
-    except OSError as error:
-        raise ConfigError(f"cannot read the recording {path}: {reason(error)}") from error
-    except mcap_file.TooLargeError as error:
-        raise ConfigError(f"{path}: {error}") from None
     except mcap_file.DamagedError:
         complete = False  # what came before the damage is good
     if metadata is None:

@@ -14,7 +14,7 @@ import shutil
 import stat
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -205,7 +205,8 @@ def _run(
     remote_end: RemoteEnd | None = None,
 ) -> None:
     if kind == "recorder":
-        _record(run, run_dir, stop)
+        _logger.info("recording to %s", run.record)
+        record_run(run, run_dir, stop)
         return
     import numpy  # noqa: F401  # a link that is impaired later must not load it in the loop
 
@@ -230,21 +231,34 @@ def _run(
     _log_rejected(status)
 
 
-def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> None:
+def record_run(
+    run: RunDocument,
+    run_dir: Path,
+    stop: process.Stop,
+    name: str = "recorder",
+    is_over: Callable[[str], bool] | None = None,
+) -> dict[str, Any]:
+    """Record the streams of a run into its file; return the last status of the recorder.
+
+    Arguments are those of :func:`forcebound.process.record`.
+
+    Raises:
+        ConfigError: If the file cannot be created.
+    """
     from forcebound.recording import Recorder  # slow to import; no other process needs it
 
     offset_ns = time.time_ns() - time.monotonic_ns()
-    _logger.info("recording to %s", run.record)
     recorder = Recorder(run.record, run.metadata, offset_ns)
     is_complete = False
     try:
         streams = [(topic, endpoint) for topic, endpoint in run.streams]
-        status = process.record(recorder, "recorder", run_dir, streams, run.core, stop)
+        status = process.record(recorder, name, run_dir, streams, run.core, stop, is_over)
         is_complete = status["recording"] == process.COMPLETE
     finally:
         with suppress(OSError):  # a full disk, which was reported; the file stays readable
             recorder.close() if is_complete else recorder.abandon()
     _log_rejected(status)
+    return status
 
 
 def _log_rejected(status: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ environment it is connected with.
 
 import logging
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -156,7 +157,8 @@ class ControllerNode(Node):
             echo = (reply.device_seq, reply.device_time_ns)
             packets.append(self._command(*echo, reply.force, time_ns))
             return
-        if not all(map(isfinite, (*(reply.proxy or ()), *(reply.normal or ())))):
+        contact = reply.contact
+        if contact is not None and not all(map(isfinite, chain(*contact))):
             self.reject("not_finite")
             reply = replace(reply, proxy=None, normal=None)
         try:

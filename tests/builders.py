@@ -88,3 +88,21 @@ def telemetry_packet(tick: int = 0, **fields: Any) -> Telemetry:
 def query(seq: int, position: float = 0.011) -> EnvironmentQuery:
     """Return the query of a controller about the state of its millisecond, on one axis (m)."""
     return EnvironmentQuery(seq, seq * MS, seq, seq * MS, 0.0, (position,), (0.0,), None)
+
+
+def full_telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
+    """Return a tick of a simulated device, with a value in each field but those of the ledger."""
+    vector = tuple(0.1 * (axis + 1) + tick for axis in range(axes))
+    return telemetry_packet(
+        tick,
+        time_ns=tick * MS + 400_000,
+        position=vector,
+        commanded_force=vector,
+        applied_force=vector,
+        force_limit=8.5,
+        estimated_energy=0.1,
+        true_energy=1 / 3,
+        true_position=vector,
+        hand_force=vector,
+        rejected={"age": tick},
+    )

@@ -4,22 +4,29 @@ import json
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builders import MS, telemetry_packet
 from click.testing import CliRunner
 from launch_texts import GOOD, written
+from msgspec import structs
 
 from forcebound.cli import main
-from forcebound.config.loader import load
-from forcebound.config.traces import loop_delays, read_trace
+from forcebound.config.graph import GraphConfig
+from forcebound.config.loader import change, from_document, load
+from forcebound.config.resolved import to_document
+from forcebound.config.traces import hop_delays, loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import Telemetry
+from forcebound.messages.packets import LINKS, Telemetry
 from forcebound.monitor.delay import SHARES, Measured, measure, watch
+from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
+from forcebound.network.trace import DelayTrace
 from forcebound.process import topic_endpoint
+from forcebound.recording import Recorder, read
 from forcebound.telemetry import TelemetryColumns
 
 
@@ -133,6 +140,72 @@ def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path
     assert recorded["p50"] == pytest.approx(4.4)
     assert replay.summary["loop_delay_ms"]["p50"] == pytest.approx(recorded["p50"])
     assert replay.summary["loop_delay_ms"]["p99"] == pytest.approx(recorded["p99"])
+
+
+FAR = {
+    "links.device_state.delay": 0.0015,
+    "links.environment_query.delay": 0.003,
+    "links.environment_query.jitter": 0.001,
+    "links.environment_reply.delay": 0.002,
+    "links.environment_reply.loss": 0.3,
+}
+
+
+def hops_of(path: Path, config: GraphConfig) -> dict[str, DelayTrace]:
+    """Run a graph, record it, and return the delays of its links."""
+    run_virtual(config, 0.2, path)
+    return hop_delays(read(path))
+
+
+def test_each_link_has_its_own_delays_and_losses(tmp_path: Path) -> None:
+    hops = hops_of(tmp_path / "run.mcap", change(load("stiff_wall"), FAR))
+    assert set(hops["device_state"].delays) == {0.0015}
+    reply = [delay for delay in hops["environment_reply"].delays if delay is not None]
+    assert 0.2 < 1.0 - len(reply) / len(hops["environment_reply"].delays) < 0.4
+    assert max(reply) == 0.002
+    assert min(reply) > 0.002 - 0.0004  # what a tick waits for its answer is there again
+    query = {d for d in hops["environment_query"].delays if d is not None}
+    assert len(query) > 50
+    assert min(query) >= 0.002 - 0.0004
+    assert max(query) <= 0.004
+
+
+def test_its_hops_give_a_run_the_loop_delays_of_the_recording(tmp_path: Path) -> None:
+    config = change(load("stiff_wall"), FAR)
+    first = run_virtual(config, 0.2, tmp_path / "run.mcap").columns
+    links = {topic: {"trace": str(tmp_path / "run.mcap"), "trace_hop": topic} for topic in LINKS}
+    again = run_virtual(from_document(to_document(config) | {"links": links}), 0.2).columns
+    known = first.seq < 180  # of later ticks the answers were still on their way
+    np.testing.assert_array_equal(again.device_seq[known], first.device_seq[known])
+    np.testing.assert_array_equal(again.loop_delay[known], first.loop_delay[known])
+
+
+def test_a_controller_that_answers_at_once_hides_when_it_had_the_reply(tmp_path: Path) -> None:
+    hops = hops_of(tmp_path / "run.mcap", load("far_wall"))
+    assert set(hops["environment_query"].delays[:150]) == {0.02}
+    assert set(hops["environment_reply"].delays) == {0.0}
+
+
+def test_of_an_environment_with_another_clock_the_way_there_and_back_is_known(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.mcap"
+    run_virtual(load("delayed_wall"), 0.1, path)
+    recording = read(path)
+    launch = recording.launch | {"remote": {"address": "127.0.0.1"}}
+    with Recorder(path, {"launch": json.dumps(launch)}) as recorder:
+        for topic in (*LINKS, "telemetry"):
+            for packet in recording.packets(topic):
+                ahead = 10**15 * (topic == "environment_reply")
+                recorder.write(structs.replace(packet, time_ns=packet.time_ns + ahead))
+    hops = hop_delays(read(path))
+    assert set(hops["environment_query"].delays) == {0.004}
+    assert set(hops["environment_reply"].delays) == {0.0}
+
+
+def test_only_a_recording_has_hops(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"trace_hop device_state is a link in a recording: give"):
+        Impairment(trace=tmp_path / "a.csv", trace_hop="device_state")
 
 
 def test_a_trace_replaces_no_other_file(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing
-from forcebound.monitor.bridges import frames, serve_plotjuggler
+from forcebound.monitor.bridges import frames, serve
 from forcebound.monitor.delay import SHARES, Measured
 from forcebound.monitor.streams import Stream, check_fields, topic_named
 from forcebound.network.trace import DelayTrace
@@ -118,7 +118,7 @@ def series_of(message: list[bytes]) -> dict[str, tuple[float, float]]:
 
 def test_plotjuggler_gets_a_series_for_each_number() -> None:
     packet = DeviceState(3, 7 * MS, 0.5, (0.1, 0.2), (math.nan, 0.0), (1.0, 2.0))
-    series = series_of(list(frames("device_state", packet, 10**18)))
+    series = series_of(list(frames("device_state", packet, 10**18 + packet.time_ns)))
     stamp, position = series["device_state/position[1]"]
     assert stamp == pytest.approx(1e9 + 0.007, abs=1e-6)
     assert position == 0.2
@@ -130,7 +130,7 @@ def test_plotjuggler_gets_a_series_for_each_number() -> None:
 def check_bridge(run_dir: Path) -> None:
     """Receive telemetry of a running graph as PlotJuggler's subscriber does."""
     port = free_port()
-    bridge = Thread(target=serve_plotjuggler, args=(run_dir, ("telemetry",), port, 2.0))
+    bridge = Thread(target=serve, args=("plotjuggler", run_dir, ("telemetry",), port, 2.0))
     with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
         subscriber.set(zmq.SUBSCRIBE, b"")
         subscriber.set(zmq.RCVTIMEO, round(1e3 * PATIENCE))

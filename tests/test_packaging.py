@@ -53,3 +53,9 @@ def test_no_commit_names_an_address_or_a_home() -> None:
         text = (ROOT / name).read_text()
         assert "://" not in text.replace("ipc://", "")
         assert not re.search(r"/(home|root|Users)/", text)
+
+
+def test_the_tests_of_a_file_stay_together(request: pytest.FixtureRequest) -> None:
+    are_grouped = getattr(request.config.option, "loadgroup", False)  # --dist loadgroup
+    is_grouped = request.node.nodeid.endswith("@test_packaging")
+    assert is_grouped == are_grouped, "pytest-xdist sees no groups"

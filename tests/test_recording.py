@@ -6,13 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from builders import telemetry_packet
+from builders import full_telemetry
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -36,26 +34,8 @@ from forcebound.messages.packets import (
 from forcebound.nodes.events import EventLog
 from forcebound.recording import Recorder, Recording, read
 from forcebound.recording_schema import DESCRIPTIONS, schema
-from forcebound.telemetry import TelemetryColumns
 
 METADATA = {"seed": "1", "launch": '{"device": {"law": "certified"}}'}
-
-
-def telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
-    vector = tuple(0.1 * (axis + 1) + tick for axis in range(axes))
-    return telemetry_packet(
-        tick,
-        time_ns=1_000_000 * tick + 400_000,
-        position=vector,
-        commanded_force=vector,
-        applied_force=vector,
-        force_limit=8.5,
-        estimated_energy=0.1,
-        true_energy=1 / 3,
-        true_position=vector,
-        hand_force=vector,
-        rejected={"age": tick},
-    )
 
 
 def packets(ticks: int = 5) -> list[Packet]:
@@ -69,7 +49,7 @@ def packets(ticks: int = 5) -> list[Packet]:
             EnvironmentQuery(tick, time_ns + 1, *echo, 1e-3 * tick, (0.1,), (-0.2,), None),
             EnvironmentReply(tick, time_ns + 2, *echo, tick, time_ns + 1, (1.5,), "e"),
             ForceCommand(tick, time_ns + 3, *echo, (1.5,)),
-            telemetry(tick),
+            full_telemetry(tick),
         ]
     ball = SceneObject("ball", "sphere", (0.1, 0.0, 0.0), size=(0.05,), points=((0.0, 0.0, 1.0),))
     result.append(Scene(0, 5, (ball, SceneObject("floor", "plane")), (0.1,)))
@@ -122,7 +102,7 @@ def test_any_finite_telemetry_comes_back_exactly(
     rejected: dict[str, int],
 ) -> None:
     packet = replace(
-        telemetry(),
+        full_telemetry(),
         position=position,
         true_energy=energy,
         true_position=truth,
@@ -136,7 +116,7 @@ def test_any_finite_telemetry_comes_back_exactly(
 def test_a_number_that_is_not_finite_becomes_null_and_is_read_as_nan(
     path: Path, value: float
 ) -> None:
-    sent = replace(telemetry(), position=(value, 0.5), estimated_energy=value)
+    sent = replace(full_telemetry(), position=(value, 0.5), estimated_energy=value)
     (packet,) = record(path, [sent]).packets("telemetry")
     assert isinstance(packet, Telemetry)
     assert math.isnan(packet.position[0])
@@ -157,12 +137,12 @@ def test_the_same_packets_and_metadata_give_the_same_bytes(tmp_path: Path) -> No
 
 def test_the_clock_offset_shifts_the_log_times_and_not_the_packets(path: Path) -> None:
     with Recorder(path, {}, clock_offset_ns=10**18) as recorder:
-        recorder.write(telemetry(3))
+        recorder.write(full_telemetry(3))
     with path.open("rb") as file:
         ((_, channel, message),) = make_reader(file).iter_messages()
     assert channel.topic == "/telemetry"
-    assert message.log_time == 10**18 + telemetry(3).time_ns
-    assert read(path).packets("telemetry") == [telemetry(3)]
+    assert message.log_time == 10**18 + full_telemetry(3).time_ns
+    assert read(path).packets("telemetry") == [full_telemetry(3)]
 
 
 def test_closing_twice_is_closing_once(path: Path) -> None:
@@ -190,7 +170,7 @@ def test_a_message_fits_its_schema_with_and_without_optional_values(path: Path) 
     nothing: dict[str, Any] = dict.fromkeys(
         ("true_energy", "true_position", "hand_force", "device_seq", "loop_delay")
     )
-    record(path, [telemetry(), replace(telemetry(1), **nothing)])
+    record(path, [full_telemetry(), replace(full_telemetry(1), **nothing)])
     with path.open("rb") as file:
         messages = list(make_reader(file).iter_messages())
     types = {"integer": int, "number": float, "array": list, "object": dict}
@@ -218,14 +198,14 @@ def test_every_topic_has_its_channel_even_if_nothing_came(path: Path) -> None:
 
 def test_what_was_flushed_is_there_without_a_close(path: Path) -> None:
     recorder = Recorder(path, METADATA)
-    recorder.write(telemetry(0))
+    recorder.write(full_telemetry(0))
     recorder.flush()
-    recorder.write(telemetry(1))
+    recorder.write(full_telemetry(1))
     recording = read(path)
     recorder.close()
     assert not recording.complete
     assert recording.metadata == METADATA
-    assert recording.packets("telemetry") == [telemetry(0)]
+    assert recording.packets("telemetry") == [full_telemetry(0)]
 
 
 def test_the_metadata_are_there_before_the_first_flush(path: Path) -> None:
@@ -253,7 +233,7 @@ def test_a_killed_recorder_leaves_what_it_flushed(path: Path) -> None:
 
 
 def test_a_file_cut_anywhere_gives_a_beginning_or_a_clear_error(path: Path) -> None:
-    sent = [telemetry(tick) for tick in range(20)]
+    sent = [full_telemetry(tick) for tick in range(20)]
     with Recorder(path, METADATA) as recorder:
         for packet in sent:
             recorder.write(packet)
@@ -332,81 +312,7 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         Recorder(tmp_path / "no" / "folder.mcap", {})
 
 
-# --- Columns -------------------------------------------------------------------------------------
-
-
 def test_a_recording_gives_its_telemetry_as_columns(path: Path) -> None:
     columns = record(path, packets()).telemetry
     assert columns.seq.tolist() == [0, 1, 2, 3, 4]
-    np.testing.assert_array_equal(columns.true_energy, [1 / 3] * 5)
-
-
-@pytest.mark.parametrize("axes", [1, 3])
-def test_columns_hold_the_fields_of_the_packets(axes: int) -> None:
-    sent = [telemetry(tick, axes) for tick in range(4)]
-    columns = TelemetryColumns.from_packets(sent)
-    of_the_ledger = {"read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position"}
-    for name in field_types(Telemetry):  # figures need none of the ledger's; verification has them
-        if name not in {"rejected", *of_the_ledger}:
-            expected = [getattr(packet, name) for packet in sent]
-            np.testing.assert_array_equal(getattr(columns, name), expected)
-    assert columns.position.shape == (4, axes)
-    assert columns.rejected == {"age": 3}
-
-
-def test_columns_mark_what_is_missing() -> None:
-    packet = replace(
-        telemetry(axes=2),
-        true_energy=None,
-        true_position=None,
-        hand_force=None,
-        device_seq=None,
-        loop_delay=None,
-    )
-    columns = TelemetryColumns.from_packets([packet, telemetry(1, axes=2)])
-    assert np.isnan(columns.true_position[0]).all()
-    assert np.isnan(columns.hand_force[0]).all()
-    assert np.isnan([columns.true_energy[0], columns.loop_delay[0]]).all()
-    assert columns.device_seq.tolist() == [-1, 1]
-
-
-def test_time_counts_from_the_first_engaged_sample() -> None:
-    sent = [replace(telemetry(tick), engagement=0.5 * (tick >= 2)) for tick in range(4)]
-    columns = TelemetryColumns.from_packets(sent)
-    np.testing.assert_allclose(columns.time, [-2e-3, -1e-3, 0.0, 1e-3])
-
-
-def test_columns_of_no_packets_are_empty() -> None:
-    columns = TelemetryColumns.from_packets([])
-    assert columns.position.shape == (0, 1)
-    assert columns.time.shape == (0,)
-
-
-def test_packets_with_different_numbers_of_axes_are_refused() -> None:
-    with pytest.raises(ValueError, match="inhomogeneous"):
-        TelemetryColumns.from_packets([telemetry(0, 1), telemetry(1, 2)])
-
-
-def test_six_seconds_of_telemetry_become_columns_at_once() -> None:
-    sent = [telemetry(tick) for tick in range(6000)]
-    best = math.inf
-    for _ in range(3):
-        start = time.process_time()
-        TelemetryColumns.from_packets(sent)
-        best = min(best, time.process_time() - start)
-    assert best < 0.030  # s; measured: 0.006
-
-
-def test_recording_a_live_graph_takes_a_small_part_of_a_core(path: Path) -> None:
-    sent = packets(1000)  # one second of five topics at 1 kHz
-    best = math.inf
-    for _ in range(3):
-        with Recorder(path, METADATA) as recorder:
-            start = time.process_time()
-            for index, packet in enumerate(sent):
-                recorder.write(packet)
-                if index % 1250 == 1249:  # four times a second
-                    recorder.flush()
-            best = min(best, time.process_time() - start)
-    assert best < 0.15  # s; measured: 0.05
-    assert set(TOPIC_OF) == {type(packet) for packet in sent}
+    assert columns.true_energy.tolist() == [1 / 3] * 5

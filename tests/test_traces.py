@@ -76,9 +76,9 @@ def test_what_is_no_trace_is_refused_at_its_line(tmp_path: Path, text: str, mess
 
 
 def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
-    for path in (tmp_path / "missing.csv", tmp_path / "missing.mcap"):
-        with pytest.raises(ConfigError, match=f"cannot read the trace .*{path.name}: No such file"):
-            read_trace(path)
+    for name, what in (("missing.csv", "trace"), ("missing.mcap", "recording")):
+        with pytest.raises(ConfigError, match=f"cannot read the {what} .*{name}: No such file"):
+            read_trace(tmp_path / name)
     with pytest.raises(ConfigError, match=r"bytes.csv:2:2: byte 0xff is not UTF-8"):
         read_csv(written(tmp_path, b"time_s\n0\xff", "bytes.csv"))
     with pytest.raises(ConfigError, match=r"cannot write the trace .*no/trace\.csv"):

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,10 @@ from waiting import PATIENCE
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.geometry.mesh_file import read_mesh
+from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.recording import Recording, read
+from forcebound.recordings.rerun import device_of, duration_of, graph_of
+from forcebound.recordings.verification import verify
 from forcebound.view.access import LOOPBACK, Access, hosts_of
 from forcebound.view.coarse import coarse
 from forcebound.view.server import Server
@@ -140,12 +145,16 @@ async def status_of(server: Server, path: str, **headers: str) -> int:
 def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    async def visit(run_dir: Path) -> None:
-        server = Server(run_dir)
-        is_over = False
-        serving = asyncio.create_task(server.run(lambda: is_over))
+    async def visit(run_dir: Path, folder: Path) -> None:
+        server = Server(recordings=folder)
         token, watching = server.access.token, server.access.watching
         port = server.access.port
+        early = await opened(server, token)
+        await early.until("over")  # there is no graph yet
+        assert await early.asks(do="break") == "no graph runs"
+        serving = asyncio.create_task(server.show(run_dir))
+        assert (await early.until("hello"))["name"] == "pointer_wall"
+        await early.close()
 
         answer = await answer_of(server, f"/?token={token}")
         assert answer.code == 200
@@ -171,8 +180,12 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="law", law="none"))
 
+        began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
-        assert (await page.until("taken"))["stamp"] == 41.5
+        taken = await page.until("taken")
+        assert taken["stamp"] == 41.5
+        assert began < taken["heard"] < taken["told"] < time.monotonic()
+        assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
         inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
         assert inside["applied"][-1][0] > 0.0
 
@@ -186,27 +199,60 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
         assert "no such control" in str(await page.asks(do="format the disk"))
         assert "expected one of" in str(await page.asks(do="law", law="nothing"))
+        assert await page.asks(do="record") is None
+        recording = await page.until("recording", lambda m: m["file"] is not None)
+        assert "already recording to" in str(await page.asks(do="record"))
         assert await page.asks(do="break") is None
         event = await page.until("event", lambda m: m["message"].startswith("law:"))
         assert event["message"] == "law: none from now on"
         assert await page.asks(do="safe") is None
         await page.until("frame", lambda frame: frame["engagement"] == 1.0)
         await page.until("nodes", lambda m: any(p["node"] == "device" for p in m["processes"]))
-        await page.close()
-        await audience.close()
-        is_over = True
+        assert await page.asks(do="end_recording") is None
+        ended = await page.until("recording", lambda m: m["file"] is None)
+        assert ended["said"].endswith(recording["file"])
+        server.stop()
+        await page.until("over")
         await serving
+        closing = asyncio.create_task(server.close())
+        await page.until("closed")
+        for one in (page, audience):
+            await one.close()
+        await closing
 
     with pointed(monkeypatch) as (graph, run_dir):
-        asyncio.run(visit(run_dir))
+        asyncio.run(visit(run_dir, graph.folder))
+        [file] = graph.folder.glob("pointer_wall-*.mcap")
+        check_part(read(file))
         ended = graph.end()
     assert [event.data["law"] for event in ended.events("law_changed")] == ["none", "certified"]
     assert ended.summary["law"] == "certified, then none, then certified"
 
 
-def test_an_address_that_is_not_here_is_told(run_dir: Path) -> None:
+def check_part(recording: Recording) -> None:
+    """Check a recording that a page began in the middle of the run, before two changes of the law.
+
+    It has the values of then, is verified from the first new law on, and can be replayed.
+    """
+    assert recording.complete
+    assert recording.launch["environment"]["stiffness"] == 3000.0
+    assert recording.launch["device"]["law"] == "certified"
+    found = verify(recording, device_of(recording))
+    assert found.is_same
+    assert found.unknown > 0
+    assert found.verified > 100
+    hand = graph_of(recording, feeds=("hand",)).operator
+    assert isinstance(hand, TrajectoryHand)
+    first = recording.telemetry.true_position[0, 0]
+    assert hand.target(0.0)[0] == pytest.approx(first, abs=0.02)
+    config = graph_of(recording)
+    length = float(np.ptp(recording.telemetry.time))
+    assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_an_address_that_is_not_here_is_told() -> None:
     with pytest.raises(ConfigError, match=r"cannot listen at 192\.0\.2\.1, port 0"):
-        Server(run_dir, "192.0.2.1")
+        Server("192.0.2.1")
 
 
 def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

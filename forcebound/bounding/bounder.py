@@ -1,6 +1,7 @@
 """The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
 
 import math
+from struct import Struct
 from typing import Any, TypeAlias
 
 from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled
@@ -96,8 +97,8 @@ class ForceBounder:
         self._rows = np.zeros(AXES + BLOCK * axes)
         self._numbers: Any = self._rows.data  # numpy takes longer to get or set a number
         self._positions, self._forces = np.zeros(axes), np.zeros(axes)
-        self._position_view: Any = self._positions.data
-        self._force_view: Any = self._forces.data
+        self._position_view, self._force_view = self._positions.data, self._forces.data
+        self._set_vector = Struct(f"{axes}d").pack_into
         self._is_gated = dissipation.largest_speed < math.inf
         self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
         self._fill_settings(LAWS[law].limits_holds)
@@ -157,7 +158,7 @@ class ForceBounder:
         self._candidate: tuple[int, Vector] | None = None
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
-        _fill(self._position_view, position, "positions")
+        self._fill(self._position_view, position, "positions")
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
         self.estimated_energy: float = self._start_law(self._rows, self._positions)
@@ -181,7 +182,7 @@ class ForceBounder:
             ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
                 caller, since the safety chain has rejected such forces before.
         """
-        _fill(self._force_view, commanded, "forces")
+        self._fill(self._force_view, commanded, "forces")
         magnitude = math.hypot(*commanded)
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
@@ -213,7 +214,7 @@ class ForceBounder:
         if write_ns - now > self._write_delay_ns:
             self.late_writes += 1
         self._written_ns, self._held_limit_ns = write_ns, self._limit_ns
-        _fill(self._force_view, applied, "forces")
+        self._fill(self._force_view, applied, "forces")
         self.estimated_energy = self._settle_force(self._rows, self._forces, (write_ns - now) / 1e9)
 
     def set_hold_limit(self, seconds: float) -> None:
@@ -245,7 +246,7 @@ class ForceBounder:
         self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
     ) -> tuple[float, float, float]:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
-        _fill(self._position_view, position, "positions")
+        self._fill(self._position_view, position, "positions")
         since_ns = read_ns - self._taken_ns
         closing = TAKEN
         if (
@@ -278,6 +279,11 @@ class ForceBounder:
             self._taken_ns, self._position = read_ns, position
         return limit, damping, dt
 
+    def _fill(self, view: memoryview, values: Vector, what: str) -> None:
+        if len(values) != self._axes:
+            raise ValueError(f"expected {self._axes} {what}, got {len(values)}")
+        self._set_vector(view, 0, *values)
+
     def _judge(self, read_ns: int, position: Vector) -> int:
         """Return whether the device can have moved to a reading."""
         candidate, self._candidate = self._candidate, None
@@ -292,13 +298,6 @@ class ForceBounder:
         way = math.dist(before[1], position)
         dt = (read_ns - before[0]) / 1e9
         return way <= self._dissipation.largest_speed * dt + self._slack
-
-
-def _fill(view: Any, values: Vector, what: str) -> None:
-    if len(values) != len(view):
-        raise ValueError(f"expected {len(view)} {what}, got {len(values)}")
-    for axis, value in enumerate(values):
-        view[axis] = value
 
 
 def shorten(force: Vector, magnitude: float, limit: float) -> Vector:

@@ -40,12 +40,12 @@ def plotjuggler(
     forcebound bridge plotjuggler
     forcebound bridge plotjuggler telemetry device_state --run stiff_wall
     """
-    from forcebound.monitor.bridges import serve_plotjuggler
+    from forcebound.monitor.bridges import serve
     from forcebound.monitor.runs import find
     from forcebound.monitor.streams import topic_named
 
     wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
-    serve_plotjuggler(find(run_dir), wanted, port, duration)
+    serve("plotjuggler", find(run_dir), wanted, port, duration)
 
 
 @bridge.command(short_help="Serve topics to Foxglove.")
@@ -66,9 +66,9 @@ def foxglove(
     forcebound bridge foxglove
     """
     from forcebound.messages.packets import TOPICS
-    from forcebound.monitor.bridges import serve_foxglove
+    from forcebound.monitor.bridges import serve
     from forcebound.monitor.runs import find
     from forcebound.monitor.streams import topic_named
 
     wanted = [topic_named(topic) for topic in topics or TOPICS]
-    serve_foxglove(find(run_dir), wanted, port, duration)
+    serve("foxglove", find(run_dir), wanted, port, duration)

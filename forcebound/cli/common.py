@@ -2,8 +2,9 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext, suppress
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -20,6 +21,7 @@ UNKNOWN = "–"  # in place of a figure
 LONGEST_CELL = 500  # characters
 WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 ARGUMENTS = "[NAME:=VALUE]..."
+SLOW = 1.0  # s, after which a command shows its progress
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
 
@@ -84,23 +86,23 @@ def _recording(context: click.Context, _: click.Parameter, path: Path | None) ->
 
 _OVERWRITE = "forcebound.overwrite"  # key in the meta data of a click context
 
-_overwrite_option = click.option(
+overwrite_option = click.option(
     "--overwrite",
     is_flag=True,
-    is_eager=True,  # evaluated before --record, in any order on the command line
+    is_eager=True,  # evaluated before the recording's name, in any order on the command line
     expose_value=False,
     callback=lambda context, _, wanted: context.meta.update({_OVERWRITE: wanted}),
-    help="Let --record replace an existing recording.",
+    help="Replace an existing recording.",
 )
 
-_record_option = file_option(
-    "--record", callback=_recording, metavar="RUN.mcap", help="Record the run in this file."
-)
+#: An option that gives the checked path of a recording to write; needs `overwrite_option`, too.
+recording_option = partial(file_option, callback=_recording, metavar="RUN.mcap")
 
 
 def record_option(command: Callable[P, None]) -> Callable[P, None]:
     """Add ``--record`` and ``--overwrite``; the command gets the checked path of the first only."""
-    return _record_option(_overwrite_option(command))
+    option = recording_option("--record", help="Record the run in this file.")
+    return option(overwrite_option(command))
 
 
 topics_argument = click.argument("topics", nargs=-1, metavar="[TOPIC]...", shell_complete=topics)
@@ -113,6 +115,28 @@ run_option = click.option(
     shell_complete=graphs,
     help="Launch file or run directory of the graph (needed if several run).",
 )
+
+
+@contextmanager
+def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that shows progress, if it takes long and somebody looks.
+
+    It takes what is done, and the total.
+    """
+    looks = sys.stderr.isatty() and not as_json
+    began = time.monotonic()
+    bar: list[Callable[[int, int], None]] = []
+    with ExitStack() as stack:
+
+        def tell(done: int, total: int) -> None:
+            if looks and time.monotonic() - began > SLOW:
+                if not bar:
+                    from forcebound.workers import progress_bar
+
+                    bar.append(stack.enter_context(progress_bar(name)))
+                bar[0](done, total)
+
+        yield tell
 
 
 def show(text: str, err: bool = False) -> None:

@@ -18,6 +18,7 @@ from forcebound.cli.common import (
     record_option,
     reports_errors,
     show,
+    slow_bar,
 )
 from forcebound.errors import ConfigError
 
@@ -99,8 +100,9 @@ def recover(run: Path, output: Path, overwrite: bool, as_json: bool) -> None:
 @_run_argument
 @click.argument("settings", nargs=-1, metavar=ARGUMENTS)
 @click.option("--verify", is_flag=True, help="Compare the forces that its inputs give, to the bit.")
+@click.option("--network", is_flag=True, help="Feed the recorded delays, in place of those set.")
 @click.option(
-    "--network", is_flag=True, help="Feed the recorded loop delays, in place of those set."
+    "--environment", is_flag=True, help="Feed the recorded replies; they do not react to the hand."
 )
 @click.option("--live", is_flag=True, help="In real time. Default: in virtual time.")
 @duration_option
@@ -112,6 +114,7 @@ def replay(
     settings: tuple[str, ...],
     verify: bool,
     network: bool,
+    environment: bool,
     live: bool,
     duration: float | None,
     record: Path | None,
@@ -123,31 +126,36 @@ def replay(
     environment) or changes a key of the launch file (environment.stiffness).
 
     --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, or a tick is missing. If the recorder missed the first
-    ticks, it begins when the force engages, and with it the ledger.
+    the bit. Exit status 1: a force differs, or a tick is missing. If the recording lacks the first
+    ticks, it begins where a ledger does: when the force engages, or at a new law.
 
     \b
     forcebound replay run.mcap law:=none
     forcebound replay run.mcap --network --live --record again.mcap controller:=local_model
+    forcebound replay run.mcap --environment law:=tdpa
     forcebound replay run.mcap --verify
     """
     if verify:
         _verify(run, settings, as_json)
-    from forcebound.cli.run import report
+    from forcebound.cli.run import report, status_line
     from forcebound.launch.live import run_live
     from forcebound.launch.virtual import run_virtual
     from forcebound.messages.packets import TOPIC_OF, Telemetry
-    from forcebound.recordings.rerun import FEEDS, duration_of, graph_of
+    from forcebound.recordings.rerun import duration_of, graph_of
 
     if record is not None and record.exists() and record.samefile(run):
         raise click.UsageError(f"--record: {record} is the recording itself")
     recording = _read(run, (TOPIC_OF[Telemetry],))
-    config = graph_of(recording, settings, FEEDS if network else FEEDS[:1])
+    wanted = {"hand": True, "network": network, "environment": environment}
+    config = graph_of(recording, settings, [feed for feed, is_fed in wanted.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
-        result = run_live(config, seconds, record, file=" ".join((str(run), *settings)))
+        described = " ".join((str(run), *settings))
+        with status_line(as_json) as screen:
+            result = run_live(config, seconds, record, file=described, screen=screen)
     else:
-        result = run_virtual(config, seconds, record, may_end_early=True)
+        with slow_bar("ms of virtual time", as_json) as tell:
+            result = run_virtual(config, seconds, record, may_end_early=True, progress=tell)
     report(result, record, as_json)
 
 
@@ -168,7 +176,7 @@ def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:
         if found.difference:
             show(f"first difference: {found.difference}")
         if found.unknown:
-            show(f"not verified: {found.unknown} ticks before the force engaged, see --help")
+            show(f"not verified: {found.unknown} ticks of an earlier ledger, see --help")
         if found.verified + found.unknown < found.ticks:
             show("a tick is missing from the recording; what follows it cannot be verified")
         show(

@@ -1,13 +1,19 @@
 """The live page of a running graph."""
 
 import os
+from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli.common import reports_errors, run_option, show
 from forcebound.errors import ConfigError
+
+if TYPE_CHECKING:
+    from forcebound.view.server import Server
 
 
 def check_tornado() -> None:
@@ -27,6 +33,7 @@ def has_screen() -> bool:
 
 @click.command(short_help="Open a live page of the running graph.")
 @run_option
+@click.option("--wait", "waits", is_flag=True, help="Wait for the first graph, too.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
 @click.option(
     "--listen",
@@ -34,11 +41,28 @@ def has_screen() -> bool:
     metavar="ADDRESS",
     help="Address of this machine that others may call, too. Default: this machine only.",
 )
+@click.option(
+    "--recordings",
+    type=click.Path(exists=True, file_okay=False, writable=True, path_type=Path),
+    default=".",
+    metavar="DIR",
+    help="Folder for recordings that the page makes. Default: this one.",
+)
 @click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
-@click.option("--launcher", type=int, hidden=True, help="Wait for the graph of this process.")
+@click.option("--launcher", type=int, hidden=True, help="Show the graph of this process alone.")
 @reports_errors
-def view(run_dir: Path | None, port: int, listen: str, opens: bool, launcher: int | None) -> None:
+def view(
+    run_dir: Path | None,
+    waits: bool,
+    port: int,
+    listen: str,
+    recordings: Path,
+    opens: bool,
+    launcher: int | None,
+) -> None:
     r"""Show a running graph in a browser, and change it from there, until Ctrl-C.
+
+    When the graph has ended, the page waits for the next one, and shows it at the same address.
 
     Who has the first address may change the graph; the second is for an audience. Nobody else gets
     in. With --listen both go over the network as they are, without encryption: use it among
@@ -46,29 +70,68 @@ def view(run_dir: Path | None, port: int, listen: str, opens: bool, launcher: in
 
     \b
     forcebound view
-    forcebound view --run pointer_wall --port 8000 --no-open
+    forcebound view --wait --run pointer_wall --port 8000
     """
     import asyncio
-    import webbrowser
 
     from forcebound.monitor.runs import find, find_launched
-    from forcebound.view.access import LOOPBACK
 
     check_tornado()
     from forcebound.view.server import Server
 
-    run = find(run_dir, of_graph=True) if launcher is None else find_launched(launcher)
+    run: Path | None = None
+    if launcher is not None:
+        run = find_launched(launcher)
+    elif not waits:
+        run = find(run_dir, of_graph=True)
+    start = partial(Server, listen, port, recordings)
+    asyncio.run(_serve(start, run, partial(_next, run_dir), opens, launcher is None))
 
-    async def serve() -> None:
-        server = Server(run, listen, port)
-        access = server.access
-        show(f"page:          {access.address(access.token)}")
-        show(f"to look only:  {access.address(access.watching)}")
-        if access.hosts != LOOPBACK:
-            show("others on this network can open them, and read what is sent", err=True)
-        if opens and has_screen():
-            webbrowser.open(access.address(access.token))
-        await server.run()
-        show("the graph has ended")
 
-    asyncio.run(serve())
+def _next(wanted: Path | None) -> Path | None:
+    """Return the graph that runs; None: none does, or nobody says which of several."""
+    from forcebound.monitor.runs import find
+
+    try:
+        return find(wanted, of_graph=True)
+    except ConfigError:
+        return None
+
+
+async def _serve(
+    start: "Callable[[], Server]",
+    run: Path | None,
+    find: Callable[[], Path | None],
+    opens: bool,
+    stays: bool,
+) -> None:
+    """Show a graph, and those that come after it if the server ``stays``; start it in the loop."""
+    import asyncio
+    import signal
+    import webbrowser
+
+    from forcebound.view.access import LOOPBACK
+
+    server = start()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.stop)
+    access = server.access
+    show(f"page:          {access.address(access.token)}")
+    show(f"to look only:  {access.address(access.watching)}")
+    if access.hosts != LOOPBACK:
+        show("others on this network can open them, and read what is sent", err=True)
+    if opens and has_screen():
+        webbrowser.open(access.address(access.token))
+    try:
+        while not server.is_stopped:
+            if run is None:
+                show("waiting for a graph; Ctrl-C ends the page")
+                run = await server.wait(find)
+            if run is not None:
+                await server.show(run)
+                run = None
+                if not server.is_stopped:
+                    show("the graph has ended")
+            if not stays:
+                return
+    finally:
+        await server.close()

@@ -1,6 +1,7 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
-from typing import TYPE_CHECKING, Any
+from struct import Struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,9 +52,10 @@ class ArmBody:
         self._geometry = np.array(kinematics.geometry)
         self._joints = np.zeros((4, axes))
         self._joints[ANGLE] = angles
-        inputs = np.zeros((3, axes))
-        self._from, self._to, self._told = inputs
-        self._input_view: Any = inputs.reshape(-1).data  # numpy takes longer to set a number
+        self._inputs = np.zeros((3, axes))
+        self._from, self._to, self._told = self._inputs
+        self._input_view = self._inputs.data
+        self._set_inputs = Struct(f"{3 * axes}d").pack_into  # numpy takes longer to set a number
         self._muscle = np.zeros(axes)
         self._energy = 0.0
         self._reading: Vector = ()  # not known since the last move
@@ -86,9 +88,7 @@ class ArmBody:
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._joints[ANGLE].tolist())
             self._plant[FRICTION:] = share * self._sound
-        inputs = self._input_view
-        for i, value in enumerate((*target, *target_end, *told)):
-            inputs[i] = value
+        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
         self._energy += self._advance(
             self._joints,
             self._plant,

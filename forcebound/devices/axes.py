@@ -1,7 +1,8 @@
 """The body of a device with independent axes: a plant for each, in one hand."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from struct import Struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -126,7 +127,10 @@ class AxesBody:
             self._state[READING, axis] = quantise(start[axis], step)
         self._energy = 0.0
         self._inputs = np.zeros((TOLD + 1, axes))
-        self._input_view: Any = self._inputs.reshape(-1).data  # numpy takes longer to set a number
+        # numpy takes longer to set or get a number
+        self._set_inputs = Struct(f"{self._inputs.size}d").pack_into
+        self._get_row = Struct(f"{axes}d").unpack_from
+        self._rows, self._input_view = [row.data for row in self._state], self._inputs.data
         self._advance = jit(advance_axes)
         # Compile, or load from the cache, before time matters.
         unmoved = self._state.copy()
@@ -135,21 +139,19 @@ class AxesBody:
 
     def reading(self) -> Vector:
         """Return the quantised positions; see ``Body``."""
-        return tuple(self._state[READING].tolist())
+        return self._get_row(self._rows[READING])
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
-        state = self._state.tolist()
-        return Truth(tuple(state[X]), tuple(state[V]), tuple(state[MUSCLE]), self._energy)
+        get, rows = self._get_row, self._rows
+        return Truth(get(rows[X]), get(rows[V]), get(rows[MUSCLE]), self._energy)
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move every axis; see ``Body``."""
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._state[X].tolist())
             self._plant[FRICTION : PRESLIDING + 1] = share * self._sound
-        inputs = self._input_view
-        for i, value in enumerate((*target, *target_end, *told)):
-            inputs[i] = value
+        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
         self._energy = self._advance(
             self._state,
             self._inputs,

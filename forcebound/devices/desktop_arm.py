@@ -24,7 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.kinematics import ArmKinematics, Floats, two_links
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
@@ -133,13 +133,8 @@ class DesktopArm(SimulatedArm):
         The elbow is above the line from shoulder to tip.
         """
         right, up, towards = position[0], position[1] + self.origin[0], position[2] + self.origin[1]
-        out = math.hypot(right, towards)
-        reach = math.hypot(out, up)
-        if not abs(self.upper - self.lower) <= reach <= self.upper + self.lower or reach == 0.0:
+        links = two_links(self.upper, self.lower, math.hypot(right, towards), up)
+        if links is None:
             return None
-        square = self.upper**2 + reach**2 - self.lower**2
-        corner = math.acos(min(1.0, square / (2.0 * self.upper * reach)))
-        upper = math.atan2(up, out) + corner
-        lower_out = out - self.upper * math.cos(upper)
-        lower_down = self.upper * math.sin(upper) - up
-        return (math.atan2(right, towards), upper, math.atan2(lower_out, lower_down))
+        upper, (lower_out, lower_up) = links
+        return (math.atan2(right, towards), upper, math.atan2(lower_out, -lower_up))

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.kinematics import ArmKinematics, Floats, link_angle
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
@@ -133,10 +133,8 @@ class FiveBar(FiveBarNumbers, SimulatedArm):
         for side in (1.0, -1.0):
             x = position[0] + self.origin[0] - side * 0.5 * self.base
             y = position[1] + self.origin[1]
-            reach = math.hypot(x, y)
-            if not abs(self.proximal - self.distal) <= reach <= self.proximal + self.distal:
+            corner = link_angle(self.proximal, self.distal, math.hypot(x, y))
+            if corner is None:
                 return None
-            square = self.proximal**2 + reach**2 - self.distal**2
-            corner = math.acos(min(1.0, square / (2.0 * self.proximal * reach)))
             found.append(math.atan2(y, x) - side * corner)
         return tuple(found)

@@ -99,3 +99,40 @@ class ArmKinematics:
         self._taken = angles
         self._angles[:] = angles
         self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)
+
+
+def link_angle(near: float, far: float, reach: float) -> float | None:
+    """Return the angle between a link and the straight line from its joint to the tip.
+
+    Args:
+        near: Length of the link, in m.
+        far: Length of the link that leads on to the tip, in m.
+        reach: From the joint to the tip, in m.
+
+    Returns:
+        In rad, 0 to pi, by the law of cosines; None if the links do not reach.
+    """
+    if not abs(near - far) <= reach <= near + far or reach == 0.0:
+        return None
+    cosine = (near**2 + reach**2 - far**2) / (2.0 * near * reach)
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def two_links(upper: float, lower: float, out: float, up: float) -> tuple[float, Vector] | None:
+    """Return how two links reach a tip, the elbow above the line from shoulder to tip.
+
+    Args:
+        upper: Length of the link at the shoulder, in m.
+        lower: Length of the link at the tip, in m.
+        out: Place of the tip, from the shoulder, in m.
+        up: Its height above the shoulder, in m.
+
+    Returns:
+        Angle of the upper link above the level, in rad, and the way out and up from elbow to tip,
+        in m; None if the links do not reach.
+    """
+    corner = link_angle(upper, lower, math.hypot(out, up))
+    if corner is None:
+        return None
+    shoulder = math.atan2(up, out) + corner
+    return shoulder, (out - upper * math.cos(shoulder), up - upper * math.sin(shoulder))

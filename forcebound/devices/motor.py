@@ -38,9 +38,8 @@ class Motor:
         self, stated: StatedImperfections, truth: TrueMotor, hold_limit: float, force: Vector
     ) -> None:
         self._zero: Vector = (0.0,) * len(force)
-        self._delay_ns = 1e9 * (
-            stated.write_delay if truth.write_delay is None else truth.write_delay
-        )
+        delay = stated.write_delay if truth.write_delay is None else truth.write_delay
+        self._delay_ns = round(1e9 * delay)
         self._tolerance = stated.watchdog_tolerance
         self._share = 1.0 + self._tolerance if truth.watchdog is None else truth.watchdog
         self._random = Random(truth.seed) if truth.random else None
@@ -65,6 +64,10 @@ class Motor:
     def set_hold_limit(self, seconds: float) -> None:
         """Set the hold limit of the forces from the next write on, in s."""
         self._hold_limit = seconds if self._fixed_hold is None else self._fixed_hold
+        self._hold_ns = self._hold_of(self._share)
+
+    def _hold_of(self, share: float) -> int:
+        return round(min(share * self._hold_limit * 1e9, NEVER))
 
     def write(self, time_ns: int, told: Vector, written: Vector, reading: Vector) -> None:
         """Take a new force; every change before ``time_ns`` has been made.
@@ -76,14 +79,13 @@ class Motor:
             reading: Now, in m; only a guarding watchdog looks at it.
         """
         self.cut_ns = None
-        delay_ns, share = self._delay_ns, self._share
+        delay_ns, hold_ns = self._delay_ns, self._hold_ns
         if self._random is not None:
-            delay_ns *= self._random.random()
-            share = 1.0 + self._tolerance * self._random.uniform(-1.0, 1.0)
+            delay_ns = round(delay_ns * self._random.random())
+            hold_ns = self._hold_of(1.0 + self._tolerance * self._random.uniform(-1.0, 1.0))
         # The order of writes is kept.
-        self.effect_ns = max(time_ns + round(delay_ns), self.effect_ns)
-        hold_ns = min(share * self._hold_limit * 1e9, NEVER)
-        self._waiting.append((self.effect_ns, round(hold_ns), told, written))
+        self.effect_ns = max(time_ns + delay_ns, self.effect_ns)
+        self._waiting.append((self.effect_ns, hold_ns, told, written))
         if self.effect_ns == time_ns:
             self._begin(reading)
         self._plan()

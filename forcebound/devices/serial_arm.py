@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.devices.kinematics import ArmKinematics, Floats
+from forcebound.devices.kinematics import ArmKinematics, Floats, two_links
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import (
@@ -139,12 +139,8 @@ class SerialArm(SimulatedArm):
         if self.joints == 3:
             base = (math.atan2(position[2], out),)
             out = math.hypot(out, position[2])
-        reach = math.hypot(out, up)
-        if not abs(self.upper - self.lower) <= reach <= self.upper + self.lower or reach == 0.0:
+        links = two_links(self.upper, self.lower, out, up)
+        if links is None:
             return None
-        square = self.upper**2 + reach**2 - self.lower**2
-        corner = math.acos(min(1.0, square / (2.0 * self.upper * reach)))
-        shoulder = math.atan2(up, out) + corner
-        elbow_out = out - self.upper * math.cos(shoulder)
-        elbow_up = up - self.upper * math.sin(shoulder)
-        return (*base, shoulder, math.atan2(elbow_up, elbow_out) - shoulder)
+        shoulder, (lower_out, lower_up) = links
+        return (*base, shoulder, math.atan2(lower_up, lower_out) - shoulder)

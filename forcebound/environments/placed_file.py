@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
+from forcebound.files import version_of
 from forcebound.geometry.proxy import Solid, Surface
 from forcebound.geometry.vectors import Quaternion, unit_quaternion
 from forcebound.messages.packets import SceneObject
@@ -119,8 +120,4 @@ class PlacedFile(ABC):
 
     def version(self) -> tuple[int, int]:
         """Return what tells this content of the file from another one."""
-        try:
-            status = self.path.stat()
-        except (OSError, ValueError):
-            return (0, 0)  # reading it says what is wrong
-        return status.st_mtime_ns, status.st_size
+        return version_of(self.path)

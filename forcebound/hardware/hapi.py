@@ -26,6 +26,7 @@ to:
 import math
 import struct
 from dataclasses import dataclass
+from functools import cached_property
 
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
@@ -58,7 +59,7 @@ class Wiring:
     home: tuple[float, float]
     counts: int
 
-    @property
+    @cached_property  # each reply needs it
     def home_counts(self) -> Vector:
         """The home pose in counts, with their fractions."""
         return tuple([angle * self.counts / 360.0 for angle in self.home])

@@ -211,8 +211,7 @@ def _serial_number(model: Any) -> str:
     name = getattr(model, "port", EMULATED)
     if name == EMULATED:
         return ""
-    path = os.path.realpath(ports.find(name, kind_of("device", model)))
-    return next((port.serial_number for port in ports.listed() if port.path == path), "")
+    return ports.serial_number(ports.find(name, kind_of("device", model)))
 
 
 @contextmanager

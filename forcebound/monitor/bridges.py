@@ -13,8 +13,10 @@ take.
 
 import json
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import TypeAlias
 
 import msgspec
 
@@ -24,61 +26,53 @@ from forcebound.monitor.streams import fields_of_packet, read_topics
 from forcebound.network.sockets import Network
 from forcebound.recording_schema import schema
 
+#: Called with topic, packet and its time since the epoch, in ns.
+Send: TypeAlias = Callable[[str, Packet, int], None]
 
-def serve_plotjuggler(
-    run_dir: Path,
-    topics: Collection[str],
-    port: int,
-    duration: float | None = None,
+
+def serve(
+    program: str, run_dir: Path, topics: Collection[str], port: int, duration: float | None = None
 ) -> None:
-    """Publish topics of a running graph for PlotJuggler, until the graph ends.
+    """Give topics of a running graph to another program, until the graph ends.
 
     Args:
+        program: One of :data:`PROGRAMS`.
         run_dir: Of the graph.
         topics: Of the packets.
         port: On loopback.
         duration: Longest time, in s; None: no limit.
 
     Raises:
-        ConfigError: If no graph runs there, or the port is in use.
+        ConfigError: If no graph runs there, the port is in use, or a package is missing.
     """
     ahead_ns = time.time_ns() - time.monotonic_ns()
-    with Network() as network:
-        publisher = network.publisher(f"tcp://127.0.0.1:{port}")
+    with PROGRAMS[program](topics, port) as send:
 
         def take(topic: str, packet: Packet, data: bytes) -> bool:
-            publisher.send_frames(frames(topic, packet, ahead_ns))
+            send(topic, packet, packet.time_ns + ahead_ns)
             return True
 
         read_topics(run_dir, topics, take, duration)
 
 
-def frames(topic: str, packet: Packet, ahead_ns: int) -> tuple[bytes, bytes, bytes]:
-    """Return the frames of a packet for PlotJuggler.
+@contextmanager
+def _plotjuggler(topics: Collection[str], port: int) -> Iterator[Send]:
+    with Network() as network:
+        publisher = network.publisher(f"tcp://127.0.0.1:{port}")
+        yield lambda *packet: publisher.send_frames(frames(*packet))
 
-    Args:
-        topic: Of the packet.
-        packet: A field without a value, or a number that is not finite, becomes null.
-        ahead_ns: Time since the epoch minus the sender's clock, in ns.
+
+def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes, bytes]:
+    """Return the frames of a packet for PlotJuggler; arguments as of :data:`Send`.
+
+    A field without a value, or a number that is not finite, becomes null.
     """
-    stamp = (packet.time_ns + ahead_ns) * 1e-9
-    return topic.encode(), msgspec.json.encode(fields_of_packet(packet)), f"{stamp:.6f}".encode()
+    data = msgspec.json.encode(fields_of_packet(packet))
+    return topic.encode(), data, f"{at_ns * 1e-9:.6f}".encode()
 
 
-def serve_foxglove(
-    run_dir: Path, topics: Collection[str], port: int, duration: float | None = None
-) -> None:
-    """Serve topics of a running graph to Foxglove, until the graph ends.
-
-    Args:
-        run_dir: Of the graph.
-        topics: Of the packets.
-        port: On loopback.
-        duration: Longest time, in s; None: no limit.
-
-    Raises:
-        ConfigError: If no graph runs there, the port is in use, or Foxglove's SDK is missing.
-    """
+@contextmanager
+def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
     try:
         import foxglove
     except ImportError as missing:
@@ -100,14 +94,18 @@ def serve_foxglove(
         server = foxglove.start_server(name="forcebound", port=port, context=context)
     except (OSError, RuntimeError) as error:
         raise ConfigError(f"cannot serve Foxglove at port {port}: {error}") from error
-    ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    def take(topic: str, packet: Packet, data: bytes) -> bool:
+    def send(topic: str, packet: Packet, at_ns: int) -> None:
         present = {k: v for k, v in fields_of_packet(packet).items() if v is not None}
-        channels[topic].log(msgspec.json.encode(present), log_time=packet.time_ns + ahead_ns)
-        return True
+        channels[topic].log(msgspec.json.encode(present), log_time=at_ns)
 
     try:
-        read_topics(run_dir, topics, take, duration)
+        yield send
     finally:
         server.stop()
+
+
+PROGRAMS: Mapping[str, Callable[[Collection[str], int], AbstractContextManager[Send]]] = {
+    "plotjuggler": _plotjuggler,
+    "foxglove": _foxglove,
+}

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.config.traces import RECORDING_SUFFIX, loop_delays, of_recording
+from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import TELEMETRY, read_launch_document
+from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import LINKS, Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import read_topics
@@ -135,7 +136,7 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
 
 
 def _is_recording(run: Path) -> bool:
-    return run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())
+    return run.suffix == SUFFIX or (not run.suffix and run.is_file())
 
 
 def _recorded_hops(file: Path) -> Hops:

@@ -9,9 +9,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from forcebound.errors import ConfigError
+from forcebound.mcap_file import SUFFIX
 from forcebound.network.distribution import QUANTILES, read_distribution
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -22,6 +23,8 @@ from forcebound.quantities import (
     Time,
     check_ranges,
 )
+
+LOOP: Final = "loop"  # all four hops, instead of one
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,8 @@ class Impairment:
         distribution_file: Table of the deviation instead, in the format of tc's ``.dist`` files.
         trace: File of recorded delays, instead of ``delay`` and ``jitter``; who builds the link
             reads it (:class:`forcebound.network.trace.DelayTrace`).
+        trace_hop: Where a recording that ``trace`` names has these delays: on one link, or all
+            around the loop.
         correlation: Of a delay with the one before, 0 to 1.
         loss_correlation: Of a loss with the one before.
         gemodel: Loss in bursts, instead of ``loss``.
@@ -137,6 +142,9 @@ class Impairment:
     outages: tuple[Outage, ...] = ()
     distribution_file: Path | None = None
     trace: Path | None = None
+    trace_hop: Literal[
+        "loop", "device_state", "environment_query", "environment_reply", "force_command"
+    ] = LOOP
     _table: tuple[float, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -146,6 +154,9 @@ class Impairment:
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
             message = "reorder needs a delay: what goes at once overtakes what is delayed"
             raise ConfigError(message, field="reorder")
+        if self.trace_hop != LOOP and (self.trace is None or self.trace.suffix != SUFFIX):
+            message = f"trace_hop {self.trace_hop} is a link in a recording: give trace: RUN.mcap"
+            raise ConfigError(message, field="trace_hop")
         object.__setattr__(self, "_table", check_delay(self))
 
     @property

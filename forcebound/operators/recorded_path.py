@@ -11,19 +11,15 @@ law it shows how they would answer somebody who pulls towards where that person 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
-from forcebound.files import content_of, open_file, reason
-from forcebound.messages.packets import Vector
-
-SUFFIX = ".mcap"
-_METADATA, _TOPIC = "forcebound", "telemetry"  # where a recording has them
+from forcebound.files import content_of
+from forcebound.messages.packets import TOPIC_OF, Telemetry, Vector
 
 
 class _Hand(msgspec.Struct):
@@ -37,6 +33,8 @@ class _Launch(msgspec.Struct):
 
 
 class _Tick(msgspec.Struct):
+    seq: int
+    deadline_misses: int
     elapsed: float
     position: tuple[float, ...]
     true_position: tuple[float, ...] | None = None
@@ -46,35 +44,34 @@ class _Tick(msgspec.Struct):
 def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
     """Return the times, in s since the force engaged, and the places, in m, of a recorded hand.
 
+    If the recording begins later than that, the times count from its beginning.
+
     Raises:
         ConfigError: If the file cannot be read, or holds no tick with an engaged force.
     """
     hand, ticks = _Hand(), []
     with content_of(file):
-        for content in _contents(file):
+        for content in mcap_file.readable(file, (TOPIC_OF[Telemetry],)):
             if isinstance(content, tuple):
                 ticks.append(msgspec.json.decode(content[1], type=_Tick))
-            elif content.name == _METADATA:
+            elif content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
                 hand = launch.operator or hand
-    path = dict(_path(_engaged(ticks), hand))
+    start = began(ticks)
+    path = {time - start: place for time, place in _path(_engaged(ticks), hand)}
     if not path:
         raise ConfigError(f"{file} has no tick with an engaged force: no path to follow")
     return tuple(path), tuple(path.values())
 
 
-def _contents(file: Path) -> Iterator[Any]:
-    try:
-        with open_file(file) as opened:
-            if not mcap_file.is_mcap(opened):
-                raise ConfigError(f"{file} is not an MCAP file")
-            yield from mcap_file.contents(opened, (_TOPIC,))
-    except OSError as error:
-        raise ConfigError(f"cannot read the recording {file}: {reason(error)}") from error
-    except mcap_file.TooLargeError as error:
-        raise ConfigError(f"{file}: {error}") from None
-    except mcap_file.DamagedError:
-        return  # what came before the damage is good
+def began(ticks: Sequence[_Tick | Telemetry]) -> float:
+    """Return when recorded ticks begin, in s since the force engaged; 0: with the run, or before.
+
+    A run begins with its first tick, the elapsed time of which is up to a period.
+    """
+    if not ticks or ticks[0].seq == ticks[0].deadline_misses:
+        return 0.0
+    return ticks[0].elapsed
 
 
 def _engaged(ticks: list[_Tick]) -> Iterator[_Tick]:

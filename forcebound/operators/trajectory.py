@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from forcebound.errors import ConfigError
+from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.path_file import read_numbers
-from forcebound.operators.recorded_path import SUFFIX, read_recording
+from forcebound.operators.recorded_path import read_recording
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Recorder process: records every packet of some streams until a stop request."""
+"""Recorder process: records every packet of some streams until a stop request, or an end."""
 
 import logging
 import time
@@ -46,10 +46,11 @@ def record(
     streams: Sequence[tuple[str, str]],
     core: int | None,
     stop: Stop,
+    is_over: Callable[[str], bool] | None = None,
 ) -> dict[str, Any]:
     """Record every packet of some streams until a stop request; return the last status.
 
-    After a stop request it records the packets still on their way, so stop the publishers first.
+    The recorder of a run then records the packets still on their way, so stop the publishers first.
     When writing fails (a full disk) it reports this once and drops further packets; the run
     continues without a recording.
 
@@ -60,6 +61,8 @@ def record(
         streams: Topic and endpoint of each.
         core: The chain's core, where the recorder does not run if there is another one.
         stop: Ends the loop.
+        is_over: Of a recorder that is no part of the run: called with the state of the recording,
+            :data:`COMPLETE` or why it is not; returns whether to end.
     """
     realtime.enter(realtime.Settings(core=core), name)
     with Network() as network:
@@ -72,18 +75,15 @@ def record(
             return inbox.status()
 
         flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
-        while not stop.requested:
+        while not (stop.requested or (is_over is not None and is_over(inbox.sink.state))):
             sockets.wait((stop.descriptor,), RECORDER_PERIOD_NS)
             control.serve(answer)
             inbox.take()
             if time.monotonic_ns() >= flush_ns:
                 inbox.sink.flush()
                 flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
-        limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
-        silent_ns = 0
-        while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
-            silent_ns = 0 if inbox.take() else silent_ns + RECORDER_PERIOD_NS
-            sockets.wait((), RECORDER_PERIOD_NS)
+        if is_over is None:
+            inbox.drain()
         inbox.sink.flush()
     return inbox.status()
 
@@ -115,6 +115,14 @@ class _Inbox:
                 self._counts[topic] += 1
                 self.sink.write(packet)
         return any_came
+
+    def drain(self) -> None:
+        """Record what is still on its way, until nothing comes."""
+        limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
+        silent_ns = 0
+        while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
+            silent_ns = 0 if self.take() else silent_ns + RECORDER_PERIOD_NS
+            sockets.wait((), RECORDER_PERIOD_NS)
 
     def status(self) -> dict[str, Any]:
         """Return the status of the process."""

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
-from forcebound.files import check_writable, open_file
+from forcebound.files import check_writable
 from forcebound.recording import read
 
 RECOVERED_NAME = "forcebound.recovered"  # of the metadata record
@@ -47,8 +47,7 @@ def recover(cut: Path, output: Path) -> Recovered:
     check_writable(output, "the recording")
     if output.exists() and output.samefile(cut):
         raise ConfigError(f"{output} is the recording itself: choose another name")
-    with open_file(cut) as source, output.open("wb") as target:
-        mcap_file.is_mcap(source)
+    with mcap_file.opened(cut) as source, output.open("wb") as target:
         return _Copy(target).run(source)
 
 

@@ -2,15 +2,18 @@
 
 What can be fed from the recording in place of the graph's own:
 
-* ``hand``: a hand whose path is a function of time already repeats itself. Any other (a pointer, a
-  person on hardware, none) becomes one that follows the recorded path; see
-  :mod:`forcebound.operators.recorded_path`.
-* ``network``: the recorded loop delays and losses, all on the link of the force command, in place
-  of the delays of links and environment.
+* ``hand``: a hand whose path is a function of time already repeats itself, from its beginning. Any
+  other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
+  that follows the recorded path; see :mod:`forcebound.operators.recorded_path`.
+* ``network``: the recorded delays and losses of each link, in place of those of links and
+  environment; see :func:`forcebound.config.traces.hop_delays`.
+* ``environment``: the recorded replies, whatever the hand does; see
+  :mod:`forcebound.environments.recorded`.
 """
 
 import dataclasses
 import json
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -23,12 +26,13 @@ from forcebound.config.resolved import restore
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
-from forcebound.messages.packets import TOPIC_OF, ForceCommand, Telemetry
+from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.nodes.servo import ServoSettings
+from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
 
-FEEDS = ("hand", "network")
-_LINK = TOPIC_OF[ForceCommand]  # that the recorded loop delays are put on
+FEEDS = ("hand", "network", "environment")
+_COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 
 
 def graph_of(
@@ -53,9 +57,13 @@ def graph_of(
     with content_of(recording.path):
         if "network" in feeds:
             _feed_network(document, file)
+        if "environment" in feeds:
+            _feed_environment(document, file)
         if "hand" in feeds:
-            _feed_hand(document, file)
+            _feed_hand(document, file, began(_ticks(recording)) > 0.0)
     named = {_set(document, setting) for setting in settings}
+    if "environment" in feeds and "environment" in named:
+        raise ConfigError("environment:=KIND and --environment exclude each other: give one")
     _check_code(recording, document, named, KINDS)
     config = from_document(document)
     if "device" not in named and hasattr(config.device.model, "simulated_in"):
@@ -74,6 +82,7 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
     """
     document = _document(recording)
     named = {_set(document, setting) for setting in settings}
+    document["links"] = {}  # of no concern here, and of what an earlier version could do with them
     _check_code(recording, document, named, ("device",))
     with content_of(recording.path):
         return restore(document, {"device"}).device
@@ -81,11 +90,14 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
     """Return for how long the force was engaged in a recording, in s."""
-    packets = cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
-    ends = [packet.elapsed for packet in packets]
-    longest = max(ends, default=0.0)
+    ticks = _ticks(recording)
+    longest = max((tick.elapsed for tick in ticks), default=0.0) - began(ticks)
     period = config.device.servo.period_ns * 1e-9
     return (longest // period + 1.0) * period
+
+
+def _ticks(recording: Recording) -> list[Telemetry]:
+    return cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
 
 
 def _document(recording: Recording) -> dict[str, Any]:
@@ -97,22 +109,29 @@ def _document(recording: Recording) -> dict[str, Any]:
 
 
 def _feed_network(document: dict[str, Any], file: str) -> None:
-    document["links"] = {_LINK: {"trace": file}}
+    document["links"] = {topic: {"trace": file, "trace_hop": topic} for topic in LINKS}
     environment = document["environment"]
-    for name in BESIDE_MODEL:
-        if name.startswith("compute_"):
-            environment.pop(name, None)
+    for name in _COMPUTATION:
+        environment.pop(name, None)
+    _drop_from_phases(document, r"links\.|environment\.compute_")
+
+
+def _feed_environment(document: dict[str, Any], file: str) -> None:
+    environment = document["environment"]
+    kept = {name: environment[name] for name in _COMPUTATION if name in environment}
+    document["environment"] = {"kind": "recorded", "file": file, **kept}
+    _drop_from_phases(document, r"environment\.(?!compute_)")
+
+
+def _drop_from_phases(document: dict[str, Any], fed: str) -> None:
+    """Take the settings out of the phases whose names begin as a regular expression says."""
     for phase in document.get("phases", ()):
-        phase["set"] = {
-            name: value
-            for name, value in phase["set"].items()
-            if not name.startswith(("links.", "environment.compute_"))
-        }
+        phase["set"] = {k: value for k, value in phase["set"].items() if not re.match(fed, k)}
 
 
-def _feed_hand(document: dict[str, Any], file: str) -> None:
+def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
     hand = document.get("operator", {})
-    if hand and hand["kind"] != "pointer":
+    if hand and hand["kind"] != "pointer" and not is_part:
         return
     kept = {name: hand[name] for name in ("mass", "stiffness", "damping") if name in hand}
     document["operator"] = {"kind": "trajectory", "file": file, **kept}

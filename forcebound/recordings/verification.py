@@ -9,8 +9,8 @@ compared: position, limit force, applied force, the ledger. A difference of one 
   the tick that the telemetry names.
 * *Motors with steps.* Hardware may apply less than the law let through. The recorded force then
   goes on into the ledger; more than the law let through is a difference.
-* *The beginning.* The recorder of a live run may miss the first ticks. Then it begins where the
-  ledger does: when the force engages.
+* *The beginning.* The recorder of a live run may miss the first ticks, or begin later. Then
+  verification begins where a ledger does: when the force engages, or at a new law.
 """
 
 import math
@@ -37,7 +37,7 @@ class Verified:
 
     ticks: int  # in the recording
     verified: int  # of them, up to the first one that is missing
-    unknown: int  # of them, before the force engaged, whose ledger began before the recording
+    unknown: int  # of them, of a ledger that began before the recording
     differing: int  # ticks
     difference: str  # the first, in words; "" without any
     commands: int  # forces that follow from a recorded command
@@ -114,7 +114,7 @@ def _engaged_at(life: Sequence[Telemetry]) -> int:
     return next(k for k, packet in enumerate(life) if packet.time_ns >= engaged_ns)
 
 
-def _start_of(life: Sequence[Telemetry], engaged: int) -> int:
+def _start_of(life: Sequence[Telemetry], engaged: int, laws: Mapping[int, str]) -> int:
     """Return the number of the first packet whose ledger can be known.
 
     Raises:
@@ -123,12 +123,15 @@ def _start_of(life: Sequence[Telemetry], engaged: int) -> int:
     if life[0].seq == life[0].deadline_misses:
         return 0
     before = life[engaged - 1]
-    if not 0 < engaged < len(life) or any(before.torques or before.applied_force):
+    if 0 < engaged < len(life) and not any(before.torques or before.applied_force):
+        return engaged
+    start = next((k for k, tick in enumerate(life, start=1) if tick.time_ns in laws), len(life))
+    if start == len(life):
         raise ConfigError(
-            f"the recording begins with tick {life[0].seq}, when its ledger had begun: record from"
-            " the beginning, with --record"
+            f"the recording begins with tick {life[0].seq}, when its ledger had begun, and no other"
+            " ledger begins in it (a new law): record from the beginning, with --record"
         )
-    return engaged
+    return start
 
 
 def _is_next(packet: Telemetry, before: Telemetry) -> bool:
@@ -231,8 +234,11 @@ class _Rerun:
     def _live(self, life: Sequence[Telemetry]) -> bool:
         """Run through a life; return whether no tick of it is missing."""
         engaged = _engaged_at(life)
-        start = _start_of(life, engaged)
+        start = _start_of(life, engaged, self._laws)
         self.unknown += start
+        if start > engaged:
+            self._begin(self._laws[life[start - 1].time_ns])
+            self._bounded.begin()
         for k in range(start, len(life)):
             if k > start and not _is_next(life[k], life[k - 1]):
                 return False

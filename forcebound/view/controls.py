@@ -1,4 +1,4 @@
-"""What a page may change: parameters, nodes, the law, outages, the pointer of the hand."""
+"""What a page may do: change parameters, nodes, law, links; record; move the hand."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -22,6 +22,7 @@ from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
 from forcebound.view.kernels import Kernels, shipped_laws
+from forcebound.view.recording import PageRecording
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN, SAFE = ("none", "5 ms"), ("certified", "0 ms")  # law, delay each way
@@ -31,12 +32,18 @@ OVERDUE = 0.5  # s without an answer, after which a device is asked again: it wa
 class Controls:
     """The controls of one running graph; to be closed.
 
+    Args:
+        run_dir: Of the graph.
+        recordings: Folder for recordings.
+
     Attributes:
         law: Of the device, now.
+        recording: That a page has begun.
     """
 
-    def __init__(self, run_dir: Path) -> None:
+    def __init__(self, run_dir: Path, recordings: Path) -> None:
         self._run_dir = run_dir
+        self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, serves=False)
         status = ask(run_dir, "device", {"request": "status"}) or {}
         self.law = str(status.get("law", self._config.device.servo.law))
@@ -48,6 +55,8 @@ class Controls:
             "start": lambda wanted: start_node(run_dir, str(wanted["node"])),
             "law": lambda wanted: self._take_law(str(wanted["law"])),
             "outage": lambda wanted: self._cut(str(wanted["time"])),
+            "record": lambda _: self.recording.begin(),
+            "end_recording": lambda _: self.recording.end(),
             "break": lambda wanted: self._show(*BROKEN),
             "safe": lambda wanted: self._show(*SAFE),
         }
@@ -113,6 +122,7 @@ class Controls:
 
     def close(self) -> None:
         """End what is still under way."""
+        self.recording.close()
         self._kernels.close()
 
     def _show(self, law: str, delay: str) -> None:
@@ -129,13 +139,14 @@ class Pointer:
 
     Args:
         run_dir: Of the graph.
-        taken: Called with the stamp of a place when the device has taken it.
+        taken: Called when the device has taken a place: with its stamp, and from when on it counts,
+            in ns of the monotonic clock.
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
     """
 
-    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
+    def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
         self._taken = taken
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
@@ -153,9 +164,11 @@ class Pointer:
         """Send the newest place if the device has answered to the one before."""
         if self._asked is not None:
             stamp, asked = self._asked
-            if self._client.answer() is not None:
+            answer = self._client.answer()
+            if answer is not None:
                 self._asked = None
-                self._taken(stamp)
+                if "error" not in answer:
+                    self._taken(stamp, answer["time_ns"])
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:

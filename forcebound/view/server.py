@@ -26,35 +26,40 @@ from forcebound.view.feed import Feed
 PAGE = Path(__file__).parent / "page"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
 NODES = 1.0  # s between two looks at its processes
+NEXT = 0.5  # s between two looks for the next graph
 FAREWELL = 1.0  # s that pages have to close
 MOST_PAGES = 32
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
+OVER = {"type": "over"}  # what pages are told while there is no graph
 POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
 
 class Server:
-    """A server for the pages of one running graph.
+    """A server for pages that show one running graph, and then perhaps another one; to be closed.
+
+    It serves in the event loop in which it is made.
 
     Args:
-        run_dir: Of the graph.
         listen: Address of this machine to listen at.
         port: 0: any that is free.
+        recordings: Folder for recordings that pages begin.
 
     Attributes:
         access: Who may look; it has the addresses of the page.
+        graph: That is shown; None: none is just now.
+        is_stopped: Whether :meth:`stop` was called.
 
     Raises:
-        ConfigError: If the address cannot be listened at, or no graph runs.
+        ConfigError: If the address cannot be listened at.
     """
 
-    def __init__(self, run_dir: Path, listen: str = "127.0.0.1", port: int = 0) -> None:
-        self._run_dir = run_dir
+    def __init__(self, listen: str = "127.0.0.1", port: int = 0, recordings: Path = Path()) -> None:
         listening = _bound(listen, port)
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
-        self.controls = Controls(run_dir)
-        self.pointer = Pointer(run_dir, self._pointed)
-        self.feed = Feed(run_dir)
+        self.graph: _Graph | None = None
+        self.is_stopped = False
+        self._recordings = recordings
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
         own = {"server": self}
@@ -73,25 +78,53 @@ class Server:
         self._http = tornado.httpserver.HTTPServer(application)
         self._http.add_socket(listening)
 
-    async def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Show the graph until it ends, or ``until`` says so."""
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self.pointer.descriptor, self.pointer.send)
+    def stop(self) -> None:
+        """End :meth:`show` and :meth:`wait`."""
+        self.is_stopped = True
+
+    async def show(self, run_dir: Path) -> None:
+        """Show a graph until it ends, or :meth:`stop`.
+
+        Raises:
+            ConfigError: If no graph runs there.
+        """
+        self._loop = loop = asyncio.get_running_loop()
+        controls = await loop.run_in_executor(None, Controls, run_dir, self._recordings)
+        self.graph = graph = _Graph(run_dir, controls, self._pointed)
+        loop.add_reader(graph.pointer.descriptor, graph.pointer.send)
+        for page in tuple(self.pages):
+            page.greet()
         next_nodes = 0.0
         try:
-            while not (self.feed.is_over or until()):
+            while not (graph.feed.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in self.feed.look():
+                for message in graph.feed.look():
                     self._note(message)
                     self.tell(message)
-                self.pointer.send()
+                graph.pointer.send()
                 if self.pages and started >= next_nodes:
                     next_nodes = started + NODES
-                    self._loop.run_in_executor(self.workers, self._look_at_nodes)
+                    loop.run_in_executor(self.workers, self._look_at_nodes, graph)
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
-            self.tell({"type": "over"})
         finally:
-            await self._close()
+            self.graph = None
+            loop.remove_reader(graph.pointer.descriptor)
+            graph.close()
+            await loop.run_in_executor(self.workers, controls.close)  # after what is under way
+            self.tell(controls.recording.describe())
+            self.tell(OVER)
+
+    async def wait(self, find: Callable[[], Path | None]) -> Path | None:
+        """Return the next graph to show, or None after :meth:`stop`.
+
+        Args:
+            find: Returns its run directory; None: there is none yet.
+        """
+        found = None
+        while found is None and not self.is_stopped:
+            await asyncio.sleep(NEXT)
+            found = find()
+        return found
 
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message to every page; one that does not read misses it."""
@@ -102,34 +135,36 @@ class Server:
 
     def _note(self, message: dict[str, Any]) -> None:
         """Keep up with the law, also if it is changed from elsewhere."""
-        if message["type"] == "event" and message["event"] == LAW_CHANGED:
-            self.controls.law = message["data"]["law"]
+        if message["type"] == "event" and message["event"] == LAW_CHANGED and self.graph:
+            self.graph.controls.law = message["data"]["law"]
 
-    def _pointed(self, stamp: Any) -> None:
-        """Tell a page that the device has taken its place."""
-        if isinstance(stamp, tuple):
-            page, number = stamp
-            page.tell(json.dumps({"type": "taken", "stamp": number}))
+    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
+        """Tell a page that the device has taken its place, and the times of it, in s."""
+        page, own, heard = stamp
+        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
+        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
 
     def newcomer(self) -> list[dict[str, Any]]:
         """Return what a page is told first."""
-        scene = self.feed.scene
-        return [self.controls.describe(), self.controls.parameters(), *([scene] if scene else [])]
+        return [OVER] if self.graph is None else self.graph.describe()
 
-    def _look_at_nodes(self) -> None:
+    def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
         try:
-            (graph,) = list_graphs(0.3, self._run_dir)
+            (listed,) = list_graphs(0.3, graph.run_dir)
         except (ForceboundError, ValueError):
             return  # it ended just now
-        processes = [asdict(process) for process in graph.processes]
-        self.later(self.tell, {"type": "nodes", "phase": graph.phase, "processes": processes})
+        processes = [asdict(process) for process in listed.processes]
+        self.later(self.tell, {"type": "nodes", "phase": listed.phase, "processes": processes})
+        self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:
         """Call something in the server's own thread, from another one."""
         self._loop.call_soon_threadsafe(call, *arguments)
 
-    async def _close(self) -> None:
+    async def close(self) -> None:
+        """Say farewell to the pages, and end."""
+        self.tell({"type": "closed"})
         for page in tuple(self.pages):
             page.close()
         end = time.monotonic() + FAREWELL
@@ -138,10 +173,28 @@ class Server:
         self._http.stop()
         await self._http.close_all_connections()
         self.workers.shutdown(wait=True, cancel_futures=True)
-        self._loop.remove_reader(self.pointer.descriptor)
+
+
+class _Graph:
+    """A running graph that is shown: what comes from it, and what may be done to it."""
+
+    def __init__(
+        self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
+    ) -> None:
+        self.run_dir = run_dir
+        self.controls = controls
+        self.pointer = Pointer(run_dir, taken)
+        self.feed = Feed(run_dir)
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Return what a page needs to know before its first frame."""
+        controls, scene = self.controls, self.feed.scene
+        return [controls.describe(), controls.parameters(), *([scene] if scene else [])]
+
+    def close(self) -> None:
+        """Close what comes from the graph."""
         self.feed.close()
         self.pointer.close()
-        self.controls.close()
 
 
 def _bound(listen: str, port: int) -> socket.socket:
@@ -198,9 +251,10 @@ class _Mesh(_Handler):
     async def get(self, digest: str) -> None:
         if not self.server.access.may_look(self.get_query_argument("token", "")):
             raise tornado.web.HTTPError(403, "no token")
-        loop = asyncio.get_running_loop()
-        triangles = self.server.feed.triangles
-        corners = await loop.run_in_executor(self.server.workers, triangles, digest)
+        loop, graph = asyncio.get_running_loop(), self.server.graph
+        corners = None
+        if graph is not None:
+            corners = await loop.run_in_executor(self.server.workers, graph.feed.triangles, digest)
         if corners is None:
             raise tornado.web.HTTPError(404)
         self.write({"corners": corners})
@@ -227,9 +281,13 @@ class _Page(tornado.websocket.WebSocketHandler):
 
     def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
+        self.greet()
+        self._server.pages.add(self)
+
+    def greet(self) -> None:
+        """Tell what a page needs to know of the graph that is shown now."""
         for message in self._server.newcomer():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
-        self._server.pages.add(self)
 
     def on_message(self, message: str | bytes) -> None:
         try:
@@ -237,12 +295,16 @@ class _Page(tornado.websocket.WebSocketHandler):
             do = wanted["do"]
         except (ValueError, TypeError, KeyError):
             return
+        graph = self._server.graph
         if not self._may_change:
             self._answer(wanted, "this page may only look")
+        elif graph is None:
+            self._answer(wanted, "no graph runs")
         elif do == "point":
-            self._server.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
+            stamp = self, wanted.get("stamp"), time.monotonic()
+            graph.pointer.point(wanted.get("target"), stamp)
         else:
-            self._server.workers.submit(self._act, wanted)
+            self._server.workers.submit(self._act, graph.controls, wanted)
 
     def on_close(self) -> None:
         self._server.pages.discard(self)
@@ -261,12 +323,13 @@ class _Page(tornado.websocket.WebSocketHandler):
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
-    def _act(self, wanted: dict[str, Any]) -> None:
+    def _act(self, controls: Controls, wanted: dict[str, Any]) -> None:
         """Do what the page wants; in the thread of changes."""
         server = self._server
-        server.later(self._answer, wanted, server.controls.act(wanted))
+        server.later(self._answer, wanted, controls.act(wanted))
+        server.later(server.tell, controls.recording.describe())
         with suppress(ForceboundError):  # the graph has ended
-            server.later(server.tell, server.controls.parameters())
+            server.later(server.tell, controls.parameters())
 
     def _answer(self, wanted: dict[str, Any], error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))

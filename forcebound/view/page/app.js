@@ -1,5 +1,6 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
+import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Histogram, Plot, Samples, Window, text } from "./plots.js";
 import { Scene } from "./scene.js";
@@ -18,7 +19,8 @@ const MOST_EVENTS = 200;
 
 let socket = null;
 let request = 0;
-let isOver = false;
+let isOver = false; // the graph has ended
+let isClosed = false; // so has the server
 let mayChange = false;
 let heard = performance.now(); // ms, when the last frame came
 
@@ -28,7 +30,8 @@ function send(message) {
   return request;
 }
 
-const scene = new Scene($("scene"), (target, stamp) => send({ do: "point", target, stamp }));
+const clock = new Clock();
+const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: [at, performance.now()] }));
 const controls = new Controls(send);
 
 const AXES = [["x", "true"], ["y", "commanded"], ["z", "energy"]];
@@ -45,14 +48,16 @@ const plots = [
     { name: "true_energy", label: "true", colour: "true" },
   ]),
   new Plot($("delay"), shown, "Loop delay", "ms", 1e3, [{ name: "delay", label: "delay", colour: "true" }]),
-  new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3),
 ];
+const histogram = new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3);
 
 // --- What comes ----------------------------------------------------------------------------------
 
 const takes = {
   hello(message) {
     mayChange = message.may_change;
+    isOver = false;
+    heard = performance.now();
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
     samples.push(samples.newest, {}); // a gap where nothing was heard
@@ -88,9 +93,12 @@ const takes = {
     $("events").prepend(entry);
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
-  taken(message) {
-    const passed = performance.now() - message.stamp;
-    figure("pointer to device", `${text(passed)} ms`);
+  taken({ stamp: [at, sent], heard, device, told }) {
+    const back = performance.now();
+    clock.note(sent, 1e3 * heard, 1e3 * told, back);
+    const passed = { there: 1e3 * device - clock.ahead - at, back: back - at };
+    figure("pointer to device", `${text(passed.there)} ms`);
+    figure("and back", `${text(passed.back)} ms`);
     document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
   },
   nodes(message) { controls.nodes(message); },
@@ -99,9 +107,14 @@ const takes = {
     controls.parameters(message);
   },
   answer(message) { controls.answer(message); },
+  recording(message) { controls.recording(message); },
   over() {
     isOver = true;
-    say("the graph has ended; a new one has a page, and an address, of its own", false);
+    say("the graph has ended; the page shows the next one as soon as it runs", false);
+  },
+  closed() {
+    isClosed = true;
+    say("this page has ended; `forcebound view` opens a new one", false);
   },
 };
 
@@ -116,7 +129,7 @@ function hintOf({ may_change, hand, axes }) {
 function say(words, isWell) {
   if ($("state").textContent !== words) $("state").textContent = words;
   document.body.classList.toggle("is-away", !isWell);
-  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver;
+  const isOff = !mayChange || socket?.readyState !== WebSocket.OPEN || isOver || isClosed;
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
@@ -183,13 +196,13 @@ function connect() {
     takes[message.type]?.(message);
   });
   socket.addEventListener("close", () => {
-    if (isOver) return;
+    if (isClosed) return;
     say("not connected; trying again", false);
     setTimeout(connect, AGAIN);
   });
 }
 
-let drawn = 0; // ms
+let drawn = 0, counted = 0; // ms, when the picture and its histogram were drawn last
 function draw(now) {
   requestAnimationFrame(draw);
   if (now - drawn < FRAME) return;
@@ -200,6 +213,9 @@ function draw(now) {
   }
   scene.draw();
   for (const plot of plots) plot.draw();
+  if (now - counted < READABLE) return;
+  counted = now;
+  histogram.draw();
 }
 
 connect();

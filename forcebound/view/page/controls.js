@@ -7,6 +7,7 @@ const make = (tag, properties = {}, ...children) => {
 };
 
 const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10] }; // below so many, in the other unit
+const RECORD = "Record";
 const OF_LINKS = ["delay", "jitter", "loss"];
 const REFINED = /compute_(?!delay)/; // among the other parameters
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
@@ -55,6 +56,10 @@ export class Controls {
     this.fields.clear();
     this.pending.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
+    this.rows.clear();
+    this.record = make("button", { type: "button", id: "record", textContent: RECORD });
+    this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
+    this.recorded = make("small", { id: "recorded", role: "status" });
     const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
     outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
     this.own = make("div");
@@ -64,6 +69,7 @@ export class Controls {
       this.own,
       this.buildLinks(),
       make("div", { className: "field" }, make("label", { htmlFor: "outage", textContent: "network" }), outage),
+      make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
       this.other,
     );
     this.showLaw();
@@ -124,6 +130,13 @@ export class Controls {
     const input = this.input(name);
     (isFirst ? this.own : this.other).append(
       make("div", { className: "field" }, label, input, make("small", { textContent: range }), this.fields.get(name).fault));
+  }
+
+  /** Show what is recorded, or what came of it. */
+  recording({ file, seconds, said }) {
+    this.record.textContent = file ? "Stop recording" : RECORD;
+    this.record.setAttribute("aria-pressed", String(Boolean(file)));
+    this.recorded.textContent = file ? `${file}: ${Math.round(seconds)} s` : said;
   }
 
   /** Show the law, and which of the two buttons has its way now. */

@@ -1,0 +1,178 @@
+"""Benchmark of the bridges: ``python -m benchmarks.bridges [--turns 5] [--json]``.
+
+A graph runs. Its servo's lateness and loop delay are compared in turns: nobody looks, PlotJuggler's
+bridge publishes all topics to a subscriber, Foxglove's serves them all to a client. The servo must
+not notice: less than 5 % difference. The clients only count what they get, in this process.
+"""
+
+import asyncio
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import zmq
+from tornado.websocket import websocket_connect
+
+from benchmarks.turns import ALONE, Turn, servo, told
+from forcebound.messages.packets import TOPICS
+
+PORTS = {"plotjuggler": 19872, "foxglove": 18765}
+POLL = 0.1  # s
+PATIENCE = 60.0  # s
+SETTLE = 2.0  # s
+
+
+@dataclass
+class Heard:
+    """What a client has heard."""
+
+    count: int = 0  # messages
+    is_over: bool = False  # whether it is to end
+
+
+def count_as_plotjuggler(port: int, heard: Heard) -> None:
+    """Count the messages that a subscriber gets."""
+    with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
+        subscriber.set(zmq.SUBSCRIBE, b"")
+        subscriber.connect(f"tcp://127.0.0.1:{port}")
+        while not heard.is_over:
+            if subscriber.poll(round(POLL * 1e3)):
+                subscriber.recv_multipart()
+                heard.count += 1
+
+
+def count_as_foxglove(port: int, heard: Heard) -> None:
+    """Count the messages that a client gets which subscribes to every channel."""
+    asyncio.run(_count_as_foxglove(port, heard))
+
+
+async def _count_as_foxglove(port: int, heard: Heard) -> None:
+    client = await _connected(port)
+    while not heard.is_over:
+        try:
+            got = await asyncio.wait_for(client.read_message(), POLL)
+        except TimeoutError:
+            continue
+        if isinstance(got, bytes):
+            heard.count += got[0] == 1  # a message, not the time
+        elif got is not None and (said := json.loads(got))["op"] == "advertise":
+            wanted = [{"id": one["id"], "channelId": one["id"]} for one in said["channels"]]
+            await client.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+    client.close()
+
+
+async def _connected(port: int) -> Any:
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return await websocket_connect(
+                f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"]
+            )
+        except OSError:  # the bridge is not there yet
+            if time.monotonic() > end:
+                raise
+            await asyncio.sleep(POLL)
+
+
+CLIENTS: dict[str, Callable[[int, Heard], None]] = {
+    "plotjuggler": count_as_plotjuggler,
+    "foxglove": count_as_foxglove,
+}
+
+
+@contextmanager
+def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
+    """Run a graph; give the variables for commands that look at it."""
+    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
+    words = ["launch", "stiff_wall", "--duration", "30min", "--record", str(record)]
+    running = subprocess.Popen(
+        [sys.executable, "-u", "-m", "forcebound", *words],
+        env=variables,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr is not None
+    try:
+        next(line for line in running.stderr if "ramping force up" in line)
+        yield variables
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=PATIENCE)
+
+
+@contextmanager
+def bridge(program: str, variables: dict[str, str]) -> Iterator[Heard]:
+    """Run a bridge and its client, which has heard something."""
+    words = ["bridge", program, *TOPICS, "--port", str(PORTS[program])]
+    quiet = subprocess.DEVNULL
+    serving = subprocess.Popen(
+        [sys.executable, "-m", "forcebound", *words], env=variables, stdout=quiet, stderr=quiet
+    )
+    heard = Heard()
+    client = threading.Thread(target=CLIENTS[program], args=(PORTS[program], heard))
+    client.start()
+    try:
+        end = time.monotonic() + PATIENCE
+        while not heard.count and time.monotonic() < end:
+            time.sleep(POLL)
+        yield heard
+    finally:
+        heard.is_over = True
+        client.join()
+        serving.send_signal(signal.SIGINT)
+        serving.wait(PATIENCE)
+
+
+@click.command()
+@click.option("--turns", default=5, help="Turns without and with each bridge.")
+@click.option("--seconds", default=4.0, help="Of each turn.")
+@click.option("--json", "as_json", is_flag=True)
+def main(turns: int, seconds: float, as_json: bool) -> None:
+    """Measure the servo without a bridge and with each."""
+    taken: list[Turn] = []
+    rates: dict[str, list[float]] = {name: [] for name in CLIENTS}
+    with tempfile.TemporaryDirectory(prefix="fb-") as folder:
+        record = Path(folder) / "run.mcap"
+        with graph(folder, record) as variables:
+            for _ in range(turns):
+                taken.append(measured(ALONE, seconds))
+                for program in CLIENTS:
+                    with bridge(program, variables) as heard:
+                        before = heard.count
+                        taken.append(measured(program, seconds))
+                        rates[program].append((heard.count - before) / (SETTLE + seconds))
+        figures, load = servo(record, taken), os.getloadavg()[0]
+    rates_hz = {program: statistics.median(of) for program, of in rates.items()}
+    if as_json:
+        click.echo(json.dumps({"rates_hz": rates_hz, "servo": figures, "load": load}, indent=2))
+        return
+    for program, rate_hz in rates_hz.items():
+        click.echo(f"{program}: {rate_hz:.0f} messages a second")
+    for line in told(figures):
+        click.echo(line)
+    click.echo(f"load of the machine at the end: {load:.1f}")
+
+
+def measured(viewers: str, seconds: float) -> Turn:
+    """Let a turn pass; return when it began and ended, without what starting disturbs."""
+    time.sleep(SETTLE)
+    begin_ns = time.monotonic_ns()
+    time.sleep(seconds)
+    return Turn(viewers, begin_ns, time.monotonic_ns())
+
+
+if __name__ == "__main__":
+    main()

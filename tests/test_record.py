@@ -1,0 +1,103 @@
+"""Recording a graph that runs already, from the command line."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from live_graph import LiveGraph, live_graph
+from waiting import PATIENCE
+
+from forcebound.cli import main
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
+from forcebound.monitor.recorder import free_name
+from forcebound.operators.trajectory import TrajectoryHand
+from forcebound.recording import Recorder, read
+from forcebound.recordings.rerun import duration_of, graph_of
+
+
+def test_a_new_recording_has_a_name_of_its_own(tmp_path: Path) -> None:
+    names = set()
+    for _ in range(3):
+        name = free_name(tmp_path, "launch/stiff_wall.yaml law:=none")
+        name.touch()
+        names.add(name)
+    assert len(names) == 3
+    assert all(name.name.startswith("stiff_wall-") and name.suffix == ".mcap" for name in names)
+
+
+def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    hand = load("stiff_wall").operator
+    run_virtual(load("stiff_wall"), 0.3, path)
+    whole = read(path)
+    with Recorder(path, whole.metadata) as recorder:
+        for packet in whole.packets("telemetry")[100:]:
+            recorder.write(packet)
+    part = read(path)
+    config = graph_of(part, feeds=("hand",))
+    assert hand is not None
+    assert isinstance(config.operator, TrajectoryHand)
+    then = 0.1 + part.telemetry.elapsed[0]
+    assert config.operator.target(0.1)[0] == pytest.approx(hand.target(then)[0], abs=1e-4)
+    assert duration_of(part, config) == pytest.approx(0.2, abs=2e-3)
+
+
+def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:
+    """Exit status and output of a recording that Ctrl-C ends once it has begun."""
+    command = [sys.executable, "-u", "-m", "forcebound", "record", "stiff_wall", "-o", str(file)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True) as process:
+        assert process.stdout is not None
+        begun = process.stdout.readline()
+        graph.until(lambda: file.exists() and file.stat().st_size > 100_000, "some ticks")
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=PATIENCE)
+    return process.returncode, begun + out
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_part_of_a_run_is_recorded_while_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    with live_graph("stiff_wall") as graph:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
+        file = graph.folder / "part.mcap"
+        status, said = interrupted(graph, file)
+        assert status == 0
+        assert said.startswith(f"recording stiff_wall to {file}")
+        assert said.endswith(f"ticks: {file}\n")
+        assert "Traceback" not in said
+
+        refused = CliRunner().invoke(main, ["record", "-o", str(file)])
+        assert refused.exit_code == 2
+        assert "exists: choose another name, or add --overwrite" in refused.output
+        done = graph.order(
+            "record", "stiff_wall", "-o", str(file), "--overwrite", "--duration", "300ms", "--json"
+        )
+        told = json.loads(done.stdout)
+        assert told["ended"] == "duration"
+        assert told["graph"] == "stiff_wall"
+        recording = read(file)
+        assert recording.complete
+        assert len(recording.packets("telemetry")) == told["packets"]["telemetry"]
+        assert recording.telemetry.elapsed[0] > 0.0  # it began later than the run
+        cannot = CliRunner().invoke(main, ["replay", str(file), "--verify"])
+        assert cannot.exit_code == 2
+        assert "no other ledger begins in it (a new law)" in cannot.output
+        with_end = graph.folder / "end.mcap"
+        words = ["record", "stiff_wall", "-o", str(with_end), "--json"]
+        command = [sys.executable, "-m", "forcebound", *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            graph.until(with_end.exists, "a recording")
+            graph.wait(0.3)
+            graph.end()
+            out, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0
+        assert json.loads(out)["ended"] == "graph ended"
+        recording = read(with_end)
+        assert recording.complete
+        assert not recording.telemetry.applied_force[-1].any()  # it has the end of the run

@@ -1,0 +1,55 @@
+"""Telemetry as columns of numbers."""
+
+import numpy as np
+import pytest
+from builders import full_telemetry
+from msgspec.structs import replace
+
+from forcebound.messages.packets import Telemetry, field_types
+from forcebound.telemetry import TelemetryColumns
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_columns_hold_the_fields_of_the_packets(axes: int) -> None:
+    sent = [full_telemetry(tick, axes) for tick in range(4)]
+    columns = TelemetryColumns.from_packets(sent)
+    of_the_ledger = {"read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position"}
+    for name in field_types(Telemetry):  # figures need none of the ledger's; verification has them
+        if name not in {"rejected", *of_the_ledger}:
+            expected = [getattr(packet, name) for packet in sent]
+            np.testing.assert_array_equal(getattr(columns, name), expected)
+    assert columns.position.shape == (4, axes)
+    assert columns.rejected == {"age": 3}
+
+
+def test_columns_mark_what_is_missing() -> None:
+    packet = replace(
+        full_telemetry(axes=2),
+        true_energy=None,
+        true_position=None,
+        hand_force=None,
+        device_seq=None,
+        loop_delay=None,
+    )
+    columns = TelemetryColumns.from_packets([packet, full_telemetry(1, axes=2)])
+    assert np.isnan(columns.true_position[0]).all()
+    assert np.isnan(columns.hand_force[0]).all()
+    assert np.isnan([columns.true_energy[0], columns.loop_delay[0]]).all()
+    assert columns.device_seq.tolist() == [-1, 1]
+
+
+def test_time_counts_from_the_first_engaged_sample() -> None:
+    sent = [replace(full_telemetry(tick), engagement=0.5 * (tick >= 2)) for tick in range(4)]
+    columns = TelemetryColumns.from_packets(sent)
+    np.testing.assert_allclose(columns.time, [-2e-3, -1e-3, 0.0, 1e-3])
+
+
+def test_columns_of_no_packets_are_empty() -> None:
+    columns = TelemetryColumns.from_packets([])
+    assert columns.position.shape == (0, 1)
+    assert columns.time.shape == (0,)
+
+
+def test_packets_with_different_numbers_of_axes_are_refused() -> None:
+    with pytest.raises(ValueError, match="inhomogeneous"):
+        TelemetryColumns.from_packets([full_telemetry(0, 1), full_telemetry(1, 2)])
