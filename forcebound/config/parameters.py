@@ -55,7 +55,7 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest one, or why it is none."""
     known = parameters(config)
     if name == "device.law":
-        return "device.law is no parameter of a running graph: a live page changes it, `forcebound view`"
+        return "device.law is fixed while a graph runs, but for a live page: `forcebound view`"
     if _is_fixed(name):
         return (
             f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"
