@@ -65,11 +65,12 @@ fuzz: $(STAMP)
 	    echo "it has them for Linux: try make fuzz VENV=.venv-fuzz PYTHON=python3.11"; exit 2; }
 	$(BIN)/python fuzz/campaign.py --seconds $(FUZZ_SECONDS)
 
-# The page in Debian's Chromium (packages chromium and chromium-driver), by selenium.
+# The page in Debian's Chromium (packages chromium and chromium-driver), by selenium, and in Firefox
+# (firefox-esr), by WebDriver BiDi; a browser that is not installed is skipped.
 browser: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 	  --editable '.[browser,dev]'
-	$(BIN)/pytest -m live tests/test_view_browser.py
+	$(BIN)/pytest -rs -m live tests/test_view_browser.py tests/test_view_firefox.py
 
 # The maker's own client of the Haply 2DIY against our emulator. It is under the GPL and puts an
 # __init__.py beside all packages, so it gets a folder of its own and is in no extra.

@@ -25,11 +25,12 @@ import click
 import zmq
 from tornado.websocket import websocket_connect
 
-from benchmarks.live_page import PATIENCE, TARGET_SHARE, servo
+from benchmarks.turns import ALONE, Turn, servo, told
 from forcebound.messages.packets import TOPICS
 
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 POLL = 0.1  # s
+PATIENCE = 60.0  # s
 SETTLE = 2.0  # s
 
 
@@ -141,40 +142,36 @@ def bridge(program: str, variables: dict[str, str]) -> Iterator[Heard]:
 @click.option("--json", "as_json", is_flag=True)
 def main(turns: int, seconds: float, as_json: bool) -> None:
     """Measure the servo without a bridge and with each."""
-    spans: dict[str, list[tuple[int, tuple[int, int]]]] = {name: [] for name in CLIENTS}
+    taken: list[Turn] = []
     rates: dict[str, list[float]] = {name: [] for name in CLIENTS}
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         record = Path(folder) / "run.mcap"
         with graph(folder, record) as variables:
             for _ in range(turns):
-                alone = measured(seconds)
+                taken.append(measured(ALONE, seconds))
                 for program in CLIENTS:
                     with bridge(program, variables) as heard:
                         before = heard.count
-                        spans[program] += [(0, alone), (1, measured(seconds))]
+                        taken.append(measured(program, seconds))
                         rates[program].append((heard.count - before) / (SETTLE + seconds))
-        found: dict[str, Any] = {
-            program: {"rate_hz": statistics.median(rates[program]), "servo": servo(record, kept)}
-            for program, kept in spans.items()
-        }
-    found["load"] = os.getloadavg()[0]
+        figures, load = servo(record, taken), os.getloadavg()[0]
+    rates_hz = {program: statistics.median(of) for program, of in rates.items()}
     if as_json:
-        click.echo(json.dumps(found, indent=2))
+        click.echo(json.dumps({"rates_hz": rates_hz, "servo": figures, "load": load}, indent=2))
         return
-    for program in CLIENTS:
-        click.echo(f"{program}: {found[program]['rate_hz']:.0f} messages a second")
-        for name, (without, with_it, change) in found[program]["servo"].items():
-            figures = f"{without:.1f} us without, {with_it:.1f} us with it, {change:+.1%}"
-            click.echo(f"  {name}: {figures} (target {TARGET_SHARE:.0%})")
-    click.echo(f"load of the machine at the end: {found['load']:.1f}")
+    for program, rate_hz in rates_hz.items():
+        click.echo(f"{program}: {rate_hz:.0f} messages a second")
+    for line in told(figures):
+        click.echo(line)
+    click.echo(f"load of the machine at the end: {load:.1f}")
 
 
-def measured(seconds: float) -> tuple[int, int]:
-    """Let a turn pass; return when it began and ended, in ns, without what starting disturbs."""
+def measured(viewers: str, seconds: float) -> Turn:
+    """Let a turn pass; return when it began and ended, without what starting disturbs."""
     time.sleep(SETTLE)
     begin_ns = time.monotonic_ns()
     time.sleep(seconds)
-    return begin_ns, time.monotonic_ns()
+    return Turn(viewers, begin_ns, time.monotonic_ns())
 
 
 if __name__ == "__main__":

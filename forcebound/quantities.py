@@ -162,6 +162,10 @@ def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     return found
 
 
+AS_WRITTEN = "as written"
+#: A text that may look like a number, such as a serial number: it is taken as it is written.
+Name: TypeAlias = Annotated[str, AS_WRITTEN]
+
 Angle: TypeAlias = Annotated[float, Unit("rad")]
 AngularSpeed: TypeAlias = Annotated[float, Unit("rad/s")]
 DataRate: TypeAlias = Annotated[float, Unit("B/s")]

@@ -4,15 +4,12 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 
 from forcebound.ending import end
 from forcebound.files import printable
 from forcebound.process import SignalPipe
-from forcebound.processes import PROCESSES
 
 LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure
@@ -82,16 +79,3 @@ class Child:
         end(self.process, LAST_CHANCE)
         assert self.process.stdout is not None
         self.process.stdout.close()
-
-
-def show_on_stderr(name: str, line: str) -> None:
-    """Write one line of a process to standard error, with its name in front.
-
-    If standard error is closed, the run continues without output.
-    """
-    prefix = f"[{name}]"
-    if sys.stderr.isatty():
-        colour = PROCESSES[name].colour if name in PROCESSES else 0
-        prefix = f"\033[{colour}m{prefix}\033[0m"
-    with suppress(OSError):
-        sys.stderr.write(f"{prefix} {line}\n")

@@ -52,7 +52,7 @@ ADVICE = (
 class Limits:
     """Time limits, in ns."""
 
-    start_ns: int = 60_000_000_000  # a first start compiles the plant, possibly on one core
+    start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
     engage_ns: int = 2_000_000_000
     stop_ns: int = 2_000_000_000
     recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk
@@ -217,6 +217,13 @@ class Lifecycle:
             return [*engaging, *self._kill_late(time_ns), *self._start_due(time_ns)]
         return []
 
+    def missing(self, node: str) -> str:
+        """Return in words what a node lacks that is not ready."""
+        waiting = self._waiting[node]
+        if waiting is None:
+            return f"{node} does not answer"
+        return f"{node} has received nothing on {', '.join(waiting)}"
+
     def _awaits_remote(self) -> bool:
         """Whether only packets that depend on a remote environment are missing."""
         waiting = [self._waiting[node] for node in self.not_ready]
@@ -318,7 +325,7 @@ class Lifecycle:
     def _on_deadline(self, time_ns: int) -> list[Action]:
         limits = self._limits
         if self.phase is Phase.STARTING:
-            reasons = "; ".join(self._missing(node) for node in self.not_ready)
+            reasons = "; ".join(self.missing(node) for node in self.not_ready)
             if not self.silent:  # the servo comes first on the core that all of them share
                 reasons += "; is the rate of the device too high for this machine?"
             self._fail(f"not ready after {limits.start_ns * 1e-9:g} s: {reasons}")
@@ -372,9 +379,3 @@ class Lifecycle:
     def _fail(self, message: str, node: str | None = None) -> None:
         if self.failure is None:
             self.failure = Failure(message, node)
-
-    def _missing(self, node: str) -> str:
-        waiting = self._waiting[node]
-        if waiting is None:
-            return f"{node} does not answer"
-        return f"{node} has received nothing on {', '.join(waiting)}"

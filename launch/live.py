@@ -36,6 +36,7 @@ from forcebound.launch.run_directory import (
     write_launch_document,
 )
 from forcebound.launch.run_lock import is_held
+from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Step, Supervisor
 from forcebound.messages.packets import (
     TOPIC_OF,
@@ -62,6 +63,7 @@ def run_live(
     record: Path | None = None,
     limits: Limits | None = None,
     file: str = "",
+    screen: Screen | None = None,
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
@@ -74,6 +76,7 @@ def run_live(
         record: Where to keep the recording; None: nowhere.
         limits: How long start and stop may take.
         file: Launch file, with its arguments, by which one may know the graph.
+        screen: Where to say what happens; None: on standard error, lines of the processes only.
 
     Raises:
         ConfigError: As :func:`check_here`.
@@ -106,6 +109,7 @@ def run_live(
                 run_dir,
                 duration_ns,
                 limits,
+                screen,
                 script=_script(config, run_dir),
                 remote_topics=() if config.remote is None else REMOTE_TOPICS,
                 changes=partial(_changes, to_document(config), run_dir),
@@ -117,6 +121,8 @@ def run_live(
             raise
         finally:
             os.sched_setaffinity(0, cores)
+        if screen is not None:
+            screen.status("reading the recording for the result")
         return _result(recording, interrupted)
 
 

@@ -40,9 +40,10 @@ from forcebound.launch.actions import (
     StopRequested,
     Terminate,
 )
-from forcebound.launch.children import Child, Signals, name_begins, show_on_stderr
+from forcebound.launch.children import Child, Signals, name_begins
 from forcebound.launch.confirmation import Confirmation
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
+from forcebound.launch.screen import Screen, doing
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
@@ -72,7 +73,7 @@ class Supervisor:
         run_dir: Directory of the run's sockets.
         duration_ns: Duration with an engaged force, in ns; None: until interrupted.
         limits: Time limits.
-        show: Called with the name and each line of a process.
+        screen: Where lines of the processes go.
         script: Steps of a scripted run, in order.
         remote_topics: See :class:`forcebound.launch.lifecycle.Lifecycle`.
         changes: Returns the parameters of a node that were changed since the run began.
@@ -86,7 +87,7 @@ class Supervisor:
         run_dir: Path,
         duration_ns: int | None,
         limits: Limits | None = None,
-        show: Callable[[str, str], None] = show_on_stderr,
+        screen: Screen | None = None,
         script: Sequence[Step] = (),
         remote_topics: Collection[str] = (),
         changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
@@ -101,7 +102,7 @@ class Supervisor:
         self._run_dir = run_dir
         self._duration_ns = duration_ns
         self._limits = limits or Limits()
-        self._show = show
+        self._screen = screen or Screen()
         self._children: dict[str, Child] = {}
         self._running: set[str] = set()
         self._not_started: list[str] = []
@@ -152,8 +153,10 @@ class Supervisor:
         def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
             return self._answer(request, lifecycle, advance)
 
+        began_ns = time.monotonic_ns()
         while lifecycle.phase is not Phase.OVER:
             now_ns = time.monotonic_ns()
+            self._screen.status(doing(lifecycle, (now_ns - began_ns) * 1e-9))
             if now_ns - requested_ns >= REQUEST_INTERVAL_NS:
                 requested_ns = now_ns
                 self._ask(lifecycle)
@@ -186,7 +189,7 @@ class Supervisor:
             self._publish(encode(event))
 
     def _start(self, name: str) -> None:
-        child = Child(name, self._commands[name], self._show)
+        child = Child(name, self._commands[name], self._screen.show)
         self._selector.register(child.descriptor, selectors.EVENT_READ, child)
         self._children[name] = child
         self._running.add(name)
@@ -199,7 +202,7 @@ class Supervisor:
         try:
             self._start(name)
         except OSError as error:  # out of memory or processes: treated as an end
-            self._show(name, f"cannot be started: {error.strerror}")
+            self._screen.show(name, f"cannot be started: {error.strerror}")
             self._not_started.append(name)
 
     def _end_children(self) -> None:

@@ -2,8 +2,9 @@
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 from forcebound.config.graph import GraphConfig
@@ -23,6 +24,11 @@ from forcebound.recording import Recorder
 from forcebound.simulation import Simulation
 from forcebound.telemetry import TelemetryColumns
 
+Progress = Callable[[int, int], None]  # takes what is done, and the total
+
+MS = 1_000_000  # ns
+PART_NS = 100 * MS  # of virtual time, between two looks at the progress
+
 
 def run_virtual(
     config: GraphConfig,
@@ -30,6 +36,7 @@ def run_virtual(
     record: Path | None = None,
     *,
     may_end_early: bool = False,
+    progress: Progress = lambda done, total: None,
 ) -> RunResult:
     """Run a graph in virtual time.
 
@@ -38,6 +45,7 @@ def run_virtual(
         duration: Duration in s of virtual time; None: that of the launch file.
         record: Where to write a recording; the same configuration writes the same bytes.
         may_end_early: Whether an interrupt ends the run early, and gives the result until then.
+        progress: Called now and then with the virtual time, and its end, in ms.
 
     Raises:
         ConfigError: If the device lives in real time only.
@@ -56,7 +64,8 @@ def run_virtual(
             stack.callback(node.close)
             stack.callback(node.stop, end_ns)
         began = time.perf_counter()
-        interrupted = _run(config, simulation, observer, end_ns, may_end_early)
+        run = partial(_advance, simulation, lambda ns: progress(ns // MS, end_ns // MS))
+        interrupted = _run(config, simulation, observer, end_ns, may_end_early, run)
         took = time.perf_counter() - began
         observer.take_last_events(simulation)
     if not observer.samples and interrupted:
@@ -151,8 +160,9 @@ def _run(
     observer: _Observer,
     end_ns: int,
     may_end_early: bool,
+    run: Callable[[int], None],
 ) -> bool:
-    """Run the phases; return whether the run was interrupted."""
+    """Run the phases, by ``run``; return whether the run was interrupted."""
     launcher = EventLog(LAUNCHER)
     launcher.is_logged = False
     interrupts = _interrupt_after_a_packet(observer) if may_end_early else nullcontext()
@@ -161,17 +171,24 @@ def _run(
             now = config
             for part in timetable(config):
                 if part.start_ns < end_ns:
-                    simulation.run(part.start_ns)
+                    run(part.start_ns)
                     apply(now, part.config, simulation)
                     now = part.config
                     event = launcher.emit(part.start_ns, PHASE_BEGINS, part.message, part.data)
                     observer.take(event)
-            simulation.run(end_ns)
+            run(end_ns)
     except KeyboardInterrupt:
         if not may_end_early:
             raise
         return True
     return False
+
+
+def _advance(simulation: Simulation, tell: Callable[[int], None], until_ns: int) -> None:
+    """Run until a virtual time, in parts, and tell the time after each."""
+    while simulation.time_ns < until_ns:
+        simulation.run(min(simulation.time_ns + PART_NS, until_ns))
+        tell(simulation.time_ns)
 
 
 @contextmanager

@@ -38,6 +38,11 @@ class Node(Protocol):
         """Whether the next step uses what has arrived; if not, it may wait for a later step."""
         return True
 
+    @property
+    def awaits_requests(self) -> bool:
+        """Whether a request is to be looked for after this step, and not only every 10 ms."""
+        return False
+
     def step(self, time_ns: int, received: Sequence[Packet]) -> Sequence[Packet]:
         """Advance to ``time_ns`` with what has arrived since the last step; return what to send.
 

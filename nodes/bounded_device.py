@@ -75,7 +75,6 @@ class BoundedDevice:
     ) -> None:
         self._device = device
         self._clock = clock
-        self._dissipation = dissipation
         self._kinematics: Any = getattr(device, "kinematics", None)
         self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
         self._jitter: Callable[[], int] | None = getattr(device, "latch_jitter", None)
@@ -87,10 +86,11 @@ class BoundedDevice:
             self._cut = None
         self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
-        self._use_limit = dissipation.hold_limit
         self._is_fixed = learns and not self.learns
         if self._is_fixed:
-            self._use_limit = FIXED * dissipation.period
+            dissipation = replace(dissipation, hold_limit=FIXED * dissipation.period)
+        self._dissipation = dissipation
+        self._use_limit = dissipation.hold_limit
         self._zero: Vector = (0.0,) * device.axes
         self._applied = self._zero  # by the motors
         self._has_begun = False
@@ -101,27 +101,33 @@ class BoundedDevice:
     def begin(self) -> None:
         """Count and learn from now on: the force engages, and the ledger begins."""
         self._has_begun, self._write_ns = True, None
+        self._learn_anew()
         self._start_counting()
 
     def _start_counting(self) -> None:
-        self._hold_limit.restart()
-        if self.learns:
-            self._change_limit()
         self._met_before = _Met()  # by the bounders of former laws
         self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
         self._longest = 0.0
 
     def change_law(self, law: str) -> None:
-        """Begin a new ledger under another law; only while :attr:`holds_force` is false."""
+        """Begin a new ledger under another law; only while :attr:`holds_force` is false.
+
+        What it gives depends on nothing before, so a recording can be verified from here on.
+        """
         self._met_before = self._met()
         self._begin_ledger(law)
 
     def _begin_ledger(self, law: str) -> None:
         self.law = law
-        limited = replace(self._dissipation, hold_limit=self._use_limit)
-        self.bounder = ForceBounder(law, limited, len(self._zero))
+        self.bounder = ForceBounder(law, self._dissipation, len(self._zero))
         self._write_ns = None
+        self._learn_anew()
+
+    def _learn_anew(self) -> None:
+        self._hold_limit.restart()
+        if self.learns:
+            self._change_limit()
 
     @property
     def holds_force(self) -> bool:

@@ -8,6 +8,10 @@ samples of the law's ledger are the writes.
 
 Late ticks are skipped and counted, never run in a burst: after a stall the node continues with the
 tick that is due, and a tick whose write would have been due before the last one is skipped, too.
+
+Where a write is an exchange with the device, a slow one makes the next state late, and its own
+force took effect as late. So there the next write waits until a late state can have its answer: it
+still comes about a period after the force before.
 """
 
 import json
@@ -45,6 +49,7 @@ from forcebound.nodes.velocity import low_pass, low_pass_gain
 
 _logger = logging.getLogger(__name__)
 
+LEAST_WAIT = 0.3  # periods, from a state that a slow exchange made late to the write
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
@@ -82,8 +87,12 @@ class DeviceNode(Node):
         self._servo = servo
         self._orientation = getattr(device, "orientation", None)
         self._buttons = getattr(device, "buttons", None)
+        self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
+        is_exchange = getattr(device, "fresh_reading", None) is not None
+        least_ns = round(LEAST_WAIT * servo.period_ns) if is_exchange else 0
+        self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
         self._next_law: str | None = None  # to be taken as soon as no force is held
@@ -129,6 +138,11 @@ class DeviceNode(Node):
         return self._writes_next
 
     @property
+    def awaits_requests(self) -> bool:
+        """Whether somebody drags its hand; only after a write, when the loop rests."""
+        return self._is_dragged and not self._writes_next
+
+    @property
     def is_engaged(self) -> bool:
         """Whether force may be applied: engaged and not stopped."""
         return self._engaged_ns is not None and not self._stopped
@@ -159,7 +173,7 @@ class DeviceNode(Node):
 
         ``law``: the bounding law from now on, one that comes with forcebound; it is taken when no
         force is held, and the force comes back over the engage ramp. ``point``: where the pointer
-        of a simulated hand is, ``target``, in m.
+        of a simulated hand is, ``target``, in m; ``time_ns``: from when on it counts.
         """
         wanted = request.get("request")
         if wanted == "engage":
@@ -182,7 +196,8 @@ class DeviceNode(Node):
         place = None if point is None else point(tuple(map(float, target)))
         if place is None:
             return {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
-        return {"target": list(place)}
+        self._is_dragged = True
+        return {"target": list(place), "time_ns": self._wake_ns}
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""
@@ -252,7 +267,8 @@ class DeviceNode(Node):
         )
         self._chain.remember(state)
         self._writes_next = True
-        self._wake_ns = self._start_ns + self._tick * self._period_ns + self._reply_wait_ns
+        due_ns = self._start_ns + self._tick * self._period_ns + self._reply_wait_ns
+        self._wake_ns = max(due_ns, time_ns + self._least_wait_ns)
         if self._lateness is not None:
             early_ns = max(self._wake_ns - time_ns, 0) // 2  # at most: reading comes first
             self._wake_ns += max(self._lateness.draw_ns(), -early_ns)

@@ -190,6 +190,24 @@ def test_a_way_of_uncertain_duration_is_taken_for_the_slowest() -> None:
     assert uncertain == pytest.approx(0.27 * 0.01**2 / 1.1e-3)
 
 
+def test_forces_of_a_new_law_depend_on_nothing_before_it() -> None:
+    changed, fresh = Stamping(), Stamping()
+    node = bounded(changed, "none")
+    write_late(node, changed, 2000)
+    assert changed.limits[-1] >= 1.2e-3
+    node.change_law("certified")
+    results = []
+    for device, one in ((changed, node), (fresh, bounded(fresh, "certified"))):
+        written = []
+        for tick in range(2000, 2300):
+            device.time_ns, device.delay_ns = tick * MS, 200_000 * (tick % 2)
+            device.position = (1e-3 * math.sin(0.1 * tick),)
+            written.append((one.write(device.time_ns, (5.0,), 1.0), one.bounder.estimated_energy))
+        results.append(written)
+    assert results[0] == results[1]
+    assert changed.limits[-1] == fresh.limits[-1] > 1.2e-3
+
+
 def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() -> None:
     device = Uncertain()
     node = bounded(device)

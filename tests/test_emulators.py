@@ -14,6 +14,7 @@ from forcebound.emulators import EMULATORS, assembler
 from forcebound.emulators.emulation import Emulation
 from forcebound.emulators.faults import Fault, Faults, parse_fault
 from forcebound.emulators.program import given_values
+from forcebound.emulators.pty import PseudoPort
 from forcebound.emulators.values import restored_operator
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.operators.pressing import PressingHand
@@ -237,6 +238,11 @@ def test_a_file_of_somebody_else_is_no_truth(tmp_path: Path) -> None:
 def test_every_kind_is_assembled_from_defaults(kind: str) -> None:
     board, mechanism = assembler(kind)({}, None)
     assert len(board.torque) == len(mechanism.angles) == len(board.angles)
+
+
+def test_a_port_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"board.truth: there is no folder .*nowhere"):
+        PseudoPort(tmp_path / "nowhere" / "board")
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"mechanism": 3}', '{"operator": {}}'])

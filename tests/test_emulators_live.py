@@ -98,6 +98,7 @@ def test_in_a_terminal_it_serves_one_user_after_another_until_it_is_interrupted(
             out, _ = second.communicate()
         assert second.returncode == 2
         assert "an emulator runs at" in out
+        assert "in another terminal" not in out
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate()
     assert process.returncode == 0, out

@@ -142,14 +142,14 @@ def test_a_reply_that_takes_its_time_makes_the_reading_that_uncertain(board: Scr
     assert device.replies.longest_ns == 3_000_000
 
 
-def test_the_angles_of_a_write_are_fresh_for_as_long_as_an_exchange_takes(
+def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_reply_may_take(
     board: ScriptedBoard,
 ) -> None:
-    device = opened(board)  # whose quickest exchange takes 80 us
+    device = opened(board)
     held = len(board.torques)
     board.counts = (500, 1500)
     device.write(0, (0.0, 0.0))
-    board.time_ns += 80_000
+    board.time_ns += round(MODEL.reply_within * 1e9)
     angles_of_write = device.fresh_reading()
     board.time_ns += 1
     assert device.fresh_reading() is None

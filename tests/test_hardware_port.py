@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -154,6 +155,12 @@ def test_the_numbers_of_another_board_are_refused_where_boards_can_be_told() -> 
     check_serial_number(BUILT_IN.path, "1A2B", there)
     with pytest.raises(DeviceError, match="number 5E6F, and /dev/ttyACM0 is that with 1A2B"):
         check_serial_number(HAPLY.path, "5E6F", there)
+
+
+@pytest.mark.parametrize("number", ["0012", "1E5", "3.10", "0x1F"])
+def test_a_serial_number_that_looks_like_a_number_is_taken_as_it_is_written(number: str) -> None:
+    model: Any = load("haply_2diy.yaml", [f"device:={number}"]).device.model
+    assert model.port == number
 
 
 def test_no_name_is_no_port() -> None:

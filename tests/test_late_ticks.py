@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 from builders import MS
-from fakes import press
+from fakes import DISSIPATION, FakeDevice, press
 from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.bounding.dissipation import Watchdog
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Packet, Telemetry
+from forcebound.messages.packets import Packet, Telemetry, Vector
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.overload import Overload
@@ -72,6 +73,26 @@ def test_time_never_goes_backwards_and_no_two_writes_are_at_once(
     assert times == sorted(times)
     ticks = [packet.seq for packet in packets if isinstance(packet, Telemetry)]
     assert all(before < now for before, now in pairwise(ticks))
+
+
+class Exchanging(FakeDevice):
+    """A device whose writes bring a reading."""
+
+    def fresh_reading(self) -> Vector | None:
+        return None
+
+
+@pytest.mark.parametrize(
+    ("late_ns", "written_ns"), [(0, 1_800_000), (450_000, 1_800_000), (700_000, 2_000_000)]
+)
+def test_a_state_that_a_slow_exchange_made_late_has_time_for_its_answer(
+    late_ns: int, written_ns: int
+) -> None:
+    node = DeviceNode(Exchanging(), DISSIPATION, ServoSettings(law="none", reply_wait=0.8))
+    node.step(0, [])
+    node.step(800_000, [])
+    node.step(MS + late_ns, [])
+    assert node.wake_ns == written_ns
 
 
 def test_skipped_ticks_are_counted() -> None:

@@ -101,7 +101,7 @@ def test_no_triangles_and_no_numbers_are_refused(tmp_path: Path) -> None:
     refused(flat, "no triangles", "points or lines")
     not_a_number = tmp_path / "nan.obj"
     not_a_number.write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    refused(not_a_number, "no finite numbers")
+    refused(not_a_number, "1 vertices", "no finite numbers, the first is number 1")
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])

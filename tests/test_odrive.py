@@ -174,8 +174,7 @@ def test_the_start_has_the_order_that_the_firmware_needs() -> None:
             "w axis0.config.enable_watchdog 1 ",
             "sc ",
             "w axis0.requested_state 8 ",
-            "r axis0.current_state ",
-        )[:-1]
+        )
     ]
     assert places == sorted(places)
     assert not any(line.forces)
@@ -215,7 +214,7 @@ def test_a_reading_is_stamped_early_and_a_force_late() -> None:
     assert device.latch_jitter() >= 125_000
 
 
-def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_read_takes() -> None:
+def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_reply_may_take() -> None:
     now = SimpleNamespace(ns=1_000_000)
     device, board, line = switched_on(ODriveBoard(2), lambda: now.ns)
     device.read(0)
@@ -224,7 +223,7 @@ def test_the_angles_of_a_write_are_fresh_for_as_long_as_a_read_takes() -> None:
     sent = len(line.port.written)
     assert device.fresh_reading() == pytest.approx((0.5, -1.25), abs=math.tau * 5e-7)
     assert len(line.port.written) == sent
-    now.ns = 1_000_000_000
+    now.ns += 300_001
     assert device.fresh_reading() is None
 
 

@@ -1,15 +1,19 @@
 """A hand that follows a pointer: its target, on a device, and the requests for it."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import until
 
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.launch.build import build_device
+from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
 from forcebound.operators.pointer import PointerHand
+from forcebound.process import Runner, control_endpoint
 
 MS = 1_000_000
 HAND = PointerHand(start=(0.01, -0.01), reach=0.05, smoothing=0.01, speed=0.5)
@@ -60,9 +64,37 @@ def run(device: DeviceNode, start_ns: int, ticks: int) -> list[Any]:
 
 def test_device_follows_the_pointer_that_a_request_moves() -> None:
     device = node()
-    assert device.handle({"request": "point", "target": [0.005]}) == {"target": [0.005]}
+    answer = device.handle({"request": "point", "target": [0.005]})
+    assert answer == {"target": [0.005], "time_ns": 0}
     last = run(device, 0, 1500)[-1]
     assert last.true_position[0] == pytest.approx(0.005, abs=4e-4)  # 0.12 N over 400 N/m
+
+
+def test_a_dragged_device_answers_after_each_write_and_says_from_when_on_it_follows(
+    network: Network, run_dir: Path
+) -> None:
+    device = node()
+    servo = Runner(device, "device", run_dir, {}, network)
+    client = network.control_client(control_endpoint(run_dir, "device"))
+    servo.turn(0)
+
+    def is_answered(time_ns: int) -> bool:
+        servo.turn(time_ns)
+        return client.pending()
+
+    device.handle({"request": "point", "target": [0.001]})
+    assert not device.awaits_requests  # the write comes first
+    servo.turn(400_000)
+    assert device.awaits_requests
+    until(lambda: client.ask({"request": "point", "target": [0.002]}), "a connection")
+    until(lambda: is_answered(400_001), "an answer in the same tick")
+    assert client.answer() == {"target": [0.002], "time_ns": MS}  # the next read
+
+
+def test_a_device_that_nobody_drags_looks_for_requests_rarely() -> None:
+    device = node()
+    run(device, 0, 1)
+    assert not device.awaits_requests
 
 
 @pytest.mark.parametrize("target", [None, [], [0.0, 0.0], ["x"], [math.nan], "0.1"])

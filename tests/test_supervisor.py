@@ -20,6 +20,7 @@ from forcebound.config.loader import load
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
+from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Supervisor
 from forcebound.monitor import control
 from forcebound.monitor.control import ask_launcher, start_node, stop_node
@@ -92,7 +93,12 @@ def supervise(
         name: [sys.executable, "-c", FAKE_NODE, name, str(run_dir), mode]
         for name, mode in modes.items()
     }
-    supervisor = Supervisor(commands, run_dir, duration_ns, limits, lambda *line: said.append(line))
+
+    class Kept(Screen):
+        def show(self, name: str, line: str) -> None:
+            said.append((name, line))
+
+    supervisor = Supervisor(commands, run_dir, duration_ns, limits, Kept())
     return supervisor.run(), said
 
 
@@ -298,5 +304,5 @@ def test_a_start_that_fails_leaves_no_recording_in_the_way(run_dir: Path, tmp_pa
     config = load(file)
     record = tmp_path / "run.mcap"
     with pytest.raises(RunError, match="not ready after"):
-        run_live(config, 0.5, record, Limits(start_ns=6 * 10**9))
+        run_live(config, 0.5, record, Limits(start_ns=3 * 10**9))
     assert not record.exists()

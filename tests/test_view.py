@@ -3,6 +3,7 @@
 import asyncio
 import json
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -179,8 +180,12 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert not (await audience.until("hello"))["may_change"]
         assert "only look" in str(await audience.asks(do="law", law="none"))
 
+        began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
-        assert (await page.until("taken"))["stamp"] == 41.5
+        taken = await page.until("taken")
+        assert taken["stamp"] == 41.5
+        assert began < taken["heard"] < taken["told"] < time.monotonic()
+        assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
         inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
         assert inside["applied"][-1][0] > 0.0
 

@@ -2,16 +2,14 @@
 
 import os
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
-from live_graph import LiveGraph, live_graph
+from live_page import pointed
 from waiting import PATIENCE
 
 webdriver: Any = pytest.importorskip("selenium.webdriver", reason="needs extra browser")
@@ -55,30 +53,6 @@ def browser() -> Iterator[Any]:
             yield driver
         finally:
             driver.quit()
-
-
-@contextmanager
-def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
-    """The addresses of the graph that runs: to change it, and to look only."""
-    command = [sys.executable, "-u", "-m", "forcebound", "view", "--no-open"]
-    variables = {**os.environ, "XDG_RUNTIME_DIR": runtime}
-    with subprocess.Popen(command, env=variables, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        try:
-            yield server.stdout.readline().split()[-1], server.stdout.readline().split()[-1]
-        finally:
-            with suppress(ProcessLookupError):
-                server.terminate()
-
-
-@contextmanager
-def pointed() -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
-    """A graph whose hand follows a pointer, engaged, and its addresses."""
-    with live_graph("pointer_wall", is_alone=False) as graph:
-        graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
-        graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
-        with pages_of(str(graph.runtime)) as addresses:
-            yield graph, addresses
 
 
 class Visitor:

@@ -2,8 +2,9 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext, suppress
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -20,6 +21,7 @@ UNKNOWN = "–"  # in place of a figure
 LONGEST_CELL = 500  # characters
 WIDEST = 200  # characters; a table leaves a narrower terminal before it breaks a number in two
 ARGUMENTS = "[NAME:=VALUE]..."
+SLOW = 1.0  # s, after which a command shows its progress
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
 
@@ -113,6 +115,28 @@ run_option = click.option(
     shell_complete=graphs,
     help="Launch file or run directory of the graph (needed if several run).",
 )
+
+
+@contextmanager
+def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function that shows progress, if it takes long and somebody looks.
+
+    It takes what is done, and the total.
+    """
+    looks = sys.stderr.isatty() and not as_json
+    began = time.monotonic()
+    bar: list[Callable[[int, int], None]] = []
+    with ExitStack() as stack:
+
+        def tell(done: int, total: int) -> None:
+            if looks and time.monotonic() - began > SLOW:
+                if not bar:
+                    from forcebound.workers import progress_bar
+
+                    bar.append(stack.enter_context(progress_bar(name)))
+                bar[0](done, total)
+
+        yield tell
 
 
 def show(text: str, err: bool = False) -> None:

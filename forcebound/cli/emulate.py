@@ -59,12 +59,13 @@ def emulate(
     link = program.default_link(kind) if link is None else link.absolute()
     if values is not None:
         mechanism, operator = program.given_values(values.read())
+        advice = ""
     else:
         mechanism, operator = program.launch_file_values(KINDS[kind], arguments)
         operator = None if no_hand else operator
-        advice = f"`forcebound identify {kind} device:={link}`"
+        command = f"`forcebound identify {kind} device:={link}`"
         if operator is not None:
             words = f'{KINDS[kind]} device:={link} watchdog_limit:="{PATIENCE}"'
-            advice = f"`forcebound launch {words}`"
-        show(f"in another terminal: {advice}")
-    program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show)
+            command = f"`forcebound launch {words}`"
+        advice = f"in another terminal: {command}"
+    program.run(kind, mechanism, operator, link, wanted, latency or 0.0, until_unused, show, advice)

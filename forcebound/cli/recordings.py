@@ -18,6 +18,7 @@ from forcebound.cli.common import (
     record_option,
     reports_errors,
     show,
+    slow_bar,
 )
 from forcebound.errors import ConfigError
 
@@ -138,7 +139,7 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, settings, as_json)
-    from forcebound.cli.run import report
+    from forcebound.cli.run import report, status_line
     from forcebound.launch.live import run_live
     from forcebound.launch.virtual import run_virtual
     from forcebound.messages.packets import TOPIC_OF, Telemetry
@@ -151,9 +152,12 @@ def replay(
     config = graph_of(recording, settings, [feed for feed, is_fed in wanted.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
-        result = run_live(config, seconds, record, file=" ".join((str(run), *settings)))
+        described = " ".join((str(run), *settings))
+        with status_line(as_json) as screen:
+            result = run_live(config, seconds, record, file=described, screen=screen)
     else:
-        result = run_virtual(config, seconds, record, may_end_early=True)
+        with slow_bar("ms of virtual time", as_json) as tell:
+            result = run_virtual(config, seconds, record, may_end_early=True, progress=tell)
     report(result, record, as_json)
 
 

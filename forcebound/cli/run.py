@@ -25,6 +25,7 @@ from forcebound.cli.common import (
     record_option,
     reports_errors,
     show,
+    slow_bar,
     table_of,
 )
 from forcebound.cli.view import check_tornado
@@ -33,6 +34,7 @@ from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
+    from forcebound.launch.screen import Screen
 
 PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
 
@@ -82,9 +84,23 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
-        with _page() if has_view else nullcontext():
-            result = run_live(config, duration, record, file=described)
+        with _page() if has_view else nullcontext(), status_line(as_json) as screen:
+            result = run_live(config, duration, record, file=described, screen=screen)
+            screen.status("computing the figures")
+            _ = result.summary
         report(result, record, as_json)
+
+
+@contextmanager
+def status_line(as_json: bool) -> "Iterator[Screen]":
+    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
+    from forcebound.launch.screen import Screen
+
+    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
+    try:
+        yield screen
+    finally:
+        screen.status("")
 
 
 @contextmanager
@@ -127,7 +143,8 @@ def simulate(
     config = _configuration(file, arguments, check, show_args, as_json, seed)
     if config is None:
         return
-    result = run_virtual(config, duration, record, may_end_early=True)
+    with slow_bar("ms of virtual time", as_json) as tell:
+        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
     show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
     report(result, record, as_json)
 

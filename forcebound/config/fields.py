@@ -18,6 +18,7 @@ from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
 from forcebound.parts.user_module import describe_user_error, kind_of
+from forcebound.quantities import AS_WRITTEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +175,11 @@ class Section:
         from pydantic import ValidationError
 
         given = {name: value for name, value in self.value.entries.items() if name in fields}
-        sound = {name: value.plain for name, value in given.items() if not value.is_broken}
+        sound = {
+            name: _taken(value, fields[name].hint)
+            for name, value in given.items()
+            if not value.is_broken
+        }
         try:
             # Through JSON, since strict pydantic then still takes a list for a tuple.
             values = adapter(*fields.values()).validate_json(json.dumps(sound))
@@ -234,6 +239,12 @@ class Section:
                 self.add(f"{name}: {'; or '.join(refused + words.get(at.place, []))}", at)
             else:
                 self.add(f"{name}: expected {' or '.join(expected)}, got {at}", at)
+
+
+def _taken(value: Value, hint: Any) -> Any:
+    """The content of a value; a name may look like a number, and is then taken as it is written."""
+    is_number = isinstance(value.content, int | float)
+    return value.text if is_number and AS_WRITTEN in get_args(hint) else value.plain
 
 
 def _absolute(value: Any, written: Value) -> Any:

@@ -363,7 +363,7 @@ def _has_files(section: Section, model: Any) -> bool:
         getattr(model, "check_files", lambda: None)()
     except ConfigError as error:
         at = section.value
-        for name in (error.field or "").split("."):
+        for name in (error.field or "file").split("."):
             at = at.entries.get(name, at)
         section.add(str(error), at)
         return False

@@ -102,9 +102,10 @@ class DeviceExtras(Protocol):
     def fresh_reading(self) -> Vector | None:
         """Return the reading that came with the last write; None: ask for a new one.
 
-        Give it only while one that is asked for now would hardly be younger when it comes. It
-        serves the state of the next tick, and saves an exchange with the device. The ledger takes a
-        reading of its own.
+        Give it only while it is young. It serves the state of the next tick, which then need not
+        wait for an exchange with the device; the ledger takes a reading of its own. A state that is
+        late all the same, because the write before it was, gets some time for its answer: the next
+        write waits for it.
         """
         ...
 

@@ -31,6 +31,7 @@ def run(
     latency: float,
     until_unused: bool,
     say: Callable[[str], None],
+    advice: str = "",
 ) -> None:
     """Run an emulator until it is interrupted, unplugs itself or is no longer used.
 
@@ -43,6 +44,7 @@ def run(
         latency: Of a reply, beyond that of the pseudo-terminal, in s.
         until_unused: Whether it ends when its user has closed the port.
         say: Takes the lines for the terminal.
+        advice: What to do with it, for the user.
 
     Raises:
         ConfigError: If a value is wrong, or the link cannot be made.
@@ -56,6 +58,8 @@ def run(
         emulation.start(time.monotonic_ns())
         port.show()
         say(f"an emulated {kind} at {link}; Ctrl-C ends it")  # a driver that starts it waits for it
+        if advice:
+            say(advice)
         serve(emulation, port, stop, until_unused)
     say(
         f"{emulation.replies} replies; lowest energy {emulation.lowest_energy:.3g} J;"

@@ -20,7 +20,7 @@ from typing import Self
 from forcebound.devices.truth_file import SUFFIX, TruthFile
 from forcebound.emulators.emulation import Emulation
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import check_writable, reason
 from forcebound.process import Stop
 
 STEP = 1e-3  # s, longest time between two looks at the mechanism
@@ -142,6 +142,7 @@ def _wait(emulation: Emulation, port: PseudoPort, stop: Stop) -> None:
 
 def _claim(link: Path, truth: Path) -> int:
     """Make the file of the truth, locked, and remove what a killed emulator has left."""
+    check_writable(truth, "the truth of the emulator")
     try:
         with suppress(FileNotFoundError):
             left = os.open(truth, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)

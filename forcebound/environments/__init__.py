@@ -110,12 +110,14 @@ def open_environment(model: EnvironmentModel, axes: int) -> Environment:
         axes: Number of axes of the device.
 
     Raises:
-        ConfigError: If the model's own code fails.
+        ConfigError: If the model cannot be used, or its own code fails.
     """
     if not isinstance(model, StatefulEnvironment):
         return _Stateless(model)
     try:
         return model.open(axes)
+    except ConfigError:
+        raise
     except Exception as error:
         raise ConfigError(f"environment: open({axes}): {describe_user_error(error)}") from error
 
@@ -124,7 +126,7 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
     """Return an instance with the parameters of ``model``, of the same kind as ``opened``.
 
     Raises:
-        ConfigError: If the model's own code fails; ``opened`` is then as it was.
+        ConfigError: As :func:`open_environment`; ``opened`` is then as it was.
     """
     change = getattr(opened, "change", None)
     if change is None:
@@ -133,6 +135,8 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
         return new
     try:
         change(model)
+    except ConfigError:
+        raise
     except Exception as error:
         raise ConfigError(f"environment: change: {describe_user_error(error)}") from error
     return opened

@@ -11,6 +11,7 @@ IROS 1995.
 import logging
 import math
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,6 +63,15 @@ class Bodies:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+    def check_files(self) -> None:
+        """Compile the scene, unless MuJoCo is only installed where the environment runs.
+
+        Raises:
+            ConfigError: If it will not do.
+        """
+        if find_spec("mujoco") is not None:
+            _compile(engine(), self)
 
     def open(self, axes: int) -> "_Scene":
         """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`.
@@ -217,14 +227,14 @@ def engine() -> Any:
 def _compile(mujoco: Any, model: Bodies) -> Any:
     """Return the scene of the file with hand and probe in it."""
     if not model.file.is_file():
-        raise ConfigError(f"file: {model.file} is no file; expected a scene in MJCF", field="file")
+        raise ConfigError(f"{model.file} is no file; expected a scene in MJCF", field="file")
     try:
         spec = mujoco.MjSpec.from_file(str(model.file))
         _add_hand(mujoco, spec, model)
         scene = spec.compile()
     except Exception as error:  # MuJoCo's own kinds
         words = " ".join(str(error).split())
-        raise ConfigError(f"file: {model.file}: {words}", field="file") from error
+        raise ConfigError(f"{model.file}: {words}", field="file") from error
     _check_coupling(model, scene.opt.timestep)
     return scene
 
@@ -246,7 +256,7 @@ def _check_coupling(model: Bodies, step: float) -> None:
     most = model.probe_mass / step**2
     if model.stiffness > most:
         raise ConfigError(
-            f"stiffness: {model.stiffness:g} N/m is too stiff for a probe of"
+            f"a stiffness of {model.stiffness:g} N/m is too much for a probe of"
             f" {model.probe_mass * 1e3:g} g and the scene's timestep of {step * 1e3:g} ms: at most"
             f" {most:g} N/m; take a shorter timestep in the scene, or a heavier probe",
             field="stiffness",

@@ -59,7 +59,7 @@ def read_mesh(file: Path, scale: float | None = None, may_be_open: bool = False)
     if fault is not None and not may_be_open:
         raise ConfigError(
             f"{file} is not closed: {fault}, so the tip could get inside; close it with a mesh"
-            " editor, or say `may_be_open: true`",
+            " editor, or use the kind `mesh` with `may_be_open: true`",
             field="file",
         )
     if fault is None and _volume(vertices[faces]) < 0.0:  # inside out
@@ -92,8 +92,13 @@ def _load(file: Path) -> tuple[Array, Array, str]:
             " it in a mesh editor (a hand does not feel what is smaller than 0.1 mm)",
             field="file",
         )
-    if not np.isfinite(vertices).all():
-        raise ConfigError(f"{file} has coordinates that are no finite numbers", field="file")
+    (bad,) = np.nonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise ConfigError(
+            f"{file} has {len(bad)} vertices whose coordinates are no finite numbers, the first is"
+            f" number {bad[0] + 1}: repair it with a mesh editor",
+            field="file",
+        )
     return vertices, faces, hashlib.sha256(data).hexdigest()
 
 

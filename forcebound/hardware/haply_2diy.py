@@ -9,7 +9,7 @@ latched after the torques were set. So
 
 So a tick has two exchanges, the bounder's reading and the write, if the device's ``reply_wait`` is
 late in the period, and three if it is early: then the last angles are too old for the state, and
-there is time to ask for others. They are too old when their age is that of the quickest exchange.
+there is time to ask for others. They are too old after the time within which a reply should come.
 
 **Stamps.** A message takes effect, and a reading is latched, at some time between sending (a) and
 the reply (e). The quickest exchange so far, of length m, has shown how much of this is the line's
@@ -58,7 +58,6 @@ from forcebound.hardware.hapi import (
     setup_message,
 )
 from forcebound.hardware.line import Line
-from forcebound.hardware.replies import Replies
 from forcebound.hardware.serial_device import SerialDevice
 from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
@@ -153,7 +152,6 @@ class OpenHaply(SerialDevice):
 
     Attributes:
         kinematics: Of the arm.
-        replies: That have come since it was opened.
 
     Raises:
         DeviceError: If the board does not answer as a hAPI board does.
@@ -162,11 +160,10 @@ class OpenHaply(SerialDevice):
     def __init__(
         self, model: Haply2DIY, line: Line, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        super().__init__(line, clock)
+        super().__init__(line, model.reply_within, clock)
         self._model = model
         self._wiring = WIRINGS[model.version]
-        self.replies = Replies(model.reply_within)
-        self._quickest_ns = round(FIRST * 1e9)
+        self._quickest_ns = round(FIRST * 1e9)  # of all exchanges so far
         self._torque: Vector = (0.0, 0.0)  # on the wire
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal

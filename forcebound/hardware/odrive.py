@@ -3,8 +3,8 @@ r"""One to three motors on an ODrive with firmware 0.5, at a serial port: knobs.
 **A tick** has two exchanges, or three if its ``reply_wait`` is early in the period. A read asks for
 the positions. The write sets the torques and asks for the positions and for the error of one axis,
 each in its turn: lines are processed in their order, so the replies say that the torques were
-taken, and that the axis is well. These positions serve the state of the next tick, unless their age
-is that of the quickest read: then there is time to ask for others.
+taken, and that the axis is well. These positions serve the state of the next tick, unless they are
+older than a reply should take: then there is time to ask for others.
 
 **Stamps.** As with any line, an exchange takes the quickest time so far, m, or more, and what it
 takes longer may have passed before the board or after it. The board estimates positions and sets
@@ -184,7 +184,7 @@ class OpenODrive(SerialDevice):
         hold_limit: float,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(line, clock)
+        super().__init__(line, model.reply_within, clock)
         self._model = model
         joints = range(model.joints)
         self._zero: Vector = (0.0,) * model.joints
@@ -193,7 +193,7 @@ class OpenODrive(SerialDevice):
         self._ask_error = [request(f"r axis{axis}.error") for axis in joints]
         self._next = 0  # axis whose error is asked for next
         self._check_rate(hold_limit, self._seconds_on_wire())
-        self._requests = Requests(line, model.reply_within)
+        self._requests = Requests(line, self.replies)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
         self.kinematics: ArmKinematics = model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
@@ -204,7 +204,7 @@ class OpenODrive(SerialDevice):
             tick_ns = self._ask().quickest_ns + self._tell(self._zero).quickest_ns
         self._check_rate(hold_limit, tick_ns * 1e-9)
         self._requests.patience = line.silence
-        self._requests.replies.restart()
+        self.replies.restart()
 
     @property
     def axes(self) -> int:
@@ -214,7 +214,6 @@ class OpenODrive(SerialDevice):
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""
         exchange = self._ask()
-        self._quickest_ns = exchange.quickest_ns
         self._read_ns = exchange.sent_ns - CONTROL_NS
         self._jitter_ns = exchange.excess_ns + CONTROL_NS
         return _angles(exchange.said)
@@ -257,7 +256,7 @@ class OpenODrive(SerialDevice):
         with suppress(DeviceError):  # also where the line has failed, and takes no other message
             self._line.port.write(b"\n" + zero_torque(joints) + switched_off(joints))
         self._line.close()
-        self._requests.replies.log(_logger)
+        self.replies.log(_logger)
 
     def _ask(self) -> Exchange[float]:
         return self._requests.exchange("read", self._ask_positions, self._model.joints, position)

@@ -28,18 +28,17 @@ class Requests:
 
     Args:
         line: To the board.
-        reply_within: A reply later than this is counted as late, in s.
+        replies: Counts those to the messages.
 
     Attributes:
         patience: A board that is silent for longer is lost, in s.
-        replies: To the messages.
     """
 
-    def __init__(self, line: Line, reply_within: float) -> None:
+    def __init__(self, line: Line, replies: Replies) -> None:
         self._line = line
         self._quickest_ns: dict[str, int] = {}
         self.patience = max(PATIENCE, line.silence)
-        self.replies = Replies(reply_within)
+        self._replies = replies
 
     def exchange(
         self,
@@ -70,7 +69,7 @@ class Requests:
             said = [parse(answer(one)) for one in self._lines(data, count)]
         except DeviceError as failure:
             self.end(failure)
-        self.replies.note(took_ns)
+        self._replies.note(took_ns)
         quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
         self._quickest_ns[kind] = quickest_ns
         return Exchange(sent_ns, quickest_ns, took_ns - quickest_ns, said)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from forcebound.devices.truth import Truth
 from forcebound.hardware.line import Line
 from forcebound.hardware.ports import serial_number
+from forcebound.hardware.replies import Replies
 from forcebound.messages.packets import Vector
 
 
@@ -14,14 +15,21 @@ class SerialDevice:
 
     Args:
         line: To its board.
+        reply_within: A reply later than this is late, in s; a reading is fresh for as long.
         clock: Monotonic, in ns.
+
+    Attributes:
+        replies: That have come since it was opened.
     """
 
-    def __init__(self, line: Line, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self, line: Line, reply_within: float, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
         self._line, self._clock = line, clock
+        self.replies = Replies(reply_within)
+        self._fresh_ns = round(reply_within * 1e9)
         self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._came_ns = 0  # when the last write's reply had come
-        self._quickest_ns = 0  # of all readings so far
         self._angles: Vector = ()  # newest, rad
 
     @property
@@ -50,7 +58,7 @@ class SerialDevice:
 
     def fresh_reading(self) -> Vector | None:
         """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
-        is_fresh = self._clock() - self._came_ns <= self._quickest_ns
+        is_fresh = self._clock() - self._came_ns <= self._fresh_ns
         return self._angles if is_fresh else None
 
     def latch_jitter(self) -> int:

@@ -7,7 +7,7 @@ from forcebound.devices.stated_joints import StatedJoints
 from forcebound.hardware.line import EMULATED
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import check_serial_number, find
-from forcebound.quantities import POSITIVE, Inertia, Range, Time
+from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 
 # s. Nobody is in danger at an emulator, and a busy machine should not end the run: at a load of 5
 # on two cores the longest of 200 000 replies took 33 ms.
@@ -31,7 +31,8 @@ class SerialJoints(StatedJoints):
             and a launch refuses a port with another one. Empty, or a port without one: any.
         on_loss: Of the device, while the force is on: end ends the graph; wait keeps it, without
             force, until the device is in order and the user says so (`forcebound device resume`).
-        reply_within: A reply later than this is counted as late.
+        reply_within: A reply later than this is counted as late; a reading that came with a write
+            serves the next state if it is younger.
     """
 
     board: ClassVar[str]  # kind of device
@@ -39,8 +40,8 @@ class SerialJoints(StatedJoints):
     inertia: Annotated[Inertia, POSITIVE] = 1e-4  # assumed; of the emulator alone
     watchdog: Literal["none"] = "none"
     watchdog_limit: Annotated[Time, Range(at_least=0.005, at_most=100.0)] | Literal["auto"] = "auto"
-    port: str = EMULATED
-    serial_number: str = ""
+    port: Name = EMULATED
+    serial_number: Name = ""
     on_loss: Literal["end", "wait"] = "end"
     reply_within: Annotated[Time, POSITIVE] = 3e-4
 

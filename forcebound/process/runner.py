@@ -11,7 +11,8 @@ Strategy:
 
 1. Between receiving and sending, only necessary work is done: no exception, no logging, no
    allocation of objects that the garbage collector tracks.
-2. The control socket and the remote link's connections are polled every 10 ms, between steps.
+2. The control socket and the remote link's connections are polled every 10 ms, between steps; the
+   control socket of a device whose hand was dragged, after each tick.
 3. Rejected packets are counted by reason in the node, so that a device's telemetry shows them.
 4. When the loop ends, the servo first writes zero force, whether the cause is a stop request, a
    signal, the end of the launcher or a programming error.
@@ -173,6 +174,8 @@ class Runner:
             self.steps += 1
         if time_ns >= self._look_ns:
             self.look(time_ns)
+        elif self._node.awaits_requests:
+            self._control.serve(self.answer, 1)
 
     def look(self, time_ns: int) -> None:
         """Serve the control socket and the remote link."""

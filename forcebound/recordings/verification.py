@@ -238,6 +238,7 @@ class _Rerun:
         self.unknown += start
         if start > engaged:
             self._begin(self._laws[life[start - 1].time_ns])
+            self._bounded.begin()
         for k in range(start, len(life)):
             if k > start and not _is_next(life[k], life[k - 1]):
                 return False

@@ -139,13 +139,14 @@ class Pointer:
 
     Args:
         run_dir: Of the graph.
-        taken: Called with the stamp of a place when the device has taken it.
+        taken: Called when the device has taken a place: with its stamp, and from when on it counts,
+            in ns of the monotonic clock.
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
     """
 
-    def __init__(self, run_dir: Path, taken: Callable[[Any], None]) -> None:
+    def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
         self._taken = taken
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
@@ -163,9 +164,11 @@ class Pointer:
         """Send the newest place if the device has answered to the one before."""
         if self._asked is not None:
             stamp, asked = self._asked
-            if self._client.answer() is not None:
+            answer = self._client.answer()
+            if answer is not None:
                 self._asked = None
-                self._taken(stamp)
+                if "error" not in answer:
+                    self._taken(stamp, answer["time_ns"])
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:

@@ -138,11 +138,11 @@ class Server:
         if message["type"] == "event" and message["event"] == LAW_CHANGED and self.graph:
             self.graph.controls.law = message["data"]["law"]
 
-    def _pointed(self, stamp: Any) -> None:
-        """Tell a page that the device has taken its place."""
-        if isinstance(stamp, tuple):
-            page, number = stamp
-            page.tell(json.dumps({"type": "taken", "stamp": number}))
+    def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
+        """Tell a page that the device has taken its place, and the times of it, in s."""
+        page, own, heard = stamp
+        times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
+        page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
 
     def newcomer(self) -> list[dict[str, Any]]:
         """Return what a page is told first."""
@@ -178,7 +178,9 @@ class Server:
 class _Graph:
     """A running graph that is shown: what comes from it, and what may be done to it."""
 
-    def __init__(self, run_dir: Path, controls: Controls, taken: Callable[[Any], None]) -> None:
+    def __init__(
+        self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
+    ) -> None:
         self.run_dir = run_dir
         self.controls = controls
         self.pointer = Pointer(run_dir, taken)
@@ -299,7 +301,8 @@ class _Page(tornado.websocket.WebSocketHandler):
         elif graph is None:
             self._answer(wanted, "no graph runs")
         elif do == "point":
-            graph.pointer.point(wanted.get("target"), (self, wanted.get("stamp")))
+            stamp = self, wanted.get("stamp"), time.monotonic()
+            graph.pointer.point(wanted.get("target"), stamp)
         else:
             self._server.workers.submit(self._act, graph.controls, wanted)
 

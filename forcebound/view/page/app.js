@@ -1,5 +1,6 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
+import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Histogram, Plot, Samples, Window, text } from "./plots.js";
 import { Scene } from "./scene.js";
@@ -29,7 +30,8 @@ function send(message) {
   return request;
 }
 
-const scene = new Scene($("scene"), (target, stamp) => send({ do: "point", target, stamp }));
+const clock = new Clock();
+const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: [at, performance.now()] }));
 const controls = new Controls(send);
 
 const AXES = [["x", "true"], ["y", "commanded"], ["z", "energy"]];
@@ -46,8 +48,8 @@ const plots = [
     { name: "true_energy", label: "true", colour: "true" },
   ]),
   new Plot($("delay"), shown, "Loop delay", "ms", 1e3, [{ name: "delay", label: "delay", colour: "true" }]),
-  new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3),
 ];
+const histogram = new Histogram($("histogram"), shown, "delay", "Loop delay, how often", "ms", 1e3);
 
 // --- What comes ----------------------------------------------------------------------------------
 
@@ -91,9 +93,12 @@ const takes = {
     $("events").prepend(entry);
     while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   },
-  taken(message) {
-    const passed = performance.now() - message.stamp;
-    figure("pointer to device", `${text(passed)} ms`);
+  taken({ stamp: [at, sent], heard, device, told }) {
+    const back = performance.now();
+    clock.note(sent, 1e3 * heard, 1e3 * told, back);
+    const passed = { there: 1e3 * device - clock.ahead - at, back: back - at };
+    figure("pointer to device", `${text(passed.there)} ms`);
+    figure("and back", `${text(passed.back)} ms`);
     document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
   },
   nodes(message) { controls.nodes(message); },
@@ -197,7 +202,7 @@ function connect() {
   });
 }
 
-let drawn = 0; // ms
+let drawn = 0, counted = 0; // ms, when the picture and its histogram were drawn last
 function draw(now) {
   requestAnimationFrame(draw);
   if (now - drawn < FRAME) return;
@@ -208,6 +213,9 @@ function draw(now) {
   }
   scene.draw();
   for (const plot of plots) plot.draw();
+  if (now - counted < READABLE) return;
+  counted = now;
+  histogram.draw();
 }
 
 connect();

@@ -1,6 +1,7 @@
 // Plots of the last seconds, on canvases. All of them share one window of time.
 
 const SECONDS = 10;
+const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 52, right: 8, top: 18, bottom: 18 };
 
 const colours = new Map(); // reading a style makes the browser compute all that has changed
@@ -68,9 +69,10 @@ export class Window {
   zoom(factor) { this.seconds = Math.min(Math.max(this.seconds * factor, 0.05), 60); }
 }
 
-export function fit(canvas) {
+/** Clear a canvas and give it the size that `shown`, an element of the page, has. */
+export function fit(canvas, shown = canvas) {
   const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
+  const { clientWidth: width, clientHeight: height } = shown;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
@@ -117,28 +119,24 @@ export class Plot {
     const { context, width, height } = fit(this.canvas);
     const { samples, from, to } = this.shown;
     const first = samples.first(from), last = samples.first(to + 1e-9);
+    const right = width - MARGIN.right, bottom = height - MARGIN.bottom;
+    const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
+    const drawn = this.lines.map((line) => this.columns(line, first, last, x));
     let low = 0, high = 0;
-    for (const line of this.lines) {
-      const values = samples.values.get(line.name);
-      if (!values) continue;
-      for (let i = first; i < last; i += 1) {
-        const value = values[i % samples.capacity] * this.scale;
-        if (value < low) low = value;
-        if (value > high) high = value;
-      }
+    for (const column of drawn.flat()) {
+      low = Math.min(low, column.low);
+      high = Math.max(high, column.high);
     }
     if (high - low < 1e-9) high = low + 1;
     const room = 0.06 * (high - low);
     low -= room; high += room;
-    const right = width - MARGIN.right, bottom = height - MARGIN.bottom;
-    const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - MARGIN.top);
     this.drawAxes(context, { x, y, low, high, from, to, right, bottom });
     context.save();
     context.beginPath();
     context.rect(MARGIN.left, MARGIN.top, right - MARGIN.left, bottom - MARGIN.top);
     context.clip();
-    for (const line of this.lines) this.drawLine(context, line, first, last, x, y);
+    this.lines.forEach((line, i) => this.drawLine(context, line, drawn[i], y));
     context.restore();
     this.drawKey(context, right);
   }
@@ -161,32 +159,36 @@ export class Plot {
     for (const tick of ticks(from - to, 0, 5)) context.fillText(`${text(tick)} s`, Math.min(x(to + tick), right - 12), bottom + 4);
   }
 
-  drawLine(context, line, first, last, x, y) {
-    const { samples } = this.shown;
-    const values = samples.values.get(line.name);
-    if (!values || last <= first) return;
+  /** The lowest and the highest sample in each column of pixels, in the plot's unit; at GAP there is none. */
+  columns(line, first, last, x) {
+    const { samples } = this.shown, { capacity } = samples;
+    const values = samples.values.get(line.name), found = [];
+    let column = { at: GAP, low: 0, high: 0 };
+    for (let i = first; values && i < last; i += 1) {
+      const value = values[i % capacity] * this.scale;
+      const at = Number.isNaN(value) ? GAP : Math.round(x(samples.time[i % capacity]));
+      if (at !== column.at) found.push(column = at === GAP ? { at, low: 0, high: 0 } : { at, low: value, high: value });
+      else if (value < column.low) column.low = value;
+      else if (value > column.high) column.high = value;
+    }
+    return found;
+  }
+
+  drawLine(context, line, columns, y) {
     context.strokeStyle = context.fillStyle = colour(line.colour);
     context.lineWidth = 1.5;
     context.beginPath();
-    // Of the samples in one column of pixels the lowest and the highest are drawn.
-    let column = null, low = 0, high = 0, isOpen = false;
-    const flush = () => {
-      if (column === null) return;
-      if (line.isArea) context.rect(column, y(high), 1.5, Math.max(y(0) - y(high), 0));
-      else {
-        if (isOpen) context.lineTo(column, y(low)); else context.moveTo(column, y(low));
-        if (high !== low) context.lineTo(column, y(high));
-        isOpen = true;
+    let before = GAP;
+    for (const { at, low, high } of [...columns, { at: GAP }]) {
+      if (line.isArea) {
+        if (before === GAP) context.moveTo(at, y(0));
+        if (at === GAP) context.lineTo(before, y(0)); else context.lineTo(at, y(high));
+      } else if (at !== GAP) {
+        if (before === GAP) context.moveTo(at, y(low)); else context.lineTo(at, y(low));
+        if (high !== low) context.lineTo(at, y(high));
       }
-    };
-    for (let i = first; i < last; i += 1) {
-      const value = values[i % samples.capacity] * this.scale;
-      if (Number.isNaN(value)) { flush(); column = null; isOpen = false; continue; }
-      const at = Math.round(x(samples.time[i % samples.capacity]));
-      if (at !== column) { flush(); column = at; low = high = value; }
-      else { low = Math.min(low, value); high = Math.max(high, value); }
+      before = at;
     }
-    flush();
     if (line.isArea) context.fill(); else context.stroke();
   }
 
@@ -231,12 +233,9 @@ export class Histogram {
     const { context, width, height } = fit(this.canvas);
     const { samples, from, to } = this.shown;
     const values = samples.values.get(this.name);
-    const known = [];
-    for (let i = samples.first(from), last = samples.first(to + 1e-9); values && i < last; i += 1) {
-      const value = values[i % samples.capacity] * this.scale;
-      if (!Number.isNaN(value)) known.push(value);
-    }
-    known.sort((a, b) => a - b);
+    const first = samples.first(from), last = values ? samples.first(to + 1e-9) : first;
+    const known = Float64Array.from({ length: last - first }, (_, i) => values[(first + i) % samples.capacity] * this.scale)
+      .filter((value) => !Number.isNaN(value)).sort();
     const at = (share) => known[Math.min(known.length - 1, Math.floor(share * known.length))];
     const high = Math.max(known.length ? at(0.999) * 1.1 : 1, 1e-3);
     const bins = new Array(40).fill(0);

@@ -5,6 +5,7 @@ import { listen } from "./hand.js";
 
 const FORCE = 0.004; // m that an arrow is long for each N
 const NEAR = 0.08; // m, half of what is seen at first
+const LIGHT = [0.4, -0.5, 0.77]; // from where it comes
 
 const add = (a, b) => a.map((x, i) => x + b[i]);
 const sub = (a, b) => a.map((x, i) => x - b[i]);
@@ -58,6 +59,12 @@ function facesOf(object, meshes) {
   return [];
 }
 
+/** A face with its normal and how bright it is. */
+function lit(points) {
+  const normal = cross(sub(points[1], points[0]), sub(points[2], points[0]));
+  return { points, normal, light: Math.abs(dot(normal, LIGHT)) / (Math.hypot(...normal) || 1) };
+}
+
 export class Scene {
   constructor(canvas, point) {
     Object.assign(this, { canvas, point });
@@ -73,6 +80,8 @@ export class Scene {
     this.hand = null;
     this.isCentred = false;
     this.placed = new Map(); // of meshes, faces in the world
+    this.layer = document.createElement("canvas"); // the objects alone
+    this.shown = null; // what the layer shows
     listen(this);
   }
 
@@ -92,10 +101,10 @@ export class Scene {
 
   get scale() { return Math.min(this.canvas.clientWidth, this.canvas.clientHeight) / (2 * this.half); }
 
+  /** Where a point is on the canvas, in pixels, in the view of this picture. */
   project(point) {
-    const { right, up } = this.basis, from = sub(pad(point), this.centre);
-    return [this.canvas.clientWidth / 2 + dot(from, right) * this.scale,
-      this.canvas.clientHeight / 2 - dot(from, up) * this.scale];
+    const { right, up, scale, x, y } = this.view, from = sub(pad(point), this.centre);
+    return [x + dot(from, right) * scale, y - dot(from, up) * scale];
   }
 
   zoom(factor) { this.half = Math.min(Math.max(this.half * factor, 0.002), 2); }
@@ -109,18 +118,18 @@ export class Scene {
   /** Let the pointer begin where the hand is. */
   grasp() { this.target ??= pad(this.state.tip); }
 
-  /** Move the pointer by a way to the right, up and away on the screen, in m. */
-  move([right, up, away], stamp) {
+  /** Move the pointer by a way to the right, up and away on the screen, in m; `at`: when, by the event. */
+  move([right, up, away], at) {
     const { basis, hand } = this;
     const way = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
     const start = pad(hand.start);
     this.target = add(this.target, way).map((x, i) => Math.min(Math.max(x, start[i] - hand.reach), start[i] + hand.reach));
-    this.point(this.target.slice(0, this.axes), stamp);
+    this.point(this.target.slice(0, this.axes), at);
   }
 
   /** Look at all that there is. */
   centreOn() {
-    const points = [pad(this.state.tip), ...this.bounded.flatMap((object) => this.faces(object).flat())];
+    const points = [pad(this.state.tip), ...this.bounded.flatMap((object) => this.faces(object).flatMap((face) => face.points))];
     if (this.axes === 1) points.push([(this.wall ?? 0) - 0.03, 0, 0], [(this.wall ?? 0) + 0.03, 0, 0]);
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
     const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
@@ -132,11 +141,11 @@ export class Scene {
 
   /** Faces of an object in the world; those of a mesh are placed once. */
   faces(object) {
-    if (object.shape !== "mesh") return facesOf(object, this.meshes);
+    if (object.shape !== "mesh") return facesOf(object, this.meshes).map(lit);
     const key = JSON.stringify([object.digest, object.position, object.orientation]);
     if (!this.placed.has(key) && this.meshes.has(object.digest)) {
       this.placed.clear();
-      this.placed.set(key, facesOf(object, this.meshes));
+      this.placed.set(key, facesOf(object, this.meshes).map(lit));
     }
     return this.placed.get(key) ?? [];
   }
@@ -148,10 +157,11 @@ export class Scene {
       this.isCentred = true;
       this.centreOn();
     }
+    this.view = { ...this.basis, scale: this.scale, x: width / 2, y: height / 2 };
     if (this.hand) this.drawBox(context, pad(this.hand.start), [0, 1, 2].map((i) => (i < this.axes ? this.hand.reach : 0)));
     if (this.workspace) this.drawBox(context, [0, 0, 0], this.workspace.map((edge) => edge / 2));
     if (this.axes === 1) this.drawWall(context, width, height);
-    this.drawObjects(context);
+    this.drawLayer(context, width, height);
     const tip = pad(this.state.tip);
     if (this.state.proxy) {
       this.line(context, [tip, pad(this.state.proxy)], colour("energy"), 2);
@@ -185,30 +195,39 @@ export class Scene {
     context.stroke();
   }
 
+  /** The objects, from a canvas of their own, which is drawn anew when they or the view have changed. */
+  drawLayer(context, width, height) {
+    if (!this.objects.length) return;
+    const shown = JSON.stringify([this.objects, this.meshes.size, this.centre, this.view, colour("line")]);
+    if (shown !== this.shown) {
+      this.shown = shown;
+      this.drawObjects(fit(this.layer, this.canvas).context);
+    }
+    context.drawImage(this.layer, 0, 0, width, height);
+  }
+
   drawObjects(context) {
-    const { forward } = this.basis, drawn = [];
+    const { forward } = this.view, drawn = [];
     for (const object of this.objects) {
       if (object.shape === "path") { this.line(context, object.points, colour("soft"), 2); continue; }
       for (const face of this.faces(object)) {
-        const normal = cross(sub(face[1], face[0]), sub(face[2], face[0]));
-        if (object.is_closed && dot(normal, forward) > 0) continue; // seen from behind
-        const light = Math.abs(dot(normal, [0.4, -0.5, 0.77])) / (Math.hypot(...normal) || 1);
-        drawn.push({ face, light, depth: dot(face[0], forward) + dot(face[2], forward), object });
+        if (object.is_closed && dot(face.normal, forward) > 0) continue; // seen from behind
+        drawn.push({ face, depth: dot(face.points[0], forward) + dot(face.points[2], forward), object });
       }
     }
     drawn.sort((a, b) => b.depth - a.depth);
     const lines = colour("line");
     context.lineWidth = 0.5;
-    for (const { face, light, object } of drawn) {
+    for (const { face, object } of drawn) {
       context.beginPath();
-      face.forEach((point, i) => { const at = this.project(point); if (i) context.lineTo(...at); else context.moveTo(...at); });
+      face.points.forEach((point, i) => { const at = this.project(point); if (i) context.lineTo(...at); else context.moveTo(...at); });
       context.closePath();
       if (object.is_removed) {
         context.strokeStyle = lines;
         context.stroke();
         continue;
       }
-      const grey = Math.round(110 + 110 * light);
+      const grey = Math.round(110 + 110 * face.light);
       const fill = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgb(${grey},${grey},${grey + 10})`;
       context.fillStyle = fill;
       context.fill();

@@ -1,0 +1,144 @@
+"""A graph and its live page in Debian's Chromium, for the benchmark and the pictures."""
+
+import importlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from forcebound.realtime import wait_until
+
+PATIENCE = 60.0  # s
+MOUSE_NS = 8_000_000  # between two events of a mouse: 125 a second, as over USB
+QUIET = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
+    "--disable-component-update", "--no-first-run", "--window-size=1400,1000",
+)  # fmt: skip
+
+
+def selenium(name: str) -> Any:
+    """Return a module of selenium, which is in an extra of its own."""
+    return importlib.import_module(f"selenium.{name}")
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A running graph and the server of its page.
+
+    Attributes:
+        launcher: Its process.
+        server: That of the page.
+        address: Of the page; who has it may change the graph.
+    """
+
+    launcher: "subprocess.Popen[bytes]"
+    server: "subprocess.Popen[str]"
+    address: str
+
+    def run_for(self, seconds: float) -> None:
+        """Let it run for a time.
+
+        Raises:
+            RuntimeError: If it ends meanwhile.
+        """
+        try:
+            self.launcher.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return
+        raise RuntimeError(f"the graph has ended, status {self.launcher.returncode}")
+
+
+@contextmanager
+def graph(folder: str, *words: str) -> Iterator[Graph]:
+    """Run ``forcebound launch`` with ``words``, and the server of its page."""
+    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
+    forcebound = [sys.executable, "-u", "-m", "forcebound"]
+    quiet = subprocess.DEVNULL
+    launch = [*forcebound, "launch", *words]
+    launcher = subprocess.Popen(launch, env=variables, stdout=quiet, stderr=quiet)
+    view = [*forcebound, "view", "--no-open", "--launcher", str(launcher.pid)]
+    server = subprocess.Popen(view, env=variables, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    try:
+        yield Graph(launcher, server, server.stdout.readline().split()[-1])
+    finally:
+        launcher.send_signal(signal.SIGINT)
+        launcher.wait(PATIENCE)
+        server.wait(PATIENCE)
+        server.stdout.close()
+
+
+@contextmanager
+def browser(folder: str) -> Iterator[Any]:
+    """Give a browser without a window and without a graphics card."""
+    webdriver = selenium("webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(shutil.which("chromium"))
+    for word in QUIET:
+        options.add_argument(word)
+    variables = {**os.environ, "HOME": folder, "TMPDIR": folder}
+    driver_file = shutil.which("chromedriver")
+    driver = webdriver.Chrome(options, webdriver.ChromeService(driver_file, env=variables))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+def open_page(driver: Any, address: str) -> None:
+    """Open a page, until it shows a running graph."""
+    driver.get(address)
+    until(driver, "document.getElementById('state').textContent === 'running'")
+
+
+def until(driver: Any, condition: str) -> None:
+    """Wait until an expression holds in the page."""
+    wait = selenium("webdriver.support.ui").WebDriverWait(driver, PATIENCE, 0.1)
+    wait.until(lambda _: driver.execute_script(f"return {condition}"))
+
+
+class Mouse:
+    """The mouse of a browser; it does not wait until the page has dealt with an event.
+
+    Args:
+        driver: Of the browser, with the page in front.
+    """
+
+    def __init__(self, driver: Any) -> None:
+        where = driver.capabilities["goog:chromeOptions"]["debuggerAddress"]
+        with urllib.request.urlopen(f"http://{where}/json") as answer:  # of this machine
+            pages = json.load(answer)
+        [url] = [
+            page["webSocketDebuggerUrl"] for page in pages if page["url"] == driver.current_url
+        ]
+        self._line = importlib.import_module("websocket").create_connection(
+            url, suppress_origin=True
+        )
+        self._sent = 0
+
+    def drag(self, places: Sequence[tuple[float, float]]) -> None:
+        """Press the button at the first place, in pixels, move through all others, let it go."""
+        start_ns = time.monotonic_ns()
+        kinds = ["mousePressed", *["mouseMoved"] * (len(places) - 1), "mouseReleased"]
+        for step, (kind, place) in enumerate(zip(kinds, (*places, places[-1]), strict=True)):
+            wait_until(start_ns + step * MOUSE_NS, 0)
+            self._send(kind, place)
+
+    def close(self) -> None:
+        """Leave the browser."""
+        self._line.close()
+
+    def _send(self, kind: str, place: tuple[float, float]) -> None:
+        x, y = place
+        event = {"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}
+        self._sent += 1
+        command = {"id": self._sent, "method": "Input.dispatchMouseEvent", "params": event}
+        self._line.send(json.dumps(command))

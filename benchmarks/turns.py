@@ -1,0 +1,65 @@
+"""Lateness and loop delay of a servo in turns: alone, and while somebody looks."""
+
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from forcebound.recording import read
+
+ALONE = "nobody"
+TARGET_SHARE = 0.05  # more that a figure may be while somebody looks
+
+Figures = Mapping[str, Mapping[str, float]]
+
+
+class Turn(NamedTuple):
+    """A part of a run: who looks, and when, in ns of the monotonic clock."""
+
+    viewers: str
+    begin_ns: int
+    end_ns: int
+
+
+def lateness(time_ns: Any, period_ns: float) -> Any:
+    """Return how much later than the earliest of its turn each write is in its period, in us."""
+    angle = 2.0 * np.pi * (((time_ns - time_ns[0]) / period_ns) % 1.0)
+    middle = np.angle(np.exp(1j * angle).mean())
+    phase = np.angle(np.exp(1j * (angle - middle))) / (2.0 * np.pi) * period_ns / 1e3
+    return phase - np.percentile(phase, 1)
+
+
+def servo(record: Path, turns: Sequence[Turn]) -> Figures:
+    """Return the median over the turns of each kind, in us, by figure and kind of turn."""
+    recording = read(record)
+    columns, period_ns = recording.telemetry, 1e9 / recording.launch["device"]["rate"]
+    found: dict[str, dict[str, list[float]]] = {}
+    for viewers, begin_ns, end_ns in turns:
+        here = (columns.time_ns >= begin_ns) & (columns.time_ns < end_ns)
+        delay = columns.loop_delay[here]
+        measured = {
+            "lateness of the write": lateness(columns.time_ns[here], period_ns),
+            "loop delay": delay[np.isfinite(delay)] * 1e6,
+        }
+        for name, values in measured.items():
+            for share in (50, 99):
+                kinds = found.setdefault(f"{name}, p{share}", {})
+                kinds.setdefault(viewers, []).append(float(np.percentile(values, share)))
+    return {
+        name: {viewers: statistics.median(values) for viewers, values in kinds.items()}
+        for name, kinds in found.items()
+    }
+
+
+def told(figures: Figures) -> Iterator[str]:
+    """Give a line for each figure, with the change that each viewer makes."""
+    for name, of in figures.items():
+        alone = of[ALONE]
+        changes = "".join(
+            f"; {value:.1f} us ({value / alone - 1.0:+.1%}) with {viewers}"
+            for viewers, value in of.items()
+            if viewers != ALONE
+        )
+        yield f"{name}: {alone:.1f} us{changes} (target {TARGET_SHARE:.0%})"

@@ -1,0 +1,33 @@
+"""The live page of a graph, served as a user would, for tests with a browser."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from live_graph import LiveGraph, live_graph
+
+
+@contextmanager
+def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
+    """The addresses of the graph that runs: to change it, and to look only."""
+    command = [sys.executable, "-u", "-m", "forcebound", "view", "--no-open"]
+    variables = {**os.environ, "XDG_RUNTIME_DIR": runtime}
+    with subprocess.Popen(command, env=variables, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        try:
+            yield server.stdout.readline().split()[-1], server.stdout.readline().split()[-1]
+        finally:
+            with suppress(ProcessLookupError):
+                server.terminate()
+
+
+@contextmanager
+def pointed() -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
+    """A graph whose hand follows a pointer, engaged, and its addresses."""
+    with live_graph("pointer_wall", is_alone=False) as graph:
+        graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
+        graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
+        with pages_of(str(graph.runtime)) as addresses:
+            yield graph, addresses
