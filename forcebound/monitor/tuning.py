@@ -31,7 +31,8 @@ from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
-from forcebound.quantities import Range, parse_quantity
+from forcebound.quantities import Range
+from forcebound.units import parse_quantity
 
 PATHS = (
     "trace",
