@@ -22,7 +22,7 @@ from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
 from forcebound.parts.contract import Report
 from forcebound.parts.user_module import file_of, names_file
-from forcebound.quantities import parse_quantity
+from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {
     "law": laws,

@@ -178,6 +178,14 @@ def test_a_force_without_its_command_is_counted(tmp_path: Path) -> None:
     assert verified(changed(path, {250: {"commanded_force": twice}})).unknown_commands == 1
 
 
+@pytest.mark.parametrize("option", ["--live", "--network", "--environment", "--duration=1s"])
+def test_verification_takes_no_option_of_a_run(tmp_path: Path, option: str) -> None:
+    path = recorded(tmp_path / "run.mcap", "stiff_wall", duration=0.01)
+    refused = invoke("replay", path, "--verify", option)
+    assert refused.exit_code == 2
+    assert "--verify runs no graph" in refused.stderr
+
+
 def test_a_recording_of_an_earlier_version_says_what_it_lacks(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "stiff_wall")
     changed(path, {tick: {"read_ns": None, "write_ns": None} for tick in range(300)})

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,13 +101,18 @@ class Page:
 
     def __init__(self, socket: tornado.websocket.WebSocketClientConnection) -> None:
         self._socket = socket
+        self._earlier: deque[dict[str, Any]] = deque()  # that came before an answer
+
+    async def _next(self) -> dict[str, Any]:
+        text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
+        assert text is not None, "the server has closed the page"
+        message: dict[str, Any] = json.loads(text)
+        return message
 
     async def until(self, kind: str, wanted: Any = lambda message: True) -> dict[str, Any]:
         """The first message of a kind that is as wanted."""
         while True:
-            text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
-            assert text is not None, "the server has closed the page"
-            message: dict[str, Any] = json.loads(text)
+            message = self._earlier.popleft() if self._earlier else await self._next()
             if message["type"] == kind and wanted(message):
                 return message
 
@@ -121,8 +127,10 @@ class Page:
     async def asks(self, **request: Any) -> str | None:
         """What the server says is wrong with a request."""
         await self.send(id=7, **request)
-        answer = await self.until("answer", lambda message: message["id"] == 7)
-        error: str | None = answer["error"]
+        while (message := await self._next())["type"] != "answer":
+            if message["type"] != "frame":  # of a request's effect no frame of before tells
+                self._earlier.append(message)
+        error: str | None = message["error"]
         return error
 
 

@@ -136,6 +136,8 @@ def replay(
     forcebound replay run.mcap --verify
     """
     if verify:
+        if live or network or environment or duration or record:
+            raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, settings, as_json)
     from forcebound.cli.run import report, status_line
     from forcebound.launch.live import run_live

@@ -150,10 +150,11 @@ def _waited(document: Mapping[str, Any]) -> float:
 def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """Return the delays of each link; together they give the recorded loop delays.
 
-    A hop goes from the sending of a packet until its receiver has sent what it made of it; so the
-    computation of the environment is in that of the query. The last one ends ``reply_wait`` before
-    the write that takes the force, as in :func:`as_link_trace`, and what the others take of this
-    time does not count, either: a run has it again. A packet that nothing followed is lost.
+    A hop goes from the time stamp of a packet to that of what its receiver made of it: when the
+    sender and the receiver took what they answer. Injected computation is so in the hop of the
+    query, the time of a node's own code in the hop after it. The last hop ends ``reply_wait``
+    before the write that takes the force, as in :func:`as_link_trace`, and what the others take of
+    this time does not count, either: a run has it again. A packet that nothing followed is lost.
 
     * With an environment on another machine, whose clock is another one, the way to it and back is
       all in the query's hop.

@@ -30,7 +30,8 @@ from forcebound.identification.picture import draw
 from forcebound.identification.procedure import Found, Plan, identify
 from forcebound.identification.verdict import BETTER, verdict
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, parse_quantity
+from forcebound.quantities import POSITIVE
+from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
 

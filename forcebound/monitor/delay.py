@@ -22,7 +22,7 @@ from forcebound.telemetry import TelemetryColumns
 DURATION = 5.0  # s, how long a running graph is watched
 SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 CLASSES = 12  # of a histogram
-LEAST = 0.12  # ms, width of a histogram of equal delays
+LEAST, LEAST_OF_LINK = 0.12, 0.012  # ms, width of a histogram of equal delays
 HOPS = (*LINKS, TELEMETRY)  # topics, in the order in which a tick goes through them
 
 
@@ -79,12 +79,16 @@ class Measured:
             "ticks": ticks,
             "lost_share": 1.0 - known.size / ticks,
             "loop_delay_ms": _percentiles(known),
-            "histogram": _histogram(known),
+            "histogram": _histogram(known, LEAST),
         }
         if self.hops is None:
             return figures
         links = {
-            name: {"count": one.size, **_percentiles(one), "histogram": _histogram(one)}
+            name: {
+                "count": one.size,
+                **_percentiles(one),
+                "histogram": _histogram(one, LEAST_OF_LINK),
+            }
             for name, one in self.hops.delays().items()
         }
         return figures | {"links_ms": links}
@@ -96,12 +100,12 @@ def _percentiles(delays: NDArray[np.float64]) -> dict[str, float | None]:
     return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
 
 
-def _histogram(delays: NDArray[np.float64]) -> list[dict[str, float]]:
+def _histogram(delays: NDArray[np.float64], least: float) -> list[dict[str, float]]:
     """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
     if not delays.size:
         return []
     low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
-    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + LEAST)))
+    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + least)))
     rows = zip(edges, edges[1:], counts, strict=False)
     return [{"from_ms": float(a), "to_ms": float(b), "count": int(n)} for a, b, n in rows]
 
