@@ -278,7 +278,7 @@ def log(
             if as_json:
                 _as_json({"time": at, **fields_of_packet(packet)})
             else:
-                more = f"  {dict(packet.data)}" if verbose and packet.data else ""
+                more = f"  {_text(packet.data)}" if verbose and packet.data else ""
                 kind = "FAULT" if packet.is_fault else "event"
                 show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
         return True
