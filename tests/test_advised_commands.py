@@ -12,6 +12,7 @@ import pytest
 import forcebound
 from forcebound.cli import main
 from forcebound.monitor import wording
+from forcebound.monitor.texts import CAUSES, FINDINGS, NOTES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path(forcebound.__file__).parent
@@ -28,7 +29,7 @@ NO_SENTENCES = {
     "config/schema.py",
     "experiments/report.py",
     "experiments/setup.py",
-    "monitor/wording.py",
+    "monitor/texts.py",
 }
 
 
@@ -73,7 +74,7 @@ PAGES = sorted(set(advised_in_pages()))
 ADVICE = sorted(
     {
         wording.render(text.command, dict.fromkeys(re.findall(r"{(\w+)}", text.command), "launch"))
-        for table in (wording.FINDINGS, wording.CAUSES, wording.NOTES)
+        for table in (FINDINGS, CAUSES, NOTES)
         for text in table.values()
         if "forcebound " in text.command
     }
