@@ -36,15 +36,12 @@ NO_SENTENCES = {
 def texts() -> Iterator[tuple[str, str]]:
     """Give file and text of each string of the package but docstrings; a field becomes 1."""
     for file in sorted(PACKAGE.rglob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        documents = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         inner = {
-            id(part)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.JoinedStr)
-            for part in node.values
+            id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values
         }
-        for node in ast.walk(tree):
+        for node in nodes:
             if id(node) not in documents | inner and (text := text_of(node)):
                 yield str(file.relative_to(PACKAGE)), text
 
