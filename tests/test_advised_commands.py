@@ -127,7 +127,8 @@ def test_a_command_on_a_page_is_one_that_there_is(page: str, command: str) -> No
 
 @pytest.mark.parametrize(("path", "command"), list(commands(main)))
 def test_the_help_of_each_command_has_examples(path: str, command: click.Command) -> None:
-    examples = re.findall(rf"^ *forcebound ({path}\b[^>\n]*)", str(command.help), re.MULTILINE)
+    shown = command.get_help(click.Context(command))
+    examples = re.findall(rf"^ *forcebound ({path}\b[^>\n]*)", shown, re.MULTILINE)
     assert examples
     for example in examples:
         parse(shlex.split(example), is_whole=True)
