@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, version_of
+from forcebound.hops import Hops
 from forcebound.mcap_file import SUFFIX
-from forcebound.messages.packets import LINKS, TOPIC_OF, Packet, Telemetry
+from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.telemetry import TelemetryColumns
@@ -169,7 +170,8 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """
     columns = recording.telemetry
     _, ticks, delay_of = _answered(columns, columns.elapsed > 0.0)
-    states, queries, replies, commands = (_first_times(recording.packets(t)) for t in LINKS)
+    hops = Hops.of(recording.packets, LINKS)
+    states, queries, replies, commands = (hops.sent_ns[topic] for topic in LINKS)
     if recording.launch.get("remote"):
         replies = commands
     answers_states = any(
@@ -186,15 +188,6 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
             if start is not None:
                 rows[topic][start] = None if end is None else end - start
     return {topic: _as_trace(rows[topic]) for topic in LINKS}
-
-
-def _first_times(packets: Sequence[Packet]) -> dict[int, int]:
-    """When the first packet of each tick was sent, in ns."""
-    times: dict[int, int] = {}
-    for packet in packets:
-        tick: int = getattr(packet, "device_seq", packet.seq)
-        times.setdefault(tick, packet.time_ns)
-    return times
 
 
 def _hops(
