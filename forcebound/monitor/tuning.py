@@ -208,7 +208,9 @@ def _configure(
         return
     who = " and ".join(silent)
     if LAUNCHER not in here.answers:
-        raise RunError(f"{who} did not answer and does not have the change; is it suspended?")
+        raise RunError(
+            f"{who} did not answer and does not have the change; is it suspended, or just ending?"
+        )
     for node in silent:
         ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)
     raise RunError(
