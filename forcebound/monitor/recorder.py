@@ -65,17 +65,20 @@ def record_running(
     metadata = {**run.metadata, "launch": json.dumps(_launch_of_now(run, run_dir), sort_keys=True)}
     streams = recorded_streams(run_dir, list(TOPICS))
     own = replace(run, record=str(file.absolute()), streams=streams, metadata=metadata)
-    began, watch = time.monotonic(), Watch(run_dir)
+    began, watch = 0.0, Watch(run_dir)
 
     def is_over(state: str) -> bool:
+        nonlocal began
+        if not began:  # it listens now
+            began = time.monotonic()
+            begin(run.file)
         is_enough = duration is not None and time.monotonic() - began >= duration
         return is_enough or state != process.COMPLETE or watch.is_over
 
     with process.Stop() as stop:
-        begin(run.file)
         status = record_run(own, run_dir, stop, f"recorder-{os.getpid()}", is_over)
         is_interrupted = stop.requested
-    seconds = time.monotonic() - began
+    seconds = time.monotonic() - began if began else 0.0
     if not any(status["received"].values()):
         file.unlink()
         if is_interrupted:
