@@ -16,6 +16,7 @@ from forcebound.network import sockets
 from forcebound.processes import LAUNCHER, PROCESSES
 
 INTERVAL = 0.5  # s, over which the use of the processor is taken
+SILENT = "silent"  # nothing answers: it computes its result after the end, or is suspended
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -49,7 +50,7 @@ class ListedGraph:
 
     name: str  # launch file with its arguments
     run_dir: Path
-    phase: str | None  # of the run; None: no launcher answers
+    phase: str | None  # of the run; SILENT; None: nodes that were started by hand
     core: int | None  # that its nodes share; None: any
     processes: tuple[Listed, ...]
 
@@ -99,8 +100,8 @@ def _listed(name: str, process: dict[str, Any], share: dict[int, float | None]) 
 def _processes(run_dir: Path, run: RunDocument) -> tuple[str | None, dict[str, dict[str, Any]]]:
     answers = statuses(run_dir, (*PROCESSES, LAUNCHER))
     launcher = answers.pop(LAUNCHER, None)
-    if launcher is None:  # nodes that were started by hand
-        return None, {name: {} for name in answers}
+    if launcher is None:
+        return None if any(answers.values()) else SILENT, {name: {} for name in answers}
     nodes: dict[str, dict[str, Any]] = {name: dict(one) for name, one in launcher["nodes"].items()}
     for name, answer in answers.items():
         if name in nodes and answer is not None:
