@@ -9,7 +9,6 @@ import asyncio
 import json
 import os
 import signal
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -22,11 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import zmq
 from tornado.websocket import websocket_connect
 
 from benchmarks.turns import ALONE, Turn, servo, told
 from forcebound.messages.packets import TOPICS
+from forcebound.monitor.listing import processor_time
 
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 POLL = 0.1  # s
@@ -114,8 +115,8 @@ def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
 
 
 @contextmanager
-def bridge(program: str, variables: dict[str, str]) -> Iterator[Heard]:
-    """Run a bridge and its client, which has heard something."""
+def bridge(program: str, variables: dict[str, str]) -> Iterator[tuple[int, Heard]]:
+    """Run a bridge and its client; give its process, and what the client has heard: something."""
     words = ["bridge", program, *TOPICS, "--port", str(PORTS[program])]
     quiet = subprocess.DEVNULL
     serving = subprocess.Popen(
@@ -128,7 +129,7 @@ def bridge(program: str, variables: dict[str, str]) -> Iterator[Heard]:
         end = time.monotonic() + PATIENCE
         while not heard.count and time.monotonic() < end:
             time.sleep(POLL)
-        yield heard
+        yield serving.pid, heard
     finally:
         heard.is_over = True
         client.join()
@@ -143,27 +144,37 @@ def bridge(program: str, variables: dict[str, str]) -> Iterator[Heard]:
 def main(turns: int, seconds: float, as_json: bool) -> None:
     """Measure the servo without a bridge and with each."""
     taken: list[Turn] = []
-    rates: dict[str, list[float]] = {name: [] for name in CLIENTS}
+    rates: dict[str, list[Any]] = {name: [] for name in CLIENTS}
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         record = Path(folder) / "run.mcap"
         with graph(folder, record) as variables:
             for _ in range(turns):
                 taken.append(measured(ALONE, seconds))
                 for program in CLIENTS:
-                    with bridge(program, variables) as heard:
-                        before = heard.count
+                    with bridge(program, variables) as (pid, heard):
+                        before = account(pid, heard)
                         taken.append(measured(program, seconds))
-                        rates[program].append((heard.count - before) / (SETTLE + seconds))
+                        rates[program].append((account(pid, heard) - before) / (SETTLE + seconds))
         figures, load = servo(record, taken), os.getloadavg()[0]
-    rates_hz = {program: statistics.median(of) for program, of in rates.items()}
+    names = ("processor_share", "rate_hz")
+    bridges = {
+        program: dict(zip(names, np.median(of, axis=0).tolist(), strict=True))
+        for program, of in rates.items()
+    }
     if as_json:
-        click.echo(json.dumps({"rates_hz": rates_hz, "servo": figures, "load": load}, indent=2))
+        click.echo(json.dumps({"bridges": bridges, "servo": figures, "load": load}, indent=2))
         return
-    for program, rate_hz in rates_hz.items():
-        click.echo(f"{program}: {rate_hz:.0f} messages a second")
+    for program, of in bridges.items():
+        share, rate_hz = of.values()
+        click.echo(f"{program}: {rate_hz:.0f} messages a second, {share:.0%} of a processor")
     for line in told(figures):
         click.echo(line)
     click.echo(f"load of the machine at the end: {load:.1f}")
+
+
+def account(pid: int, heard: Heard) -> Any:
+    """Return the processor time that a bridge has used, in s, and its client's messages."""
+    return np.array((processor_time(pid), heard.count))
 
 
 def measured(viewers: str, seconds: float) -> Turn:

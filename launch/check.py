@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import contract as laws
-from forcebound.config.loader import law_of, member_of
+from forcebound.config.parts import law_of, member_of
 from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
 from forcebound.controllers import contract as controllers
@@ -22,7 +22,7 @@ from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
 from forcebound.parts.contract import Report
 from forcebound.parts.user_module import file_of, names_file
-from forcebound.quantities import parse_quantity
+from forcebound.units import parse_quantity
 
 CONTRACTS: Mapping[str, Any] = {
     "law": laws,

@@ -52,7 +52,7 @@ ADVICE = (
 class Limits:
     """Time limits, in ns."""
 
-    start_ns: int = 60_000_000_000  # a first start compiles the plant, possibly on one core
+    start_ns: int = 180_000_000_000  # a first start compiles for 10 s of processor time
     engage_ns: int = 2_000_000_000
     stop_ns: int = 2_000_000_000
     recorder_stop_ns: int = 10_000_000_000  # there may be much to write to a slow disk

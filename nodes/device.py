@@ -14,7 +14,6 @@ force took effect as late. So there the next write waits until a late state can 
 still comes about a period after the force before.
 """
 
-import json
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -35,14 +34,9 @@ from forcebound.messages.packets import (
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
-from forcebound.nodes.events import (
-    BOUNDER_REPORTED,
-    LAW_CHANGED,
-    STATE_INTERVAL_NS,
-    EventLog,
-)
+from forcebound.nodes.device_events import DeviceEvents
+from forcebound.nodes.events import EventLog
 from forcebound.nodes.late_ticks import Lateness
-from forcebound.nodes.overload import Overload
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -50,7 +44,6 @@ from forcebound.nodes.velocity import low_pass, low_pass_gain
 _logger = logging.getLogger(__name__)
 
 LEAST_WAIT = 0.3  # periods, from a state that a slow exchange made late to the write
-REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class _Unknown(NamedTuple):
@@ -117,15 +110,11 @@ class DeviceNode(Node):
         self._position = self._zero
         self._velocity = self._zero
         self._read_ns = 0
-        self._is_answered = False
-        self._next_event_ns = 0
-        self._refused_readings = 0
-        self._next_refusal_ns = 0
         late = servo.late_ticks
         self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
-        self._overload = Overload(servo.period_ns)
         self.deadline_misses = 0
         self.events = EventLog("device")
+        self._tells = DeviceEvents(self.events, servo.age_limit, servo.period_ns)
 
     @property
     def wake_ns(self) -> int:
@@ -210,17 +199,7 @@ class DeviceNode(Node):
 
     def last_events(self, time_ns: int) -> Sequence[Event]:
         """Return the report of the bounder; see :class:`forcebound.nodes.Node`."""
-        report = self._bounded.report()
-        periods = report["hold_limit"] / (self._period_ns * 1e-9)
-        message = (
-            f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
-            f" {report['refused_readings']} refused readings"
-        )
-        if report["largest_allowance"]:
-            repaid = "repaid" if report["allowance_repaid"] else "not repaid"
-            message += f", late holds can have leaked {report['largest_allowance']:.2g} J, {repaid}"
-        data = {name: json.dumps(value) for name, value in report.items()}
-        return [self.events.emit(time_ns, BOUNDER_REPORTED, message, data)]
+        return [self._tells.tell_bounder(time_ns, self._bounded.report())]
 
     def close(self) -> None:
         """Close the device."""
@@ -235,7 +214,9 @@ class DeviceNode(Node):
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
-                packets += self._describe(time_ns)
+                is_answered = self._chain.answered_tick is not None
+                refused = self._bounded.refused_readings
+                packets += self._tells.look(time_ns, is_answered, refused, self.deadline_misses)
             if self._next_law is not None and not self._bounded.holds_force:
                 packets.append(self._change_law(self._next_law, time_ns))
             return packets
@@ -315,8 +296,7 @@ class DeviceNode(Node):
         """Begin a new ledger under another law; no force is held."""
         self._next_law = None
         self._bounded.change_law(law)
-        self._overload = Overload(self._period_ns)  # the ticks that the loading costs are no news
-        return self.events.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
+        return self._tells.tell_law(time_ns, law)
 
     def _begin_next_tick(self, time_ns: int) -> None:
         """Skip the ticks whose writes are overdue: two writes at once would serve nothing."""
@@ -329,40 +309,6 @@ class DeviceNode(Node):
             next_tick += overdue
         self._tick = next_tick
         self._wake_ns = max(self._start_ns + next_tick * self._period_ns, time_ns)
-
-    def _describe(self, time_ns: int) -> list[Packet]:
-        """Return events about answers that end or begin, and about missed ticks."""
-        events: list[Packet] = []
-        is_answered = self._chain.answered_tick is not None
-        if self._is_answered != is_answered and time_ns >= self._next_event_ns:
-            events.append(self._describe_answers(time_ns))
-        refused = self._bounded.refused_readings
-        if refused > self._refused_readings and time_ns >= self._next_refusal_ns:
-            self._refused_readings = refused
-            self._next_refusal_ns = time_ns + REFUSAL_INTERVAL_NS
-            events.append(self._describe_refusals(time_ns, refused))
-        warning = self._overload.observe(time_ns, self.deadline_misses)
-        if warning is not None:
-            events.append(self.events.emit(time_ns, "ticks_missed", warning, is_fault=True))
-        return events
-
-    def _describe_refusals(self, time_ns: int, refused: int) -> Event:
-        message = (
-            f"refused readings so far: {refused}; they are not finite, too soon after another, or"
-            " faster than device.largest_speed: look at the encoder and its cable"
-        )
-        data = {"refused": str(refused)}
-        return self.events.emit(time_ns, "readings_refused", message, data, is_fault=True)
-
-    def _describe_answers(self, time_ns: int) -> Event:
-        """Return an event when the force goes to zero or returns; limited in rate."""
-        self._next_event_ns = time_ns + STATE_INTERVAL_NS
-        self._is_answered = not self._is_answered
-        if self._is_answered:
-            return self.events.emit(time_ns, "force_engages", "replies received; ramping force up")
-        limit = self._servo.age_limit * 1e3
-        message = f"no answer younger than the age limit of {limit:g} ms: zero force"
-        return self.events.emit(time_ns, "force_released", message, is_fault=True)
 
     def _elapsed(self, time_ns: int) -> float:
         return 0.0 if self._engaged_ns is None else (time_ns - self._engaged_ns) * 1e-9

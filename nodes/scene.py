@@ -36,12 +36,12 @@ class SceneTeller:
         self._told: tuple[Sequence[SceneObject], Vector | None] = ((), None)
         self._left_out = 0
         self._patience_ns = 0  # until when a scene waits for a moment without an answer
-        self.is_wanted = False
         self.watch(environment)
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
         self._ask = getattr(environment, "scene", None)
+        self.is_wanted = False  # until its next answer: it may have none
 
     def note_answer(self, time_ns: int) -> None:
         """Want a scene if one is due: the environment may have changed."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from leaks import no_leaks
+from measured import measure_begins_of_runs
 
 from forcebound.network.sockets import Network
 
@@ -17,11 +18,27 @@ settings.register_profile("random", print_blob=True, deadline=None)
 settings.load_profile("daily")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests of a file on one worker, where kernels and fixtures are made once."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+
+
 @pytest.fixture(autouse=True, scope="session")
 def runtime_folder() -> Iterator[None]:
     """A runtime folder of the tests, so that they touch nothing of the user's."""
     with tempfile.TemporaryDirectory(prefix="fb-") as path, pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", path)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def measured_begins() -> Iterator[None]:
+    """Coverage measures the begin of each run in virtual time, not the rest."""
+    with pytest.MonkeyPatch.context() as patch:
+        measure_begins_of_runs(patch)
         yield
 
 

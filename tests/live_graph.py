@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
@@ -37,6 +38,13 @@ SATURATION = 8.5  # N, of the simulated device
 HARD = 1.0  # N, asked for by a wall that is pressed. How much of it a hand gets is the law's, and
 #             after a fault it is little: a hand at rest deep in the wall has no energy to get back
 SLACK = 0.01  # s from the harm's system call to its effect on the other process
+
+#: Marks of tests that come one after the other, and of whose work coverage would measure nothing.
+PROCESSES_OF_THEIR_OWN = [
+    pytest.mark.live,
+    pytest.mark.xdist_group("processes"),
+    pytest.mark.no_cover,
+]
 
 
 class LiveGraph:

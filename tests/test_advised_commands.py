@@ -12,6 +12,7 @@ import pytest
 import forcebound
 from forcebound.cli import main
 from forcebound.monitor import wording
+from forcebound.monitor.texts import CAUSES, FINDINGS, NOTES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path(forcebound.__file__).parent
@@ -28,22 +29,19 @@ NO_SENTENCES = {
     "config/schema.py",
     "experiments/report.py",
     "experiments/setup.py",
-    "monitor/wording.py",
+    "monitor/texts.py",
 }
 
 
 def texts() -> Iterator[tuple[str, str]]:
     """Give file and text of each string of the package but docstrings; a field becomes 1."""
     for file in sorted(PACKAGE.rglob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        documents = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         inner = {
-            id(part)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.JoinedStr)
-            for part in node.values
+            id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values
         }
-        for node in ast.walk(tree):
+        for node in nodes:
             if id(node) not in documents | inner and (text := text_of(node)):
                 yield str(file.relative_to(PACKAGE)), text
 
@@ -73,7 +71,7 @@ PAGES = sorted(set(advised_in_pages()))
 ADVICE = sorted(
     {
         wording.render(text.command, dict.fromkeys(re.findall(r"{(\w+)}", text.command), "launch"))
-        for table in (wording.FINDINGS, wording.CAUSES, wording.NOTES)
+        for table in (FINDINGS, CAUSES, NOTES)
         for text in table.values()
         if "forcebound " in text.command
     }
@@ -129,7 +127,8 @@ def test_a_command_on_a_page_is_one_that_there_is(page: str, command: str) -> No
 
 @pytest.mark.parametrize(("path", "command"), list(commands(main)))
 def test_the_help_of_each_command_has_examples(path: str, command: click.Command) -> None:
-    examples = re.findall(rf"^ *forcebound ({path}\b[^>\n]*)", str(command.help), re.MULTILINE)
+    shown = command.get_help(click.Context(command))
+    examples = re.findall(rf"^ *forcebound ({path}\b[^>\n]*)", shown, re.MULTILINE)
     assert examples
     for example in examples:
         parse(shlex.split(example), is_whole=True)

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgpack
 import numpy as np
-import pytest
 import zmq
 from live_graph import (
     AGE_LIMIT,
+    PROCESSES_OF_THEIR_OWN,
     SATURATION,
     Ended,
     LiveGraph,
@@ -39,7 +39,7 @@ from forcebound.messages.packets import (
 from forcebound.monitor.control import ask
 from forcebound.process import topic_endpoint
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 FLOOD = 50  # times the rate of the loop
 MALFORMED = 10_000

@@ -38,12 +38,14 @@ def lowest(law: str, certificate: str, is_stated: bool, sensor: int | None, runs
     return min(result.margin for result in results)
 
 
+@pytest.mark.no_cover  # too many runs, as those below
 @pytest.mark.parametrize("certificate", CERTIFICATES)
 def test_a_certificate_holds_on_any_path(certificate: str) -> None:
     for law in CERTIFIED_LAWS:
         assert lowest(law, certificate, True, None, RUNS) >= -ENERGY_TOLERANCE
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("certificate", ["own_axes", "speed_gate", "presliding", "lag", "all"])
 def test_a_law_that_is_not_informed_leaks(certificate: str) -> None:
     assert lowest("certified", certificate, False, None, 300) < -100 * ENERGY_TOLERANCE
@@ -56,11 +58,13 @@ def test_without_any_information_a_search_finds_a_leak(certificate: str) -> None
     assert any(energy < -100 * ENERGY_TOLERANCE for energy in attacks)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("law", ["none", "less_conservative", "more_conservative", "aol", "tdpa"])
 def test_the_attacks_break_the_laws_that_are_not_certified(law: str) -> None:
     assert lowest(law, "plain", True, None, 60) < -1e-3
 
 
+@pytest.mark.no_cover
 def test_the_search_leaves_nearly_nothing() -> None:
     task = PathTask("certified", "plain", True, SENSORS.index("anticipating"), 1, 400)
     assert min(result.share_left for result in results_of(task)) < 0.01

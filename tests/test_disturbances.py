@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_graph import (
+    PROCESSES_OF_THEIR_OWN,
     LiveGraph,
     check_always,
     check_return,
@@ -22,7 +23,7 @@ from waiting import PATIENCE
 
 from forcebound.network import sockets
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 
 def stop_the_device_for_50_ms(graph: LiveGraph) -> None:

@@ -24,7 +24,7 @@ from forcebound.monitor import wording
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.observation import Observations, ProcessSeen
-from forcebound.monitor.wording import REASONS
+from forcebound.monitor.texts import REASONS
 
 
 def test_of_a_healthy_graph_there_is_nothing_to_say() -> None:

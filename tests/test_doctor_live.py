@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_graph import LiveGraph, live_graph
+from live_graph import PROCESSES_OF_THEIR_OWN, LiveGraph, live_graph
 from waiting import PATIENCE
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 OF_TIME = {"ticks_lost", "late_loop", "delay_near_age_limit", "force_gaps", "rejected_too_old"}
 

@@ -219,3 +219,15 @@ def test_what_needs_no_recovery_and_what_is_there_are_left_alone(tmp_path: Path)
     assert "add --overwrite" in invoke("recover", run, "-o", run).stderr
     assert "is the recording itself" in invoke("recover", run, "-o", run, "--overwrite").stderr
     assert len(read(run).packets("telemetry")) == 2
+
+
+def test_a_full_disk_is_told(tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", packets(), flush=True)
+    (tmp_path / "event.csv").symlink_to("/dev/full")
+    full = invoke("export", run, "--csv", tmp_path, "--overwrite")
+    assert full.exit_code == 2
+    assert f"cannot write into the folder {tmp_path}: No space left on device" in full.stderr
+    run.write_bytes(run.read_bytes()[:-50])
+    full = invoke("recover", run, "-o", "/dev/full", "--overwrite")
+    assert full.exit_code == 2
+    assert "cannot write the recording /dev/full: No space left on device" in full.stderr

@@ -8,6 +8,7 @@ import time
 import pytest
 from live_graph import (
     AGE_LIMIT,
+    PROCESSES_OF_THEIR_OWN,
     Ended,
     check_always,
     check_return,
@@ -15,7 +16,7 @@ from live_graph import (
     live_graph,
 )
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 
 def check_survived(ended: Ended, harm_ns: int) -> float:

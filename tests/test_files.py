@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.loader import law_of, load
+from forcebound.config.loader import load
+from forcebound.config.parts import law_of
 from forcebound.config.traces import read_trace
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, printable, read_rows

@@ -46,6 +46,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.no_cover  # watched memory is slow enough
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_a_hostile_file_is_refused_in_bounded_memory(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text)

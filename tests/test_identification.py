@@ -53,6 +53,7 @@ def found_of(model: DeviceModel, plan: Plan, altered: type[Altered] | None = Non
     return identify(device, model, VirtualClock(), plan)
 
 
+@pytest.mark.no_cover  # too many samples, as those below
 def test_bounds_hold_and_are_narrow() -> None:
     document = evaluate([judge(seed) for seed in (2, 4)])
     assert not document["failed"]
@@ -66,6 +67,7 @@ def test_bounds_hold_in_many_identifications() -> None:
     assert is_reached(document), document["numbers"]
 
 
+@pytest.mark.no_cover
 def test_less_friction_in_a_corner_is_found_out() -> None:
     middle = FiveBar().angles((0.0, 0.0))
     assert middle is not None
@@ -78,6 +80,7 @@ def test_less_friction_in_a_corner_is_found_out() -> None:
         assert weakest[1] >= ARM.parts - 3  # and this one, too
 
 
+@pytest.mark.no_cover
 def test_weight_and_cogging_are_no_friction() -> None:
     weight = PhantomPremium15(truth=TrueAxes(weight=0.05), substep=2.5e-4)
     (axis,) = found_of(weight, KNOB).axes

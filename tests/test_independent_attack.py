@@ -32,6 +32,8 @@ from experiments.independent_attack.truth import (
 )
 from forcebound.bounding import ENERGY_TOLERANCE, Dissipation, ForceBounder
 
+pytestmark = pytest.mark.no_cover  # attacks by the thousand would take twice the time
+
 CERTIFIED = ("certified", "certified_memoryless")
 
 

@@ -3,6 +3,7 @@
 import random
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,11 @@ SAME = (
 )
 
 
+loaded = cache(load)
+
+
 def case(*arguments: str, seconds: float = 0.5, reply_wait: float = 0.4) -> GraphConfig:
-    config = load("stiff_wall", arguments)
+    config = loaded("stiff_wall", arguments)
     servo = replace(config.device.servo, reply_wait=reply_wait)
     return replace(config, duration=seconds, device=replace(config.device, servo=servo))
 

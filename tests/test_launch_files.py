@@ -294,12 +294,17 @@ def test_no_parameter_of_a_device_shares_its_name_with_a_servo_setting() -> None
         assert not set(fields_of(kind)) & {"kind", *BESIDE_MODEL}
 
 
-def test_every_kind_can_be_described_to_an_editor() -> None:
-    properties = json_schema()["properties"]
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    return json_schema()
+
+
+def test_every_kind_can_be_described_to_an_editor(schema: dict[str, Any]) -> None:
+    properties = schema["properties"]
     for section, table in KINDS.items():
         assert len(properties[section]["anyOf"]) == len(table) + 1  # a user's file
     assert set(properties["links"]["properties"]) == set(LINKS)
-    json.dumps(json_schema(), allow_nan=False)
+    json.dumps(schema, allow_nan=False)
 
 
 def accepts(schema: dict[str, Any], value: Any) -> bool:
@@ -347,20 +352,26 @@ def as_plain(name: str) -> Any:
     return YAML(typ="safe", pure=True).load((SHIPPED / name).read_text())
 
 
-def test_the_schema_accepts_every_shipped_file_and_every_document(shipped_name: str) -> None:
-    assert accepts(json_schema(), as_plain(shipped_name))
-    assert accepts(json_schema(), to_document(load(shipped_name)))
+def test_the_schema_accepts_every_shipped_file_and_every_document(
+    schema: dict[str, Any], shipped_name: str
+) -> None:
+    assert accepts(schema, as_plain(shipped_name))
+    assert accepts(schema, to_document(load(shipped_name)))
 
 
-def test_the_schema_leaves_the_parameters_of_a_users_own_environment_to_its_file() -> None:
+def test_the_schema_leaves_the_parameters_of_a_users_own_environment_to_its_file(
+    schema: dict[str, Any],
+) -> None:
     own = {"kind": "my_spring.py:MySpring", "anything": 1, "compute_delay": "1 ms"}
-    assert accepts(json_schema(), {**as_plain("stiff_wall.yaml"), "environment": own})
+    assert accepts(schema, {**as_plain("stiff_wall.yaml"), "environment": own})
     own["kind"] = "my_spring"
-    assert not accepts(json_schema(), {**as_plain("stiff_wall.yaml"), "environment": own})
+    assert not accepts(schema, {**as_plain("stiff_wall.yaml"), "environment": own})
 
 
 @pytest.mark.parametrize(
     "change", [{"surprise": 1}, {"duration": True}, {"environment": {"kind": "wal"}}]
 )
-def test_the_schema_refuses_what_the_loader_refuses(change: dict[str, Any]) -> None:
-    assert not accepts(json_schema(), {**as_plain("stiff_wall.yaml"), **change})
+def test_the_schema_refuses_what_the_loader_refuses(
+    schema: dict[str, Any], change: dict[str, Any]
+) -> None:
+    assert not accepts(schema, {**as_plain("stiff_wall.yaml"), **change})

@@ -9,9 +9,9 @@ import pytest
 from forcebound.analysis.plots import figure
 from forcebound.analysis.summary import summarize
 from forcebound.config.loader import load
-from forcebound.config.resolved import to_document
 from forcebound.environments import Environment
 from forcebound.environments.mass_spring import MassSpring
+from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 
 MODEL = MassSpring(mass=0.2, spring=300.0, damping=8.0, stiffness=2000.0, position=0.010)
@@ -61,9 +61,14 @@ def test_new_stiffness_leaves_the_slab_where_it_is() -> None:
     )
 
 
-def test_figures_and_pictures_are_those_of_the_face_where_it_is() -> None:
-    config = load("push_mass", ["law:=none"])
-    columns, document = run_virtual(config).columns, to_document(config)
+@pytest.fixture(scope="module")
+def pushed() -> RunResult:
+    """A hand that has pushed it until both rest."""
+    return run_virtual(load("push_mass", ["law:=certified"]))
+
+
+def test_figures_and_pictures_are_those_of_the_face_where_it_is(pushed: RunResult) -> None:
+    columns, document = pushed.columns, pushed.document
     figures = summarize(columns, document)
     force = columns.applied_force[-1, 0]  # 2.9 N: the face has gone by 10 mm
     assert figures["displayed_stiffness_n_per_m"] == pytest.approx(2000.0, rel=1e-3)
@@ -75,9 +80,8 @@ def test_figures_and_pictures_are_those_of_the_face_where_it_is() -> None:
     assert proxy[-1] == pytest.approx(10.0 + 1e3 * force / 300.0, rel=0.01)
 
 
-def test_a_hand_pushes_it_and_both_come_to_rest() -> None:
-    config = load("push_mass", ["law:=certified"])
-    columns = run_virtual(config).columns
+def test_a_hand_pushes_it_and_both_come_to_rest(pushed: RunResult) -> None:
+    columns = pushed.columns
     depth = columns.true_position[-1, 0] - 0.010
     hand = 950.0 * (0.024 - columns.true_position[-1, 0])
     assert hand == pytest.approx(depth * 300.0 * 2000.0 / 2300.0, abs=0.13)  # friction: 0.12 N

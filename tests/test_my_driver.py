@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.config.loader import member_of
+from forcebound.config.parts import member_of
 from forcebound.errors import DeviceError
 
 DRIVER = str(Path(__file__).parent.parent / "examples/python/my_driver.py")

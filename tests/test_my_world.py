@@ -8,7 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from forcebound.cli import main
-from forcebound.config.loader import load, member_of
+from forcebound.config.loader import load
+from forcebound.config.parts import member_of
 from forcebound.environments import open_environment
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import SceneObject

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from live_graph import check_always, check_return, check_silence, live_graph
+from live_graph import PROCESSES_OF_THEIR_OWN, check_always, check_return, check_silence, live_graph
 from remote_environment import key_folders, serving, write_launch_file
 from waiting import PATIENCE
 
 from forcebound.messages.packets import Telemetry
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 GRAPH_IPV4, ENVIRONMENT_IPV4 = "10.231.7.1", "10.231.7.2"
 GRAPH_IPV6, ENVIRONMENT_IPV6 = "fd42:7::1", "fd42:7::2"

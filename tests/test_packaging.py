@@ -55,7 +55,7 @@ def test_no_commit_names_an_address_or_a_home() -> None:
         assert not re.search(r"/(home|root|Users)/", text)
 
 
-@pytest.mark.xdist_group("one")
-def test_tests_of_a_group_stay_together(request: pytest.FixtureRequest) -> None:
+def test_the_tests_of_a_file_stay_together(request: pytest.FixtureRequest) -> None:
     are_grouped = getattr(request.config.option, "loadgroup", False)  # --dist loadgroup
-    assert request.node.nodeid.endswith("@one") == are_grouped, "pytest-xdist sees no groups"
+    is_grouped = request.node.nodeid.endswith("@test_packaging")
+    assert is_grouped == are_grouped, "pytest-xdist sees no groups"

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
-from forcebound.quantities import COMMON_FACTORS, POSITIVE, Range, Time, parse_quantity
+from forcebound.quantities import POSITIVE, Range, Time
+from forcebound.units import COMMON_FACTORS, parse_quantity
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,17 @@ def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:
     return process.returncode, begun + out
 
 
+def check_full_disk(file: Path) -> None:
+    """Check that a recording that cannot go on ends, says so, and keeps what came before."""
+    limited = f"ulimit -f 64; exec {sys.executable} -m forcebound record stiff_wall -o {file}"
+    done = subprocess.run(
+        ["bash", "-c", limited], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert done.returncode == 1
+    assert f"recording stopped: File too large; {file} has what came before" in done.stderr
+    assert not read(file).complete
+
+
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
 def test_a_part_of_a_run_is_recorded_while_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,6 +99,7 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(monkeypatch: pytest.Monkey
         cannot = CliRunner().invoke(main, ["replay", str(file), "--verify"])
         assert cannot.exit_code == 2
         assert "no other ledger begins in it (a new law)" in cannot.output
+        check_full_disk(graph.folder / "full.mcap")
         with_end = graph.folder / "end.mcap"
         words = ["record", "stiff_wall", "-o", str(with_end), "--json"]
         command = [sys.executable, "-m", "forcebound", *words]

@@ -114,7 +114,7 @@ def test_other_axes_get_no_force_and_no_contact_that_is_not_whole(path: Path) ->
 
 @pytest.mark.parametrize(
     "words",
-    [("stiff_wall", "delay:=5ms"), ("touch_sphere",), ("stress",)],  # stress has phases
+    [("stiff_wall", "delay:=5ms"), ("stress",)],  # stress has phases
     ids=" ".join,
 )
 def test_the_same_hand_meets_the_same_forces(path: Path, words: tuple[str, ...]) -> None:

@@ -4,14 +4,13 @@ import re
 import signal
 from pathlib import Path
 
-import pytest
-from live_graph import live_graph
+from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from remote_environment import serving, write_launch_file
 from waiting import PATIENCE, free_port, until
 
 from forcebound.network.keys import new_key
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 
 def test_an_interrupt_while_an_environment_is_awaited_ends_without_a_result() -> None:

@@ -19,8 +19,6 @@ from forcebound.experiments.contacts import UNBOUNDED
 from forcebound.experiments.reproduce import Reproduction, choose, reproduce
 from forcebound.experiments.setup import CERTIFIED, HAND, HIGH, LOW, PAPER_LAWS, SPEEDS, Runs
 
-pytestmark = pytest.mark.xdist_group("reproduction")  # made once, for all of them
-
 SHOWN = ("table1", "fig7", "fig18")  # drawn in the tests; drawing all takes a minute
 
 

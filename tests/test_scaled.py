@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
-from forcebound.config.loader import load, member_of
+from forcebound.config.loader import load
+from forcebound.config.parts import member_of
 from forcebound.controllers.guard import GuardedController
 from forcebound.controllers.scaled import HELD_LONG, OpenScaled, Scaled
 from forcebound.controllers.vectors import dot

@@ -22,6 +22,9 @@ def offered(tmp_path: Path, line: str) -> list[str]:
     command = tmp_path / "forcebound"
     command.write_text(f"#!{sys.executable}\nfrom forcebound.__main__ import main\nmain()\n")
     command.chmod(0o755)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/my_wall.yaml").touch()
+    (tmp_path / "run.mcap").touch()
     _, script = invoked("completion", "bash", "--print")
     (tmp_path / "script").write_text(script)
     # As readline cuts it: at blanks, and around : and =.
@@ -56,7 +59,11 @@ def offered(tmp_path: Path, line: str) -> list[str]:
         ("forcebound simulate stiff_wall la", ["law:="]),
         ("forcebound simulate stiff_wall law:=cert", ["certified", "certified_memoryless"]),
         ("forcebound simulate no_such_file x", []),
+        ("forcebound simulate sub/", ["sub/my_wall.yaml"]),
+        ("forcebound plot r", ["run.mcap"]),
+        ("forcebound map r", []),  # a file of any name: the shell's own matter
         ("forcebound echo tele", ["telemetry"]),
+        ("forcebound echo telemetry --field comm", ["commanded_force"]),
         ("forcebound stop env", ["environment"]),
     ],
 )

@@ -5,11 +5,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from live_graph import live_graph
+from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from remote_environment import serving, write_launch_file
 from waiting import free_port
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("processes")]
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 
 def test_a_change_while_the_environment_is_away_is_recorded_when_it_has_it(tmp_path: Path) -> None:

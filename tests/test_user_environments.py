@@ -12,7 +12,8 @@ from launch_texts import GOOD, problems_of, written
 
 from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import change, from_document, load, member_of
+from forcebound.config.loader import change, from_document, load
+from forcebound.config.parts import member_of
 from forcebound.config.resolved import member_document, restore, to_document
 from forcebound.environments import open_environment
 from forcebound.environments.wall import Wall

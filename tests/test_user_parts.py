@@ -60,10 +60,6 @@ def write_page(page: str, folder: Path) -> Path:
     return path
 
 
-#: For tests that share one folder of pages, so that the law there is compiled once.
-in_one_process = pytest.mark.xdist_group("pages")
-
-
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files of all pages, as written there."""
@@ -78,14 +74,12 @@ def simulate_page(page: str, folder: Path, seconds: float = 1.0) -> RunResult:
 
 
 @pytest.mark.parametrize("page", PAGES)
-@in_one_process
 def test_the_page_runs_in_virtual_time_twice_the_same(page: str, pages: Path) -> None:
     one, other = (simulate_page(page, pages) for _ in range(2))
     assert (one.columns.position == other.columns.position).all()
     assert (one.columns.applied_force == other.columns.applied_force).all()
 
 
-@in_one_process
 def test_the_law_of_the_page_lets_less_through_than_the_exact_bound(pages: Path) -> None:
     reserved = simulate_page("law", pages).summary["peak_force_n"]
     exact = run_virtual(load("stiff_wall", ["law:=aol"]), duration=1.0).summary["peak_force_n"]
@@ -149,7 +143,6 @@ def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("page", "part"), [("law", "law"), ("device", "device")])
-@in_one_process
 def test_what_is_not_certified_is_logged(
     page: str, part: str, pages: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -175,7 +168,6 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 
 
 @pytest.mark.parametrize("page", PAGES)
-@in_one_process
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
     document = check_here(no_progress, page, str(pages / f"my_{page}.py"))
     assert document["violations"] == []

@@ -2,8 +2,12 @@
 
 import asyncio
 import json
+import signal
+import socket
+import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -97,13 +101,18 @@ class Page:
 
     def __init__(self, socket: tornado.websocket.WebSocketClientConnection) -> None:
         self._socket = socket
+        self._earlier: deque[dict[str, Any]] = deque()  # that came before an answer
+
+    async def _next(self) -> dict[str, Any]:
+        text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
+        assert text is not None, "the server has closed the page"
+        message: dict[str, Any] = json.loads(text)
+        return message
 
     async def until(self, kind: str, wanted: Any = lambda message: True) -> dict[str, Any]:
         """The first message of a kind that is as wanted."""
         while True:
-            text = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
-            assert text is not None, "the server has closed the page"
-            message: dict[str, Any] = json.loads(text)
+            message = self._earlier.popleft() if self._earlier else await self._next()
             if message["type"] == kind and wanted(message):
                 return message
 
@@ -118,8 +127,10 @@ class Page:
     async def asks(self, **request: Any) -> str | None:
         """What the server says is wrong with a request."""
         await self.send(id=7, **request)
-        answer = await self.until("answer", lambda message: message["id"] == 7)
-        error: str | None = answer["error"]
+        while (message := await self._next())["type"] != "answer":
+            if message["type"] != "frame":  # of a request's effect no frame of before tells
+                self._earlier.append(message)
+        error: str | None = message["error"]
         return error
 
 
@@ -253,6 +264,37 @@ def check_part(recording: Recording) -> None:
 def test_an_address_that_is_not_here_is_told() -> None:
     with pytest.raises(ConfigError, match=r"cannot listen at 192\.0\.2\.1, port 0"):
         Server("192.0.2.1")
+
+
+def test_a_port_in_use_is_told() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"port {port}: Address already in use"):
+            Server(port=port)
+
+
+@pytest.mark.live
+@pytest.mark.xdist_group("processes")
+def test_a_page_waits_for_a_graph_until_ctrl_c_and_says_that_it_ends() -> None:
+    async def visit(address: str, server: "subprocess.Popen[str]") -> None:
+        place = address.replace("http://", "ws://").replace("/?", "/live?")
+        page = Page(await tornado.websocket.websocket_connect(place))
+        await page.until("over")
+        server.send_signal(signal.SIGINT)
+        await page.until("closed")
+        await page.close()
+
+    words = ["view", "--no-open", "--wait", "--run", "no_graph_has_this_name"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-u", "-m", "forcebound", *words], stdout=pipe, stderr=pipe, text=True
+    ) as server:
+        assert server.stdout is not None
+        address, _, waiting = (server.stdout.readline().rstrip() for _ in range(3))
+        assert waiting == "waiting for a graph; Ctrl-C ends the page"
+        asyncio.run(visit(address.split()[-1], server))
+        _, err = server.communicate(timeout=PATIENCE)
+    assert (server.returncode, err) == (130, "forcebound: interrupted\n")
 
 
 def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

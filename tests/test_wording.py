@@ -7,7 +7,7 @@ import pytest
 from forcebound import realtime
 from forcebound.monitor import wording
 from forcebound.monitor.findings import Fact, Finding
-from forcebound.monitor.wording import CAUSES, FINDINGS, NOTES, Text
+from forcebound.monitor.texts import CAUSES, FINDINGS, NOTES, Text
 
 TABLES = {**FINDINGS, **CAUSES, **NOTES}
 

@@ -2,7 +2,7 @@
 
 A certified law gives at most ``f_c + 2 sqrt(b G / T_max)`` for a ledger of G joules. Each cause is
 judged by its share in that: what lengthens T_max, what empties the ledger, what fills it slowly.
-:mod:`forcebound.monitor.wording` says what to do about each.
+:mod:`forcebound.monitor.texts` says what to do about each.
 """
 
 import json
@@ -46,7 +46,7 @@ REPORTED = (
 class Cause(NamedTuple):
     """One cause of little force."""
 
-    code: str  # a key of forcebound.monitor.wording.CAUSES
+    code: str  # a key of forcebound.monitor.texts.CAUSES
     data: Mapping[str, Any]  # SI units
 
 

@@ -118,5 +118,13 @@ def main() -> None:
     logging.basicConfig(handlers=[handler], level=logging.INFO)
 
 
+def _keep_lines(command: click.Command) -> None:
+    """Let the help keep the lines of examples: raw docstrings spell click's mark in two letters."""
+    command.help = (command.help or "").replace("\\b\n", "\b\n")
+    for part in getattr(command, "commands", {}).values():
+        _keep_lines(part)
+
+
 for _command in COMMANDS:
     main.add_command(_command)
+_keep_lines(main)

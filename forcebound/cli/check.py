@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from forcebound.cli import complete
 from forcebound.cli.common import ARGUMENTS, json_option, print_document, reports_errors, show
 from forcebound.errors import RunError
 
@@ -59,7 +60,7 @@ def check() -> None:
 
 
 def _add_command(section: str, summary: str) -> None:
-    @click.argument("kind", metavar="FILE[:NAME]")
+    @click.argument("kind", metavar="FILE[:NAME]", shell_complete=complete.parts)
     @click.argument("arguments", nargs=-1, metavar=ARGUMENTS)
     @json_option
     @reports_errors

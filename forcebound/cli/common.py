@@ -42,7 +42,7 @@ def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
 def _duration(_: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
     if text is None:
         return None
-    from forcebound.quantities import parse_quantity
+    from forcebound.units import parse_quantity
 
     try:
         seconds = parse_quantity(text, "s")

@@ -6,10 +6,13 @@ Nothing here may raise or write: the user presses a key and waits.
 import functools
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from forcebound.config.graph import GraphConfig
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -44,6 +47,12 @@ def sweeps(_: click.Context, begun: str) -> Iterable[str]:
 
     yield from (Path(name).stem for name in shipped())
     yield from _files(begun, ".yaml", ".yml")
+
+
+@offering
+def parts(_: click.Context, begun: str) -> Iterable[str]:
+    """Python files of the folder."""
+    return _files(begun, ".py")
 
 
 @offering
@@ -138,7 +147,9 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
     """Fields of the topic that is already there."""
     from forcebound.messages.packets import TOPICS, field_types
 
-    return field_types(TOPICS[context.params["topic"]].packet)
+    # An option without its value ends the parsing, before arguments have their names.
+    topic = context.params.get("topic") or context.args[0]
+    return field_types(TOPICS[topic].packet)
 
 
 @offering
@@ -159,29 +170,28 @@ def laws(_: click.Context, begun: str) -> Iterable[str]:
 
 @offering
 def parameters(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph."""
-    return _parameters(context)
+    """Parameters of the running graph, also those that are fixed."""
+    from forcebound.monitor.tuning import every_parameter
+
+    return every_parameter(_configuration(context))
 
 
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, each ``name:=``, and the value that it has."""
+    from forcebound.monitor.formatting import as_written
+    from forcebound.monitor.tuning import find_parameters
+
+    config = _configuration(context)
+    known = find_parameters(config, ())
     name, sign, _ = begun.partition(":=")
     if not sign:
-        return [f"{one}:=" for one in _parameters(context)]
-    from forcebound.monitor.formatting import as_written
-
-    config, known = _parameters_of(context)
+        return [f"{one}:=" for one in known]
     return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]
 
 
-def _parameters(context: click.Context) -> Iterable[str]:
-    return _parameters_of(context)[1]
-
-
-def _parameters_of(context: click.Context) -> tuple[Any, dict[str, Any]]:
+def _configuration(context: click.Context) -> "GraphConfig":
     from forcebound.monitor.runs import find
-    from forcebound.monitor.tuning import configuration, find_parameters
+    from forcebound.monitor.tuning import configuration
 
-    config = configuration(find(context.params.get("run_dir")), serves=False)
-    return config, find_parameters(config, ())
+    return configuration(find(context.params.get("run_dir")), serves=False)

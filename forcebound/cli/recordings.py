@@ -126,8 +126,8 @@ def replay(
     environment) or changes a key of the launch file (environment.stiffness).
 
     --verify runs no graph: the recorded inputs through the same law give the recorded forces, to
-    the bit. Exit status 1: a force differs, or a tick is missing. If the recording lacks the first
-    ticks, it begins where a ledger does: when the force engages, or at a new law.
+    the bit. Exit status 1: a force differs, or a tick is missing. If the recording begins after the
+    force engaged, verification begins at a new law.
 
     \b
     forcebound replay run.mcap law:=none
@@ -136,6 +136,8 @@ def replay(
     forcebound replay run.mcap --verify
     """
     if verify:
+        if live or network or environment or duration or record:
+            raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, settings, as_json)
     from forcebound.cli.run import report, status_line
     from forcebound.launch.live import run_live

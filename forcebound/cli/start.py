@@ -4,12 +4,11 @@ from pathlib import Path
 from shutil import copyfile
 
 import click
-from click.shell_completion import BashComplete, ShellComplete, get_completion_class
+from click.shell_completion import BashComplete, FishComplete, ShellComplete, ZshComplete
 
 from forcebound.cli.common import reports_errors, show
 from forcebound.errors import ConfigError
 
-SHELLS = ("bash", "zsh", "fish")
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STARTER = ("my_environment.yaml", "my_environment.py")
 VARIABLE = "_FORCEBOUND_COMPLETE"
@@ -41,16 +40,31 @@ class Bash(BashComplete):
     for completion in $(env COMP_WORDS="$line" COMP_CWORD=$count %(complete_var)s=bash_complete $1)
     do
         IFS=',' read type value <<< "$completion"
+        [[ "$type" == plain ]] || continue  # files and folders are the shell's own matter
         COMPREPLY+=("${value#"$before"}")
         [[ "$value" == *[=/] ]] && compopt -o nospace
     done
 }
-complete -o nosort -o bashdefault -F %(complete_func)s %(prog_name)s
+complete -o nosort -o bashdefault -o default -F %(complete_func)s %(prog_name)s
 """
 
 
+class Zsh(ZshComplete):
+    """Completion in zsh, which goes on without a blank after ``law:=`` and ``folder/``."""
+
+    source_template = ZshComplete.source_template.replace(
+        "compadd -U -V unsorted -a completions",
+        "compadd -U -V unsorted -S '' -- ${(M)completions:#*[=/]}\n"
+        "        compadd -U -V unsorted -- ${completions:#*[=/]}",
+    )
+
+
+# How each shell is told what may follow.
+SCRIPTS: dict[str, type[ShellComplete]] = {"bash": Bash, "zsh": Zsh, "fish": FishComplete}
+
+
 @click.command()
-@click.argument("shell", type=click.Choice(SHELLS))
+@click.argument("shell", type=click.Choice(list(PLACES)))
 @click.option("--print", "only_prints", is_flag=True, help="Print the script; install nothing.")
 @reports_errors
 def completion(shell: str, only_prints: bool) -> None:
@@ -61,9 +75,7 @@ def completion(shell: str, only_prints: bool) -> None:
     """
     from forcebound.cli import main
 
-    kind: type[ShellComplete] | None = Bash if shell == "bash" else get_completion_class(shell)
-    assert kind is not None  # click knows the shells of SHELLS
-    script = kind(main, {}, "forcebound", VARIABLE).source()
+    script = SCRIPTS[shell](main, {}, "forcebound", VARIABLE).source()
     if only_prints:
         click.echo(script)
         return

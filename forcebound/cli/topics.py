@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from forcebound.messages.packets import Packet
 
 BAR = 40  # characters, of the longest bar of a histogram
-BARS = " ▁▂▃▄▅▆▇█"  # of a histogram in one line
+BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
 
 _measuring_option = duration_option_for("Measuring time. Default: 2s.")
 
@@ -206,7 +206,7 @@ def _measured(
 
 @click.command("graph", short_help="Show the graph with its measured rates.")
 @click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart.")
-@file_option("-o", "--output", metavar="GRAPH.svg", help="Draw a picture: .svg, .png or .pdf.")
+@file_option("-o", "--output", metavar="GRAPH.svg", help="Draw a picture: .svg or .png.")
 @run_option
 @_measuring_option
 @json_option
@@ -278,7 +278,7 @@ def log(
             if as_json:
                 _as_json({"time": at, **fields_of_packet(packet)})
             else:
-                more = f"  {dict(packet.data)}" if verbose and packet.data else ""
+                more = f"  {_text(packet.data)}" if verbose and packet.data else ""
                 kind = "FAULT" if packet.is_fault else "event"
                 show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
         return True

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from forcebound.cli.common import reports_errors, run_option, show
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, ForceboundError
 
 if TYPE_CHECKING:
     from forcebound.view.server import Server
@@ -43,7 +43,7 @@ def has_screen() -> bool:
 )
 @click.option(
     "--recordings",
-    type=click.Path(exists=True, file_okay=False, writable=True, path_type=Path),
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
     default=".",
     metavar="DIR",
     help="Folder for recordings that the page makes. Default: this one.",
@@ -85,16 +85,19 @@ def view(
     elif not waits:
         run = find(run_dir, of_graph=True)
     start = partial(Server, listen, port, recordings)
-    asyncio.run(_serve(start, run, partial(_next, run_dir), opens, launcher is None))
+    asyncio.run(_serve(start, run, partial(_next, run_dir, set()), opens, launcher is None))
 
 
-def _next(wanted: Path | None) -> Path | None:
-    """Return the graph that runs; None: none does, or nobody says which of several."""
-    from forcebound.monitor.runs import find
+def _next(wanted: Path | None, said: set[str]) -> Path | None:
+    """Return the graph that runs; None: none does, or, which is said once, several do."""
+    from forcebound.monitor.runs import find, running
 
     try:
         return find(wanted, of_graph=True)
-    except ConfigError:
+    except ConfigError as error:
+        if wanted is None and running() and str(error) not in said:
+            said.add(str(error))
+            show(str(error), err=True)
         return None
 
 
@@ -127,7 +130,10 @@ async def _serve(
                 show("waiting for a graph; Ctrl-C ends the page")
                 run = await server.wait(find)
             if run is not None:
-                await server.show(run)
+                try:
+                    await server.show(run)
+                except ForceboundError as error:  # it ended before there was anything to show
+                    show(str(error), err=True)
                 run = None
                 if not server.is_stopped:
                     show("the graph has ended")

@@ -1,6 +1,6 @@
 """Sections of a launch file: pydantic reads their values, each problem is noted at its place.
 
-Quantities are read by :func:`forcebound.quantities.parse_quantity`, everything else strictly (no
+Quantities are read by :func:`forcebound.units.parse_quantity`, everything else strictly (no
 text for a number). What pydantic refuses has a location within the section, which becomes a line
 and a column. Then the frozen dataclass is made; what its ``__post_init__`` refuses stands at the
 field that the error names.

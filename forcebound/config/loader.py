@@ -1,8 +1,7 @@
 """Launch files read into configurations, with every problem reported at once.
 
 1. :mod:`forcebound.config.document` reads the file, and those that it includes, into a tree.
-2. :mod:`forcebound.config.arguments` finds the value of each argument, and
-   :mod:`forcebound.config.arguments` puts them where they are used.
+2. :mod:`forcebound.config.arguments` finds the value of each argument and puts it where it is used.
 3. The sections of the tree become the dataclasses of :mod:`forcebound.config.graph`
    (:mod:`forcebound.config.fields`), and what concerns several sections is checked.
 
@@ -11,7 +10,7 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,8 +19,8 @@ from typing import Any
 from forcebound.bounding import LAWS
 from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
 from forcebound.config.delays import check_delays, has_trace
-from forcebound.config.device_file import WHAT, with_device_file
-from forcebound.config.document import MAX_BYTES, find, missing, read
+from forcebound.config.device_file import with_device_file
+from forcebound.config.document import find, missing, read
 from forcebound.config.fields import Section, fields_of
 from forcebound.config.graph import (
     BESIDE_MODEL,
@@ -35,18 +34,17 @@ from forcebound.config.graph import (
     RemoteConfig,
 )
 from forcebound.config.parameters import parameters, unknown_parameter
+from forcebound.config.parts import model_of
 from forcebound.config.phases import KEY, phase_duration, read_phases
-from forcebound.config.problems import Place, Problems, unknown
+from forcebound.config.problems import Problems
 from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
-from forcebound.config.tree import Value, from_plain, parse, scalar
+from forcebound.config.tree import Value, from_plain
 from forcebound.config.user_parts import (
-    can_be_written,
     check_controller,
     check_device,
     check_environment,
     check_path,
-    find_class,
     find_law,
     user_files,
     warn_cautions,
@@ -54,7 +52,6 @@ from forcebound.config.user_parts import (
     warn_uncertified,
 )
 from forcebound.errors import ConfigError
-from forcebound.files import read_text
 from forcebound.messages.packets import LINKS
 from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
@@ -150,66 +147,6 @@ def arguments_of(path: str | Path) -> list[Argument]:
     return list(arguments.declared.values())
 
 
-def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
-    """Return one part by itself, such as an environment, outside any launch file.
-
-    Args:
-        section: ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
-        kind: As in a launch file; a relative path starts from the current folder.
-        overrides: Its parameters, each ``name:=value``.
-
-    Raises:
-        ConfigError: If there is no such kind or a parameter is wrong.
-    """
-    problems = Problems()
-    entries = {"kind": Value(kind, Place(section), text=kind)}
-    for text in overrides:
-        place = Place(f"argument {text}")
-        name, separator, word = text.partition(":=")
-        if not separator:
-            problems.add("expected name:=value", place)
-        elif name in entries:
-            problems.add(f"{name!r} is given twice, or is no parameter", place)
-        else:
-            entries[name] = Value(scalar(word.strip()), place, text=word.strip())
-    value = Value(entries, Place(section))
-    made = _model(Section(value, section, value, problems))
-    problems.raise_if_any()
-    return made
-
-
-def device_of(path: Path, without: Collection[str]) -> Any:
-    """Return the device of a file, as :func:`member_of` does, but for some of its parameters.
-
-    Raises:
-        ConfigError: If it cannot be read, has no device, or anything is wrong with that.
-    """
-    problems = Problems()
-    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
-    problems.raise_if_any()
-    section = None if root is None else root.entries.get("device")
-    if section is None or "kind" not in section.entries:
-        raise ConfigError(f"{path} has no section device: with a kind")
-    rest = {name: one for name, one in section.entries.items() if name not in without}
-    value = replace(section, content=rest)
-    made = _model(Section(value, "device", value, problems))
-    problems.raise_if_any()
-    return made
-
-
-def law_of(kind: str) -> str:
-    """Return a law's kind, absolute if it is in a file; a relative path starts from here.
-
-    Raises:
-        ConfigError: If there is no such law.
-    """
-    if kind not in LAWS:
-        raise ConfigError(unknown("law", kind, LAWS))
-    law = LAWS.resolve(kind, Path())
-    LAWS[law]  # a file is loaded, and checked
-    return law
-
-
 def from_document(document: Mapping[str, Any]) -> GraphConfig:
     """Return the configuration of a resolved document that may have been changed.
 
@@ -267,7 +204,7 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     sections = {name: Section(root.entries.get(name), name, root, problems) for name in SECTIONS}
     made = {
         "device": _device(sections["device"], asks),
-        "operator": None if sections["operator"].is_empty else _model(sections["operator"]),
+        "operator": None if sections["operator"].is_empty else model_of(sections["operator"]),
         "controller": _controller(sections["controller"]),
         "environment": _environment(sections["environment"]),
         "links": _links(sections["links"]),
@@ -314,26 +251,8 @@ def _check_format(top: Section) -> None:
         top.add(message, version)
 
 
-def _model(section: Section, beside: Collection[str] = ()) -> Any:
-    """The model of the kind that a section names; ``beside``: what else stands there."""
-    taken = {"kind", *beside}
-    table = KINDS[section.name]
-    kind = section.choose(f"{section.name} kind", "kind", table) if section.is_readable else None
-    if kind is None:
-        return None
-    if table.is_shipped(kind):
-        model = table[kind]
-    else:
-        model = find_class(section, section.value.entries["kind"], table, taken)
-    if model is None:
-        return None
-    section.check_keys({*fields_of(model), *taken})
-    made = section.make(model)
-    return made if made is None or can_be_written(made, section) else None
-
-
 def _device(section: Section, asks: bool) -> DeviceConfig | None:
-    model = _model(section, fields_of(ServoSettings))
+    model = model_of(section, fields_of(ServoSettings))
     law = section.value.entries.get("law")
     servo = section.make(ServoSettings)
     if law is not None and isinstance(law.content, str):
@@ -346,11 +265,11 @@ def _device(section: Section, asks: bool) -> DeviceConfig | None:
 
 
 def _controller(section: Section) -> Any:
-    return KINDS["controller"]["direct"]() if section.is_empty else _model(section)
+    return KINDS["controller"]["direct"]() if section.is_empty else model_of(section)
 
 
 def _environment(section: Section) -> EnvironmentConfig | None:
-    model = _model(section, fields_of(EnvironmentConfig, BESIDE_MODEL))
+    model = model_of(section, fields_of(EnvironmentConfig, BESIDE_MODEL))
     made: EnvironmentConfig | None = section.make(EnvironmentConfig, model=model)
     if made is None or not has_trace(section, "compute_trace", made.computation):
         return None

@@ -54,6 +54,8 @@ def differences(
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest one, or why it is none."""
     known = parameters(config)
+    if name == "device.law":
+        return "device.law is fixed while a graph runs, but for a live page: `forcebound view`"
     if _is_fixed(name):
         return (
             f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"

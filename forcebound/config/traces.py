@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, version_of
+from forcebound.hops import Hops
 from forcebound.mcap_file import SUFFIX
-from forcebound.messages.packets import LINKS, TOPIC_OF, Packet, Telemetry
+from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
 from forcebound.telemetry import TelemetryColumns
@@ -150,10 +151,11 @@ def _waited(document: Mapping[str, Any]) -> float:
 def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """Return the delays of each link; together they give the recorded loop delays.
 
-    A hop goes from the sending of a packet until its receiver has sent what it made of it; so the
-    computation of the environment is in that of the query. The last one ends ``reply_wait`` before
-    the write that takes the force, as in :func:`as_link_trace`, and what the others take of this
-    time does not count, either: a run has it again. A packet that nothing followed is lost.
+    A hop goes from the time stamp of a packet to that of what its receiver made of it: when the
+    sender and the receiver took what they answer. Injected computation is so in the hop of the
+    query, the time of a node's own code in the hop after it. The last hop ends ``reply_wait``
+    before the write that takes the force, as in :func:`as_link_trace`, and what the others take of
+    this time does not count, either: a run has it again. A packet that nothing followed is lost.
 
     * With an environment on another machine, whose clock is another one, the way to it and back is
       all in the query's hop.
@@ -168,7 +170,8 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """
     columns = recording.telemetry
     _, ticks, delay_of = _answered(columns, columns.elapsed > 0.0)
-    states, queries, replies, commands = (_first_times(recording.packets(t)) for t in LINKS)
+    hops = Hops.of(recording.packets, LINKS)
+    states, queries, replies, commands = (hops.sent_ns[topic] for topic in LINKS)
     if recording.launch.get("remote"):
         replies = commands
     answers_states = any(
@@ -185,15 +188,6 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
             if start is not None:
                 rows[topic][start] = None if end is None else end - start
     return {topic: _as_trace(rows[topic]) for topic in LINKS}
-
-
-def _first_times(packets: Sequence[Packet]) -> dict[int, int]:
-    """When the first packet of each tick was sent, in ns."""
-    times: dict[int, int] = {}
-    for packet in packets:
-        tick: int = getattr(packet, "device_seq", packet.seq)
-        times.setdefault(tick, packet.time_ns)
-    return times
 
 
 def _hops(

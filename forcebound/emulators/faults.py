@@ -6,7 +6,7 @@ from random import Random
 
 from forcebound.emulators.board import Board
 from forcebound.errors import ConfigError
-from forcebound.quantities import parse_quantity
+from forcebound.units import parse_quantity
 
 KINDS = {
     "short": "a reply lacks its last byte",

@@ -15,7 +15,8 @@ import numpy as np
 from forcebound import realtime
 from forcebound.analysis.plots import check_picture
 from forcebound.config.document import find
-from forcebound.config.loader import device_of, load_tried, member_of
+from forcebound.config.loader import load_tried
+from forcebound.config.parts import device_of, member_of
 from forcebound.config.resolved import kind_of
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
@@ -30,7 +31,8 @@ from forcebound.identification.picture import draw
 from forcebound.identification.procedure import Found, Plan, identify
 from forcebound.identification.verdict import BETTER, verdict
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, parse_quantity
+from forcebound.quantities import POSITIVE
+from forcebound.units import parse_quantity
 
 _logger = logging.getLogger(__name__)
 

@@ -93,7 +93,8 @@ def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
     try:
         server = foxglove.start_server(name="forcebound", port=port, context=context)
     except (OSError, RuntimeError) as error:
-        raise ConfigError(f"cannot serve Foxglove at port {port}: {error}") from error
+        words = f"cannot serve Foxglove at port {port} ({error}): choose another with --port"
+        raise ConfigError(words) from error
 
     def send(topic: str, packet: Packet, at_ns: int) -> None:
         present = {k: v for k, v in fields_of_packet(packet).items() if v is not None}

@@ -65,7 +65,7 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
             f"no launcher answers in {run_dir}: it is still starting, or the nodes were started by "
             "hand; stop such a node with Ctrl-C in its terminal"
         )
-    answer = ask(run_dir, LAUNCHER, request)
+    answer = ask(run_dir, LAUNCHER, request, ANSWER_TIMEOUT)
     if answer is None:
         raise RunError(
             f"the launcher of the graph in {run_dir} has not answered for {ANSWER_TIMEOUT:g} s: "

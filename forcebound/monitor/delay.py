@@ -1,8 +1,7 @@
 """Delays of a graph that runs or was recorded: of its loop, and from hop to hop."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,10 @@ from numpy.typing import NDArray
 
 from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
+from forcebound.hops import HOPS, Hops
 from forcebound.launch.run_directory import TELEMETRY, read_launch_document
 from forcebound.mcap_file import SUFFIX
-from forcebound.messages.packets import LINKS, Packet, Telemetry
+from forcebound.messages.packets import Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import read_topics
 from forcebound.network.trace import DelayTrace
@@ -22,37 +22,7 @@ from forcebound.telemetry import TelemetryColumns
 DURATION = 5.0  # s, how long a running graph is watched
 SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 CLASSES = 12  # of a histogram
-LEAST = 0.12  # ms, width of a histogram of equal delays
-HOPS = (*LINKS, TELEMETRY)  # topics, in the order in which a tick goes through them
-
-
-@dataclass(frozen=True)
-class Hops:
-    """When the packets of each tick were sent.
-
-    A link's delay goes from the sending of its packet until its receiver has sent what it made of
-    it. Clocks of two machines differ, so of a link to another one nothing is known.
-    """
-
-    sent_ns: Mapping[str, dict[int, int]] = field(
-        default_factory=lambda: {topic: {} for topic in HOPS}
-    )
-
-    def add(self, topic: str, packet: Packet) -> None:
-        """Add a packet; of several that answer the same tick the first counts."""
-        tick = packet.seq if topic == HOPS[0] else getattr(packet, "device_seq", None)
-        if tick is not None:
-            self.sent_ns[topic].setdefault(tick, packet.time_ns)
-
-    def delays(self) -> dict[str, NDArray[np.float64]]:
-        """Return the delays of each link and of ``loop``, all of them together, in ms."""
-        found = {topic: self._between(topic, after) for topic, after in pairwise(HOPS)}
-        return {**found, "loop": self._between(HOPS[0], HOPS[-1])}
-
-    def _between(self, topic: str, later: str) -> NDArray[np.float64]:
-        starts, ends = self.sent_ns[topic], self.sent_ns[later]
-        known = np.array([ends[tick] - starts[tick] for tick in starts if tick in ends]) * 1e-6
-        return known[:0] if (known < 0.0).any() else known  # clocks of two machines
+LEAST, LEAST_OF_LINK = 0.12, 0.012  # ms, width of a histogram of equal delays
 
 
 @dataclass(frozen=True)
@@ -79,12 +49,16 @@ class Measured:
             "ticks": ticks,
             "lost_share": 1.0 - known.size / ticks,
             "loop_delay_ms": _percentiles(known),
-            "histogram": _histogram(known),
+            "histogram": _histogram(known, LEAST),
         }
         if self.hops is None:
             return figures
         links = {
-            name: {"count": one.size, **_percentiles(one), "histogram": _histogram(one)}
+            name: {
+                "count": one.size,
+                **_percentiles(one),
+                "histogram": _histogram(one, LEAST_OF_LINK),
+            }
             for name, one in self.hops.delays().items()
         }
         return figures | {"links_ms": links}
@@ -96,12 +70,12 @@ def _percentiles(delays: NDArray[np.float64]) -> dict[str, float | None]:
     return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
 
 
-def _histogram(delays: NDArray[np.float64]) -> list[dict[str, float]]:
+def _histogram(delays: NDArray[np.float64], least: float) -> list[dict[str, float]]:
     """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
     if not delays.size:
         return []
     low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
-    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + LEAST)))
+    counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + least)))
     rows = zip(edges, edges[1:], counts, strict=False)
     return [{"from_ms": float(a), "to_ms": float(b), "count": int(n)} for a, b, n in rows]
 
@@ -138,11 +112,7 @@ def _is_recording(run: Path) -> bool:
 def _recorded_hops(file: Path) -> Hops:
     from forcebound.recording import read
 
-    recording, hops = read(file, HOPS), Hops()
-    for topic in HOPS:
-        for packet in recording.packets(topic):
-            hops.add(topic, packet)
-    return hops
+    return Hops.of(read(file, HOPS).packets)
 
 
 def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:

@@ -5,7 +5,7 @@ rule gives findings. A cause is named once, and not again by all that follows fr
 device, controller, environment, controller, device only the first hop that is broken is named.
 
 To add a rule: a function from observations to findings, its name in ``RULES``, and the text of its
-findings in :mod:`forcebound.monitor.wording`.
+findings in :mod:`forcebound.monitor.texts`.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.findings import Fact, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
-from forcebound.monitor.wording import REASONS
+from forcebound.monitor.texts import REASONS
 from forcebound.network.notices import KINDS
 from forcebound.process import COMPLETE
 
@@ -308,7 +308,8 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
-    law = seen.config.device.servo.law
+    # A live page may have changed it since the launch.
+    law = seen.process("device").status("law") or seen.config.device.servo.law
     if law == "none":
         yield Finding("note", "no_law", "device")
         return

@@ -44,7 +44,7 @@ def as_mermaid(rates: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def draw(rates: Mapping[str, Mapping[str, Any]], output: Path) -> None:
-    """Write a picture; the ending of ``output`` (.svg, .png, .pdf) says of which kind.
+    """Write a picture; the ending of ``output`` (.svg or .png) says of which kind.
 
     Raises:
         OSError: If it cannot be written.

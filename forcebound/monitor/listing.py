@@ -65,10 +65,10 @@ def list_graphs(interval: float = INTERVAL, only: Path | None = None) -> list[Li
             run = RunDocument.read(run_dir)
             known[run_dir] = (run, *_processes(run_dir, run))
     pids = {p["pid"] for _, _, nodes in known.values() for p in nodes.values() if p.get("pid")}
-    before, start = {pid: _used(pid) for pid in pids}, time.monotonic()
+    before, start = {pid: processor_time(pid) for pid in pids}, time.monotonic()
     sockets.wait((), round(interval * 1e9))
     elapsed = time.monotonic() - start
-    share = {pid: _share(before[pid], _used(pid), elapsed) for pid in pids}
+    share = {pid: _share(before[pid], processor_time(pid), elapsed) for pid in pids}
     return [
         ListedGraph(
             run.file,
@@ -103,7 +103,7 @@ def _processes(run_dir: Path, run: RunDocument) -> tuple[str | None, dict[str, d
     return str(launcher["phase"]), nodes
 
 
-def _used(pid: int) -> float | None:
+def processor_time(pid: int) -> float | None:
     """Processor time that a process has used, in s; None: it has ended."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")

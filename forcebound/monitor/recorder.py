@@ -15,10 +15,10 @@ from pathlib import Path
 from forcebound import process
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
-from forcebound.launch.run_lock import is_held
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
 from forcebound.monitor.control import ask
+from forcebound.monitor.runs import Watch
 
 SUFFIX = ".mcap"
 
@@ -65,17 +65,20 @@ def record_running(
     metadata = {**run.metadata, "launch": json.dumps(_launch_of_now(run, run_dir), sort_keys=True)}
     streams = recorded_streams(run_dir, list(TOPICS))
     own = replace(run, record=str(file.absolute()), streams=streams, metadata=metadata)
-    began = time.monotonic()
+    began, watch = 0.0, Watch(run_dir)
 
     def is_over(state: str) -> bool:
+        nonlocal began
+        if not began:  # it listens now
+            began = time.monotonic()
+            begin(run.file)
         is_enough = duration is not None and time.monotonic() - began >= duration
-        return is_enough or state != process.COMPLETE or not is_held(run_dir)
+        return is_enough or state != process.COMPLETE or watch.is_over
 
     with process.Stop() as stop:
-        begin(run.file)
         status = record_run(own, run_dir, stop, f"recorder-{os.getpid()}", is_over)
         is_interrupted = stop.requested
-    seconds = time.monotonic() - began
+    seconds = time.monotonic() - began if began else 0.0
     if not any(status["received"].values()):
         file.unlink()
         if is_interrupted:
@@ -83,7 +86,7 @@ def record_running(
         raise RunError(f"nothing came from the graph in {run_dir} for {seconds:.1f} s")
     if status["recording"] != process.COMPLETE:
         raise RunError(f"recording {status['recording']}; {file} has what came before")
-    ended = "graph ended" if not is_held(run_dir) else "duration"
+    ended = "graph ended" if watch.is_over else "duration"
     ended = "interrupted" if is_interrupted else ended
     return Recorded(str(file), run.file, round(seconds, 3), status["received"], ended)
 

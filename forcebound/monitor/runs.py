@@ -90,6 +90,25 @@ def find_launched(launcher: int) -> Path:
     raise RunError(f"process {launcher} has started no graph for {STARTS:g} s")
 
 
+class Watch:
+    """Tells whether a graph has ended, also while its launcher still computes the result.
+
+    Attributes:
+        was_launched: Whether a launcher was seen; a graph of nodes by hand has none.
+    """
+
+    def __init__(self, run_dir: Path) -> None:
+        self._run_dir = run_dir
+        self.was_launched = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended."""
+        has_launcher = has_control(self._run_dir, LAUNCHER)
+        self.was_launched |= has_launcher
+        return (self.was_launched and not has_launcher) or not is_held(self._run_dir)
+
+
 def _is_named(document: RunDocument, name: str) -> bool:
     """Whether a graph was launched from a file of this name, with or without folder and ending."""
     file = Path(document.file.partition(" ")[0])

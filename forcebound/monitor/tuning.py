@@ -16,7 +16,7 @@ from typing import Any
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
 from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
-from forcebound.config.problems import Problems
+from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import ALL_CODE, restore, to_document
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
@@ -26,11 +26,13 @@ from forcebound.launch.run_directory import (
     updating,
     write_launch_document,
 )
+from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
 from forcebound.monitor.findings import Fact
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
-from forcebound.quantities import Range, parse_quantity
+from forcebound.quantities import Range
+from forcebound.units import parse_quantity
 
 PATHS = (
     "trace",
@@ -67,26 +69,28 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     Raises:
         ConfigError: If a name is not known.
     """
-    known = parameters(config)
-    every = known | _fixed(config) if names else known
+    if not names:
+        return parameters(config)
+    every = every_parameter(config)
     found: dict[str, Any] = {}
     for name in names:
         matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
         if not matching:
             raise ConfigError(unknown_parameter(name, config))
         found |= matching
-    return found if names else known
+    return found
 
 
-def _fixed(config: GraphConfig) -> dict[str, Any]:
-    """The values of the launch file that no command can change, by name."""
+def every_parameter(config: GraphConfig) -> dict[str, Any]:
+    """Return all values by name: those that can be changed, and what is fixed during a run."""
     fixed: dict[str, Any] = {}
     for section, value in to_document(config).items():
         if isinstance(value, Mapping):
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
         elif section != "forcebound":
             fixed[section] = value
-    return {name: value for name, value in fixed.items() if not name.startswith("links.")}
+    fixed = {name: value for name, value in fixed.items() if not name.startswith("links.")}
+    return parameters(config) | fixed
 
 
 def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
@@ -147,6 +151,9 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
         RunError: As there.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
+    for link in links:
+        if link not in LINKS:
+            raise ConfigError(unknown("link", link, LINKS))
     chosen = tuple(links) or ("environment_query", "environment_reply")
     names = [f"links.{topic}.outages" for topic in chosen]
     # The same outages once more would be no change.
@@ -201,7 +208,9 @@ def _configure(
         return
     who = " and ".join(silent)
     if LAUNCHER not in here.answers:
-        raise RunError(f"{who} did not answer and does not have the change; is it suspended?")
+        raise RunError(
+            f"{who} did not answer and does not have the change; is it suspended, or just ending?"
+        )
     for node in silent:
         ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)
     raise RunError(

@@ -55,9 +55,12 @@ def export(recording: Recording, folder: Path, kind: str, overwrite: bool = Fals
         raise ConfigError(f"{recording.path} has no packet: nothing to export")
     files = {topic: folder / f"{topic}.{kind}" for topic in tables}
     _prepare(folder, [*files.values(), folder / COLUMNS], overwrite)
-    for topic, file in files.items():
-        write(file, tables[topic])
-    _write_rows(folder / COLUMNS, ("table", "column", "unit", "meaning"), _described(tables))
+    try:
+        for topic, file in files.items():
+            write(file, tables[topic])
+        _write_rows(folder / COLUMNS, ("table", "column", "unit", "meaning"), _described(tables))
+    except OSError as error:  # the disk is full
+        raise ConfigError(f"cannot write into the folder {folder}: {reason(error)}") from error
     return [*files.values(), folder / COLUMNS]
 
 

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 
 from forcebound import mcap_file
 from forcebound.errors import ConfigError
-from forcebound.files import check_writable
+from forcebound.files import check_writable, reason
 from forcebound.recording import read
 
 RECOVERED_NAME = "forcebound.recovered"  # of the metadata record
@@ -47,8 +47,11 @@ def recover(cut: Path, output: Path) -> Recovered:
     check_writable(output, "the recording")
     if output.exists() and output.samefile(cut):
         raise ConfigError(f"{output} is the recording itself: choose another name")
-    with mcap_file.opened(cut) as source, output.open("wb") as target:
-        return _Copy(target).run(source)
+    try:
+        with mcap_file.opened(cut) as source, output.open("wb") as target:
+            return _Copy(target).run(source)
+    except OSError as error:  # the disk is full
+        raise ConfigError(f"cannot write the recording {output}: {reason(error)}") from error
 
 
 class _Copy:

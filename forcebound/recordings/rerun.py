@@ -20,7 +20,8 @@ from typing import Any, cast
 
 from forcebound.bounding import LAWS
 from forcebound.config.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
-from forcebound.config.loader import from_document, law_of
+from forcebound.config.loader import from_document
+from forcebound.config.parts import law_of
 from forcebound.config.problems import unknown
 from forcebound.config.resolved import restore
 from forcebound.config.tree import scalar

@@ -9,8 +9,8 @@ compared: position, limit force, applied force, the ledger. A difference of one 
   the tick that the telemetry names.
 * *Motors with steps.* Hardware may apply less than the law let through. The recorded force then
   goes on into the ledger; more than the law let through is a difference.
-* *The beginning.* The recorder of a live run may miss the first ticks, or begin later. Then
-  verification begins where a ledger does: when the force engages, or at a new law.
+* *The beginning.* The recorder of a live run may miss the first ticks, which have no force. If it
+  begins after the force engaged, verification begins where another ledger does: at a new law.
 """
 
 import math
@@ -120,11 +120,8 @@ def _start_of(life: Sequence[Telemetry], engaged: int, laws: Mapping[int, str]) 
     Raises:
         ConfigError: If there is none.
     """
-    if life[0].seq == life[0].deadline_misses:
+    if engaged > 0 or life[0].seq == life[0].deadline_misses:  # no force before it engages
         return 0
-    before = life[engaged - 1]
-    if 0 < engaged < len(life) and not any(before.torques or before.applied_force):
-        return engaged
     start = next((k for k, tick in enumerate(life, start=1) if tick.time_ns in laws), len(life))
     if start == len(life):
         raise ConfigError(

@@ -10,9 +10,9 @@ from typing import Any
 from forcebound.config.loader import build
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError
-from forcebound.quantities import split_quantity
 from forcebound.sweep.plan import Sweep, load_sweep
 from forcebound.sweep.runner import run_cases, run_sweep
+from forcebound.units import split_quantity
 from forcebound.workers import cluster_executor, local_executor, progress_bar
 
 

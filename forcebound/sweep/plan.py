@@ -22,8 +22,9 @@ from forcebound.config.problems import Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
 from forcebound.files import read_text
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time, split_quantity
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Range, Time
 from forcebound.sweep.limits import LABELS
+from forcebound.units import split_quantity
 
 MAX_CASES = 2_000_000
 

@@ -20,10 +20,10 @@ from forcebound.analysis.bounder import REPORTED
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import build
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.quantities import to_si
 from forcebound.sweep.engine import run_all
 from forcebound.sweep.parts import PartFolder, Row, digest_of, parts_of
 from forcebound.sweep.plan import Sweep
+from forcebound.units import to_si
 from forcebound.workers import completed
 
 Progress: TypeAlias = Callable[[int, int], None]  # cases done, cases in all

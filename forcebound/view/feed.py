@@ -17,7 +17,6 @@ from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
 from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument, recorded_streams
-from forcebound.launch.run_lock import is_held
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import (
     TOPICS,
@@ -46,7 +45,6 @@ class Feed:
     """The streams of a running graph; to be closed."""
 
     def __init__(self, run_dir: Path) -> None:
-        self._run_dir = run_dir
         self._cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking disturbs nobody
         self._network = Network()
         self._streams = [
@@ -55,11 +53,6 @@ class Feed:
         ]
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: dict[str, Any] | None = None  # the newest
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the graph has ended."""
-        return not is_held(self._run_dir)
 
     def look(self) -> list[dict[str, Any]]:
         """Return the messages to the pages about what has come since the last look."""

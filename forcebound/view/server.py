@@ -18,6 +18,7 @@ import tornado.websocket
 
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.monitor.listing import list_graphs
+from forcebound.monitor.runs import Watch
 from forcebound.nodes.events import LAW_CHANGED
 from forcebound.view.access import Access, hosts_of
 from forcebound.view.controls import Controls, Pointer
@@ -27,6 +28,7 @@ PAGE = Path(__file__).parent / "page"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
 NODES = 1.0  # s between two looks at its processes
 NEXT = 0.5  # s between two looks for the next graph
+PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 FAREWELL = 1.0  # s that pages have to close
 MOST_PAGES = 32
 MOST_MESSAGE = 64_000  # B, of a message from a page
@@ -60,6 +62,7 @@ class Server:
         self.graph: _Graph | None = None
         self.is_stopped = False
         self._recordings = recordings
+        self._last: Path | None = None  # graph that was shown, if a launcher ran it
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
         own = {"server": self}
@@ -71,7 +74,7 @@ class Server:
         ]
         application = tornado.web.Application(
             routes,
-            websocket_ping_interval=10,
+            websocket_ping_interval=PING,
             websocket_max_message_size=MOST_MESSAGE,
             log_function=lambda request: None,  # an address has its token
         )
@@ -96,7 +99,7 @@ class Server:
             page.greet()
         next_nodes = 0.0
         try:
-            while not (graph.feed.is_over or self.is_stopped):
+            while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
                 for message in graph.feed.look():
                     self._note(message)
@@ -108,6 +111,8 @@ class Server:
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
         finally:
             self.graph = None
+            if graph.watch.was_launched:  # else its run directory may be used again
+                self._last = run_dir
             loop.remove_reader(graph.pointer.descriptor)
             graph.close()
             await loop.run_in_executor(self.workers, controls.close)  # after what is under way
@@ -118,12 +123,15 @@ class Server:
         """Return the next graph to show, or None after :meth:`stop`.
 
         Args:
-            find: Returns its run directory; None: there is none yet.
+            find: Returns its run directory; None: there is none yet. The last one is none: its
+                launcher still computes the result.
         """
         found = None
         while found is None and not self.is_stopped:
             await asyncio.sleep(NEXT)
             found = find()
+            if found == self._last:
+                found = None
         return found
 
     def tell(self, message: dict[str, Any]) -> None:
@@ -182,6 +190,7 @@ class _Graph:
         self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
     ) -> None:
         self.run_dir = run_dir
+        self.watch = Watch(run_dir)
         self.controls = controls
         self.pointer = Pointer(run_dir, taken)
         self.feed = Feed(run_dir)

@@ -109,8 +109,9 @@ const takes = {
   answer(message) { controls.answer(message); },
   recording(message) { controls.recording(message); },
   over() {
+    const was = $("controls").childElementCount > 0;
     isOver = true;
-    say("the graph has ended; the page shows the next one as soon as it runs", false);
+    say(`${was ? "the graph has ended" : "no graph runs yet"}; the page shows the next one as soon as it runs`, false);
   },
   closed() {
     isClosed = true;

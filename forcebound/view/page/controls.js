@@ -136,7 +136,7 @@ export class Controls {
   recording({ file, seconds, said }) {
     this.record.textContent = file ? "Stop recording" : RECORD;
     this.record.setAttribute("aria-pressed", String(Boolean(file)));
-    this.recorded.textContent = file ? `${file}: ${Math.round(seconds)} s` : said;
+    this.recorded.textContent = file ? `${file.split("/").at(-1)}: ${Math.round(seconds)} s` : said;
   }
 
   /** Show the law, and which of the two buttons has its way now. */

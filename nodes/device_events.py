@@ -1,0 +1,83 @@
+"""Events of the device node: answers, refused readings, missed ticks, the law, the bounder."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from forcebound.messages.packets import Event, Packet
+from forcebound.nodes.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
+from forcebound.nodes.overload import Overload
+
+REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
+
+
+class DeviceEvents:
+    """What a device node tells of its ticks, limited in rate.
+
+    Args:
+        log: Of the node.
+        age_limit: Of an answer, in s.
+        period_ns: Sampling period, in ns.
+    """
+
+    def __init__(self, log: EventLog, age_limit: float, period_ns: int) -> None:
+        self._log, self._age_limit, self._period_ns = log, age_limit, period_ns
+        self._is_answered = False
+        self._next_answer_ns = 0
+        self._refused = 0
+        self._next_refusal_ns = 0
+        self._overload = Overload(period_ns)
+
+    def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
+        """Return what is to be told after a tick with an engaged force.
+
+        Args:
+            time_ns: Now, in ns.
+            is_answered: Whether an answer gives the force.
+            refused: Readings refused so far.
+            missed: Ticks missed so far.
+        """
+        events: list[Packet] = []
+        if self._is_answered != is_answered and time_ns >= self._next_answer_ns:
+            self._is_answered, self._next_answer_ns = is_answered, time_ns + STATE_INTERVAL_NS
+            events.append(self._tell_answers(time_ns))
+        if refused > self._refused and time_ns >= self._next_refusal_ns:
+            self._refused, self._next_refusal_ns = refused, time_ns + REFUSAL_INTERVAL_NS
+            events.append(self._tell_refusals(time_ns))
+        warning = self._overload.observe(time_ns, missed)
+        if warning is not None:
+            events.append(self._log.emit(time_ns, "ticks_missed", warning, is_fault=True))
+        return events
+
+    def tell_law(self, time_ns: int, law: str) -> Event:
+        """Return the event of another law; the ticks that its loading has cost are no news."""
+        self._overload = Overload(self._period_ns)
+        return self._log.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
+
+    def tell_bounder(self, time_ns: int, report: Mapping[str, Any]) -> Event:
+        """Return the event of a :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`."""
+        periods = report["hold_limit"] / (self._period_ns * 1e-9)
+        message = (
+            f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
+            f" {report['refused_readings']} refused readings"
+        )
+        if report["largest_allowance"]:
+            repaid = "repaid" if report["allowance_repaid"] else "not repaid"
+            message += f", late holds can have leaked {report['largest_allowance']:.2g} J, {repaid}"
+        data = {name: json.dumps(value) for name, value in report.items()}
+        return self._log.emit(time_ns, BOUNDER_REPORTED, message, data)
+
+    def _tell_answers(self, time_ns: int) -> Event:
+        if self._is_answered:
+            return self._log.emit(time_ns, "force_engages", "replies received; ramping force up")
+        limit = self._age_limit * 1e3
+        message = f"no answer younger than the age limit of {limit:g} ms: zero force"
+        return self._log.emit(time_ns, "force_released", message, is_fault=True)
+
+    def _tell_refusals(self, time_ns: int) -> Event:
+        message = (
+            f"refused readings so far: {self._refused}; they are not finite, too soon after"
+            " another, or faster than device.largest_speed: look at the encoder and its cable"
+        )
+        data = {"refused": str(self._refused)}
+        return self._log.emit(time_ns, "readings_refused", message, data, is_fault=True)
