@@ -22,11 +22,12 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
 ):
     from forcebound.analysis.plots import figure
     from forcebound.analysis.tables import phase_rows, summary_rows
-    from forcebound.config.traces import as_link_trace, of_recording
+    from forcebound.config.traces import as_link_trace, of_recording, read_trace
+    from forcebound.environments.recorded import RecordedEnvironment
     from forcebound.errors import ConfigError
     from forcebound.files import content_of
     from forcebound.launch.results import RunResult
-    from forcebound.messages.packets import TOPICS
+    from forcebound.messages.packets import LINKS, TOPICS
     from forcebound.recording import read
 
 FILE = Path(tempfile.mkdtemp(prefix="forcebound-fuzz-")) / "run.mcap"
@@ -38,7 +39,7 @@ logging.disable(logging.WARNING)  # that a recording is incomplete
 def one(data: bytes) -> None:
     """Read it as a file, as each command does; see the head of this file."""
     FILE.write_bytes(data)
-    for use in (packets, delays, plot):
+    for use in (packets, delays, hops, answers, plot):
         try:
             use(data)
         except ConfigError as error:
@@ -59,6 +60,18 @@ def delays(data: bytes) -> None:
     """Make a trace, as ``delay`` does."""
     trace, document, _ = of_recording(FILE)
     as_link_trace(trace, document)
+
+
+def hops(data: bytes) -> None:
+    """Make a trace of one link, as ``replay --network`` does."""
+    read_trace(FILE, LINKS[1])
+
+
+def answers(data: bytes) -> None:
+    """Read what an environment answered, as ``replay --environment`` does."""
+    opened = RecordedEnvironment(FILE).open(1)
+    opened.force((0.0,), (0.0,), 0.1)
+    opened.contact()
 
 
 def plot(data: bytes) -> None:

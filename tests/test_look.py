@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 import zmq
+from builders import telemetry_packet
 from click.testing import CliRunner, Result
 from live_graph import live_graph
 from tornado.websocket import websocket_connect
@@ -25,7 +26,7 @@ from waiting import PATIENCE, free_port, until
 from forcebound.cli import main
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import DeviceState, Event
-from forcebound.monitor import drawing
+from forcebound.monitor import drawing, runs, streams
 from forcebound.monitor.bridges import frames, serve
 from forcebound.monitor.delay import SHARES, Measured
 from forcebound.monitor.streams import Stream, check_fields, topic_named
@@ -71,6 +72,21 @@ def test_unknown_topics_and_fields_are_named_with_the_nearest() -> None:
         topic_named("telemtry")
     with pytest.raises(ConfigError, match="did you mean 'position'"):
         check_fields("device_state", ["seq", "positon"])
+
+
+def test_no_value_is_lost_where_a_list_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    def give(run: Path, topics: tuple[str, ...], take: streams.Take, duration: float) -> None:
+        for cut in (None, (0.01, 0.02)):
+            take("telemetry", telemetry_packet(position=(1.0, 2.0), cut_position=cut), b"")
+
+    monkeypatch.setattr(runs, "find", lambda run: Path())
+    monkeypatch.setattr(streams, "read_topics", give)
+    words = ["echo", "telemetry", "--csv", "--field", "position", "--field", "cut_position"]
+    assert CliRunner().invoke(main, words).stdout.splitlines() == [
+        "position[0],position[1],cut_position",
+        "1.0,2.0,",
+        '1.0,2.0,"[0.01, 0.02]"',
+    ]
 
 
 def test_histogram_has_every_delay_and_outliers_in_its_last_class() -> None:

@@ -15,6 +15,7 @@ from forcebound.analysis.plots import figure
 from forcebound.analysis.summary import summarize
 from forcebound.analysis.tables import summary_rows
 from forcebound.analysis.touch import touch_of_run
+from forcebound.errors import ConfigError
 from forcebound.nodes.events import PARAMETERS_SET, EventLog
 from forcebound.telemetry import TelemetryColumns
 
@@ -159,31 +160,48 @@ def test_a_run_on_one_axis_has_nothing_across_it() -> None:
     assert "peak tangential force" not in dict(summary_rows(figures))
 
 
-@pytest.mark.parametrize(
-    ("setting", "is_felt_there"),
-    [
-        ({}, True),
-        ({"force_scale": "auto", "border_rate": 7.0}, True),
-        ({"motion_scale": 2.0}, False),
-        ({"force_scale": 0.5}, False),
-        ({"origin": 0.1}, False),
-        ({"clutch_button": 0}, False),
-        ({"border": 0.05}, False),
-    ],
-)
-def test_behind_a_scale_no_surface_is_where_the_hand_is(
-    setting: dict[str, Any], is_felt_there: bool
+SCALED = {"kind": "scaled", "motion_scale": 4.0, "force_scale": 0.5, "origin": 0.01}
+
+
+def test_behind_a_scale_the_surface_is_where_the_hand_feels_it() -> None:
+    felt = run_of(around)
+    columns = replace(felt, proxy=4.0 * felt.proxy + 0.01)  # as the environment says it
+    stiffness = STIFFNESS / (4.0 * 0.5)
+    environment = SPHERE["environment"] | {"stiffness": stiffness}
+    config = SPHERE | {"environment": environment, "controller": SCALED}
+    figures, wanted = summarize(columns, config), summary_of(felt)
+    names = ("displayed_stiffness_n_per_m", "peak_penetration_m", "peak_proxy_distance_m")
+    assert [figures[name] for name in names] == pytest.approx([wanted[name] for name in names])
+    assert figures["wall_error_rms_n"] == pytest.approx(0.0, abs=1e-9)
+    _, proxy = figure([("a sphere", columns, config)], ["position"]).axes[0].lines[:2]
+    np.testing.assert_allclose(np.asarray(proxy.get_ydata()), felt.proxy[:, 0] * 1e3)
+
+
+def test_behind_a_scale_a_flat_wall_is_where_the_hand_feels_it() -> None:
+    wall = {"kind": "wall", "position": 0.09, "stiffness": STIFFNESS}
+    touch = touch_of_run(run_on_one_axis(), (), {"environment": wall, "controller": SCALED})
+    assert touch is not None
+    assert touch.depth[50] == pytest.approx(0.05 - 0.02)
+    assert touch.constant_stiffness == pytest.approx(4.0 * 0.5 * STIFFNESS)
+
+
+@pytest.mark.parametrize("setting", [{"clutch_button": 0}, {"border": 0.05}])
+def test_with_a_clutch_or_a_border_no_place_of_the_environment_stays_at_the_hand(
+    setting: dict[str, Any],
 ) -> None:
     config = SPHERE | {"controller": {"kind": "scaled", **setting}}
-    figures = summarize(run_of(around, 2.0), config)
-    assert (figures["peak_penetration_m"] is not None) == is_felt_there
-    axes = figure([("a sphere", run_of(around, 2.0), config)], ["position"]).axes[0]
-    assert ("x, proxy" in [line.get_label() for line in axes.lines]) == is_felt_there
-    wall = {"kind": "wall", "position": 0.01, "stiffness": STIFFNESS}
-    flat = summarize(run_on_one_axis(), config | {"environment": wall})
-    assert (flat["peak_penetration_m"] is not None) == is_felt_there
-    if not is_felt_there:
-        assert figures["undefined"]["peak_penetration_m"].startswith("the controller `scaled`")
+    figures = summarize(run_of(around, 1.0), config)
+    assert figures["peak_penetration_m"] is None
+    assert figures["undefined"]["peak_penetration_m"].startswith("a clutch or a border")
+    axes = figure([("a sphere", run_of(around, 1.0), config)], ["position"]).axes[0]
+    assert [line.get_label() for line in axes.lines] == ["x", "y", "z"]
+
+
+def test_a_scale_that_is_none_is_refused() -> None:
+    for value in (0.0, "large"):
+        config = SPHERE | {"controller": {"kind": "scaled", "motion_scale": value}}
+        with pytest.raises(ConfigError, match="scales must be numbers"):
+            summarize(run_on_one_axis(), config)
 
 
 # --- Pictures ------------------------------------------------------------------------------------

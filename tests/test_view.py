@@ -201,8 +201,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert taken["stamp"] == 41.5
         assert began < taken["heard"] < taken["told"] < time.monotonic()
         assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
-        inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
-        assert inside["applied"][-1][0] > 0.0
+        await page.until("frame", lambda m: m["tip"][0] > 0.0105 and m["applied"][-1][0] > 0.0)
 
         assert await page.asks(do="set", settings={"environment.stiffness": "3 N/mm"}) is None
         assert await page.asks(do="set", settings={"environment.stifness": 3}) is not None
@@ -222,7 +221,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert event["message"] == "law: none from now on"
         assert await page.asks(do="safe") is None
         await page.until("frame", lambda frame: frame["engagement"] == 1.0)
-        await page.until("nodes", lambda m: any(p["node"] == "device" for p in m["processes"]))
+        await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
         assert await page.asks(do="end_recording") is None
         ended = await page.until("recording", lambda m: m["file"] is None)
         assert ended["said"].endswith(recording["file"])

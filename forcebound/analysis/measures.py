@@ -27,7 +27,7 @@ from forcebound.analysis.spectrum import (
     transparency_bandwidth,
     vibration,
 )
-from forcebound.analysis.surface import Floats, Mask, is_to_scale
+from forcebound.analysis.surface import Floats, Mask, scale_of
 from forcebound.analysis.touch import Touch, touch_of_run
 from forcebound.messages.packets import Event
 from forcebound.telemetry import TelemetryColumns
@@ -45,7 +45,7 @@ class Samples:
     contact: Mask  # (n,); without a surface: a force is commanded
     mass: float | None  # kg, apparent mass of the device
     rate: float  # Hz, nominal; NaN where neither the launch file nor the samples tell
-    is_to_scale: bool = True  # see surface.is_to_scale
+    has_scale: bool = True  # see surface.scale_of
 
     @classmethod
     def of(
@@ -66,8 +66,8 @@ class Samples:
             contact = depth > 0.0
         device = config.get("device") or {}
         rate = device.get("rate") or _rate(engaged.time)
-        mass, to_scale = device.get("mass"), is_to_scale(config)
-        return cls(engaged, touch, depth, contact, mass, rate, to_scale)
+        mass, has_scale = device.get("mass"), scale_of(config) is not None
+        return cls(engaged, touch, depth, contact, mass, rate, has_scale)
 
     @property
     def has_truth(self) -> bool:
@@ -252,7 +252,7 @@ _WITHOUT = {
     "mass": "the launch file states no mass of the device",
 }
 
-_NOT_TO_SCALE = "the controller `scaled` asks about other places than that of the hand"
+_NO_SCALE = "a clutch or a border of the controller `scaled` moves the environment along the hand"
 _NO_EXCITATION = (
     "needs 4 s of contact without gaps in which the hand moves by 1 um RMS or more in a third-"
     "octave band, with coherence 0.9; launch file impedance gives it"
@@ -293,7 +293,7 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
         "contact": bool(run.contact.any()),
         "mass": run.mass is not None,
     }
-    without = _WITHOUT if run.is_to_scale else _WITHOUT | {"surface": _NOT_TO_SCALE}
+    without = _WITHOUT if run.has_scale else _WITHOUT | {"surface": _NO_SCALE}
     reasons = {}
     for key, needs in _NEEDS.items():
         if figures[key] is None:

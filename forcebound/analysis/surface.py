@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,21 @@ from forcebound.telemetry import TelemetryColumns
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
-#: The controller `scaled` with which a place of the environment is that of the hand.
-UNSCALED = {
-    "motion_scale": 1.0,
-    "force_scale": "auto",
-    "origin": 0.0,
-    "clutch_button": None,
-    "border": 0.0,
-}
+
+class Scale(NamedTuple):
+    """Where a hand feels the environment, and how: behind the controller `scaled`, elsewhere."""
+
+    motion: float = 1.0  # way in the environment over way of the hand
+    force: float = 1.0  # on the hand over that of the environment
+    origin: float = 0.0  # m, in the environment on each axis, where the hand is at 0 m
+
+    def place(self, place: Floats) -> Floats:
+        """Return where a hand feels a place of the environment, in m."""
+        return (place - self.origin) / self.motion
+
+    def stiffness(self, stiffness: Floats | None) -> Floats | None:
+        """Return how stiff a stiffness of the environment feels, in N/m."""
+        return None if stiffness is None else self.motion * self.force * stiffness
 
 
 @dataclass(frozen=True)
@@ -39,16 +46,25 @@ class Surface:
     stiffness: float | Floats | None  # N/m; None where force is not this times depth
 
 
-def is_to_scale(config: Mapping[str, Any]) -> bool:
-    """Return whether a hand feels the environment where it is, and with its own forces.
+def scale_of(config: Mapping[str, Any]) -> Scale | None:
+    """Return the scale of a run; None if it moves: with a clutch, or rate control at a border.
 
     Args:
         config: The launch file as resolved for the run; reads ``controller``.
+
+    Raises:
+        ConfigError: If it is not in plain SI numbers.
     """
     controller = config.get("controller") or {}
-    return controller.get("kind") != "scaled" or all(
-        controller.get(name, value) == value for name, value in UNSCALED.items()
-    )
+    if controller.get("kind") != "scaled":
+        return Scale()
+    if controller.get("clutch_button") is not None or controller.get("border"):
+        return None
+    motion, force = controller.get("motion_scale", 1.0), controller.get("force_scale", "auto")
+    scale = Scale(motion, motion if force == "auto" else force, controller.get("origin", 0.0))
+    if not all(isinstance(number, int | float) for number in scale) or motion == 0.0:
+        raise ConfigError(f"the controller's scales must be numbers, and not 0, got {scale}")
+    return scale
 
 
 def surface(config: Mapping[str, Any]) -> Surface | None:
@@ -79,7 +95,7 @@ def surface(config: Mapping[str, Any]) -> Surface | None:
 def surface_of_run(
     columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
 ) -> Surface | None:
-    """Return the surface as it was at each sample; None where a hand does not feel one there.
+    """Return the surface as the hand felt it at each sample; None if there is none, or no scale.
 
     Args:
         columns: Telemetry of the run.
@@ -90,15 +106,16 @@ def surface_of_run(
     Raises:
         ConfigError: As :func:`surface`.
     """
-    wall = surface(config)
-    if wall is None or not is_to_scale(config):
+    wall, scale = surface(config), scale_of(config)
+    if wall is None or scale is None:
         return None
     position = np.full(columns.time.shape, wall.position, dtype=np.float64)
     for since, environment in _environments(columns, events, config):
         now = surface({"environment": environment})
         if now is not None:
             position[since] = now.position
-    return Surface(position, wall.axis, stiffness_of_run(columns, events, config))
+    stiffness = scale.stiffness(stiffness_of_run(columns, events, config))
+    return Surface(scale.place(position), wall.axis, stiffness)
 
 
 def stiffness_of_run(

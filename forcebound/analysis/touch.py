@@ -8,7 +8,7 @@ position x that was asked about, depth and force along the normal are
 
 whatever the surface has done meanwhile: it may be curved, be moved, or change. Of an environment
 that does not say it, the launch file may describe a flat wall across an axis. Behind the controller
-``scaled`` neither is where the hand is.
+``scaled`` both are taken to where the hand feels them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from forcebound.analysis.surface import (
     Floats,
     Mask,
-    is_to_scale,
+    Scale,
     penetration,
+    scale_of,
     stiffness_of_run,
     surface_of_run,
 )
@@ -70,10 +71,12 @@ def touch_of_run(
     Raises:
         ConfigError: If the launch file describes a surface that does not fit the run.
     """
-    if not is_to_scale(config):
+    scale = scale_of(config)
+    if scale is None:
         return None
     if np.isfinite(columns.proxy).all(axis=1).any():
-        return _touch_of_contacts(columns, events, config)
+        stiffness = scale.stiffness(stiffness_of_run(columns, events, config))
+        return _touch_of_contacts(columns, scale, stiffness)
     wall = surface_of_run(columns, events, config)
     if wall is None:
         return None
@@ -84,15 +87,13 @@ def touch_of_run(
     return Touch(depth, true_depth, normal, wall.stiffness, None)
 
 
-def _touch_of_contacts(
-    columns: TelemetryColumns, events: Sequence[Event], config: Mapping[str, Any]
-) -> Touch:
+def _touch_of_contacts(columns: TelemetryColumns, scale: Scale, stiffness: Floats | None) -> Touch:
     """What the environment said of each tick, or of the newest one before it that it answered.
 
     In free motion the surface is the plane that was touched last, or will be touched first: a hand
     that leaves it has a negative depth there, so that a bounce can be seen.
     """
-    proxy = columns.proxy[_last(columns.is_told, 0)]
+    proxy = scale.place(columns.proxy[_last(columns.is_told, 0)])
     touching: Mask = np.asarray(np.isfinite(proxy).all(axis=1))
     plane = _last(touching, int(np.argmax(touching)))
     normal = columns.normal[_last(columns.is_told, 0)][plane]
@@ -103,7 +104,7 @@ def _touch_of_contacts(
         np.minimum(_dot(proxy[plane] - columns.position, normal), deepest),
         np.minimum(_dot(proxy[plane] - columns.true_position, normal), deepest),
         normal,
-        stiffness_of_run(columns, events, config),
+        stiffness,
         proxy,
     )
 

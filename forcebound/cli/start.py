@@ -1,5 +1,6 @@
 """Commands for the first hour: completion in the shell, and a folder to begin with."""
 
+import shlex
 from pathlib import Path
 from shutil import copyfile
 
@@ -34,11 +35,11 @@ class Bash(BashComplete):
     local IFS=$'\n' line="${COMP_LINE:0:$COMP_POINT}" type value
     local whole="${line##* }" begun="${COMP_WORDS[COMP_CWORD]}"
     [[ "$begun" =~ ^[:=]*$ ]] && begun=""
-    local before="${whole%%"$begun"}" count
+    local before="${whole%%"$begun"}" count found
     count=$(IFS=' '; set -f; set -- $line; echo $#)
     [[ "$line" == *' ' ]] || count=$((count - 1))
-    for completion in $(env COMP_WORDS="$line" COMP_CWORD=$count %(complete_var)s=bash_complete $1)
-    do
+    found=$(env COMP_WORDS="$line" COMP_CWORD=$count %(complete_var)s=bash_complete $1 2>/dev/null)
+    for completion in $found; do
         IFS=',' read type value <<< "$completion"
         [[ "$type" == plain ]] || continue  # files and folders are the shell's own matter
         COMPREPLY+=("${value#"$before"}")
@@ -108,5 +109,6 @@ def new(folder: Path) -> None:
     except OSError as error:
         raise ConfigError(f"cannot write {folder}: {error.strerror}") from None
     show(f"{folder}: {', '.join(STARTER)}")
-    show(f"run it:   `forcebound simulate {folder / STARTER[0]}`")
-    show(f"check it: `forcebound check environment {folder / STARTER[1]}`")
+    run, check = (shlex.quote(str(folder / name)) for name in STARTER)
+    show(f"run it:   `forcebound simulate {run}`")
+    show(f"check it: `forcebound check environment {check}`")

@@ -101,17 +101,21 @@ def _as_json(values: Mapping[str, Any]) -> None:
 
 
 def _as_csv() -> Callable[[Mapping[str, Any]], None]:
-    """Return a writer of rows; the first has the names, with a column for each entry of a list."""
+    """Return a writer of rows; the first has the names, with a column for each entry of a list.
+
+    A list that the first packet has not comes as JSON, in one column.
+    """
     rows = csv.writer(sys.stdout, lineterminator="\n")
     names: list[str] = []
 
     def write(values: Mapping[str, Any]) -> None:
         flat: dict[str, Any] = {}
         for name, value in values.items():
-            if isinstance(value, list | tuple):
+            if isinstance(value, list | tuple) and name not in names:
                 flat |= {f"{name}[{i}]": entry for i, entry in enumerate(value)}
             else:
-                flat[name] = json.dumps(value) if isinstance(value, Mapping) else value
+                is_plain = value is None or isinstance(value, str | int | float)
+                flat[name] = value if is_plain else json.dumps(value)
         if not names:
             names.extend(flat)
             rows.writerow(names)

@@ -57,8 +57,7 @@ class _OpenRecorded:
 
     def __init__(self, times: tuple[float, ...], answers: tuple[_Answer, ...], axes: int) -> None:
         self._times = times  # s since the force engaged
-        recorded = len(answers[0].force)
-        self._answers = answers if axes == recorded else [_fitted(a, axes) for a in answers]
+        self._answers = [_fitted(answer, axes) for answer in answers]
         self._nothing = _Answer((0.0,) * axes, None)
         self._answer = self._nothing
 
@@ -81,7 +80,9 @@ class _OpenRecorded:
 
 
 def _fitted(answer: _Answer, axes: int) -> _Answer:
-    """An answer for a device with another number of axes."""
+    """An answer for a device with this number of axes."""
+    if len(answer.force) == axes:
+        return answer
     more = (0.0,) * (axes - len(answer.force))
     contact = answer.contact if more else None
     if contact is not None:
