@@ -26,6 +26,7 @@ from forcebound.launch.run_directory import (
 )
 from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
 from forcebound.monitor import delay, observation
+from forcebound.monitor.listing import list_graphs
 from forcebound.monitor.runs import find, running, while_running
 
 MakeRun = Callable[..., Path]
@@ -110,6 +111,14 @@ def test_a_graph_has_the_name_of_its_launch_file_also_where_that_file_lies(
     for name in ("my_wall", "my_wall.yaml", "./my_wall.yaml"):
         assert find(Path(name), [tmp_path]) == run_dir
     assert find(Path("stiff_wall"), [tmp_path]) != run_dir
+
+
+def test_a_graph_of_which_nothing_answers_is_listed_as_silent(
+    tmp_path: Path, make_run: MakeRun
+) -> None:
+    [graph] = list_graphs(0.0, make_run(tmp_path, "a", file="stiff_wall"))
+    assert (graph.name, graph.phase, graph.processes) == ("stiff_wall", "silent", ())
+    assert list_graphs(0.0, tmp_path) == []
 
 
 def test_an_environment_alone_is_found_but_does_not_count_beside_a_graph(

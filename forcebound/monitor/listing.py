@@ -16,6 +16,7 @@ from forcebound.network import sockets
 from forcebound.processes import LAUNCHER, PROCESSES
 
 INTERVAL = 0.5  # s, over which the use of the processor is taken
+SILENT = "silent"  # nothing answers: it computes its result after the end, or is suspended
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -31,6 +32,7 @@ class Listed:
         processor: Share of one processor, 1 is all of it; None: not known.
         memory: In B, that no other process shares may be less; None: not known.
         restarts: How often it was started again.
+        steps: Of its node since its start; None: not known, or it is none.
     """
 
     node: str
@@ -39,6 +41,7 @@ class Listed:
     processor: float | None
     memory: int | None
     restarts: int
+    steps: int | None
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class ListedGraph:
 
     name: str  # launch file with its arguments
     run_dir: Path
-    phase: str | None  # of the run; None: no launcher answers
+    phase: str | None  # of the run; SILENT; None: nodes that were started by hand
     core: int | None  # that its nodes share; None: any
     processes: tuple[Listed, ...]
 
@@ -90,15 +93,19 @@ def _listed(name: str, process: dict[str, Any], share: dict[int, float | None]) 
         None if pid is None else share[pid],
         None if pid is None else _memory(pid),
         int(process.get("restarts", 0)),
+        process.get("steps"),
     )
 
 
 def _processes(run_dir: Path, run: RunDocument) -> tuple[str | None, dict[str, dict[str, Any]]]:
     answers = statuses(run_dir, (*PROCESSES, LAUNCHER))
     launcher = answers.pop(LAUNCHER, None)
-    if launcher is None:  # nodes that were started by hand
-        return None, {name: {} for name in answers}
+    if launcher is None:
+        return None if any(answers.values()) else SILENT, {name: {} for name in answers}
     nodes: dict[str, dict[str, Any]] = {name: dict(one) for name, one in launcher["nodes"].items()}
+    for name, answer in answers.items():
+        if name in nodes and answer is not None:
+            nodes[name]["steps"] = answer.get("steps")
     nodes[LAUNCHER] = {"pid": run.launcher, "state": "running"}
     return str(launcher["phase"]), nodes
 
