@@ -6,8 +6,9 @@ A graph runs, with its page in a real browser, Debian's Chromium without a graph
   browser until the device takes the place, and until the page has heard of that. Targets: p99 of
   the way there below 20 ms, 30 places a second, 30 pictures a second.
 * *Servo*: lateness and loop delay in turns: without a page, with three programs that read what
-  pages are told and draw nothing, and with three pages. The servo must not notice: less than 5 %
-  difference. The readers show what the server costs, the pages in addition what browsers cost.
+  pages are told and draw nothing, with three pages, and with three pages in a browser that stays
+  off the core of the nodes. The servo must not notice: less than 5 % difference. The readers show
+  what the server costs, the pages in addition what browsers cost.
 """
 
 import asyncio
@@ -15,8 +16,8 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Mapping
-from contextlib import closing, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,12 @@ from tornado.websocket import websocket_connect
 
 from benchmarks.live_browser import Graph, Mouse, browser, graph, open_page
 from benchmarks.turns import ALONE, Figures, Turn, servo, told
+from forcebound.launch.run_directory import RunDocument
+from forcebound.realtime import on_cores
 
 VIEWERS = 3
 READERS, PAGES = f"{VIEWERS} readers", f"{VIEWERS} pages"
+APART = f"{PAGES} off the core of the nodes"
 STEPS = 125  # events of a drag
 SETTLE = 1.0  # s at the begin of a turn that do not count: something opens, something closes
 TARGET_MS, TARGET_RATE = 20.0, 30.0
@@ -43,7 +47,7 @@ context.clearRect = (...place) => { window.pictures += 1; clear.apply(context, p
 
 
 @click.command()
-@click.option("--turns", default=5, help="Turns of each kind: nobody, readers, pages.")
+@click.option("--turns", default=5, help="Turns of each kind.")
 @click.option("--seconds", default=4.0, help="Of each turn.")
 @click.option("--drags", default=20, help="Each of one second.")
 @click.option("--json", "as_json", is_flag=True)
@@ -53,10 +57,10 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
         record = Path(folder) / "run.mcap"
         with (
             graph(folder, "pointer_wall", "--record", str(record)) as running,
-            browser(folder) as driver,
+            browsers(folder) as drivers,
         ):
-            hand = measure_hand(driver, running.address, drags)
-            taken = take_turns(driver, running, turns, seconds)
+            hand = measure_hand(drivers[PAGES], running.address, drags)
+            taken = take_turns(drivers, running, turns, seconds)
         figures, load = servo(record, taken), os.getloadavg()[0]
     if as_json:
         click.echo(json.dumps({"hand": hand, "servo": figures, "load": load}, indent=2))
@@ -78,6 +82,18 @@ def show(hand: Mapping[str, float], figures: Figures, load: float) -> None:
     for line in told(figures):
         click.echo(line)
     click.echo(f"load of the machine at the end: {load:.1f}")
+
+
+@contextmanager
+def browsers(folder: str) -> Iterator[dict[str, Any]]:
+    """Give a browser that runs anywhere, and one that stays off the core of the nodes."""
+    [run_dir] = Path(folder).glob("forcebound-*")
+    others = os.sched_getaffinity(0) - {RunDocument.read(run_dir).core}
+    with ExitStack() as opened:
+        anywhere = opened.enter_context(browser(folder))
+        with on_cores(others):
+            apart = opened.enter_context(browser(folder))
+        yield {PAGES: anywhere, APART: apart}
 
 
 def measure_hand(driver: Any, address: str, drags: int) -> dict[str, float]:
@@ -104,35 +120,37 @@ def measure_hand(driver: Any, address: str, drags: int) -> dict[str, float]:
     }
 
 
-def take_turns(driver: Any, running: Graph, turns: int, seconds: float) -> list[Turn]:
-    """Let turns without viewers, with readers and with pages follow each other."""
-    driver.get("about:blank")
+def take_turns(
+    drivers: Mapping[str, Any], running: Graph, turns: int, seconds: float
+) -> list[Turn]:
+    """Let turns without viewers, with readers and with the pages of each browser follow."""
+    drivers[PAGES].get("about:blank")
     taken = []
     for _ in range(turns):
-        for viewers in (ALONE, READERS, PAGES):
-            own = driver.current_window_handle
-            pages = open_windows(driver, running.address) if viewers == PAGES else []
-            begin_ns = time.monotonic_ns()
-            if viewers == READERS:
-                asyncio.run(read_pages(running.address, SETTLE + seconds))
-            else:
-                running.run_for(SETTLE + seconds)
-            taken.append(Turn(viewers, begin_ns + round(SETTLE * 1e9), time.monotonic_ns()))
-            for handle in pages:
-                driver.switch_to.window(handle)
-                driver.close()
-            driver.switch_to.window(own)
+        for viewers in (ALONE, READERS, *drivers):
+            driver = drivers.get(viewers)
+            with nullcontext() if driver is None else open_windows(driver, running.address):
+                begin_ns = time.monotonic_ns()
+                if viewers == READERS:
+                    asyncio.run(read_pages(running.address, SETTLE + seconds))
+                else:
+                    running.run_for(SETTLE + seconds)
+                taken.append(Turn(viewers, begin_ns + round(SETTLE * 1e9), time.monotonic_ns()))
     return taken
 
 
-def open_windows(driver: Any, address: str) -> list[str]:
-    """Open pages, each in a window of its own."""
-    handles = []
+@contextmanager
+def open_windows(driver: Any, address: str) -> Iterator[None]:
+    """Keep pages open in a browser, each in a window of its own."""
+    own = driver.current_window_handle
     for _ in range(VIEWERS):
         driver.switch_to.new_window("window")
         open_page(driver, address)
-        handles.append(driver.current_window_handle)
-    return handles
+    yield
+    for handle in set(driver.window_handles) - {own}:
+        driver.switch_to.window(handle)
+        driver.close()
+    driver.switch_to.window(own)
 
 
 async def read_pages(address: str, seconds: float) -> None:

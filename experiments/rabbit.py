@@ -119,7 +119,7 @@ def draw(picture: Path) -> None:
     for path, label, colour in ((proxies, "proxy", "tab:red"), (tips, "tip", "tab:blue")):
         x, y, z = (1e3 * np.array(path)).T
         axes.plot(z, y, -x, color=colour, linewidth=1.5, label=label)
-    axes.set(xlim=(-45, 50), ylim=(-45, 45), zlim=(-60, 35))
+    axes.set(xlim=(-45, 50), ylim=(-45, 45), zlim=(-60, 35), yticks=(-40, -20, 0, 20, 40))
     axes.set(xlabel="z (mm)", ylabel="y (mm)", zlabel="-x (mm)", box_aspect=(1, 1, 1))
     axes.view_init(25, 120)
     axes.legend(loc="upper left")

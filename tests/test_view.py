@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import subprocess
 import sys
 import time
+import webbrowser
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,8 +24,10 @@ from live_graph import LiveGraph, live_graph
 from waiting import PATIENCE
 
 from forcebound.cli import main
+from forcebound.cli.view import open_browser
 from forcebound.errors import ConfigError
 from forcebound.geometry.mesh_file import read_mesh
+from forcebound.launch.run_directory import RunDocument
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.recording import Recording, read
 from forcebound.recordings.rerun import device_of, duration_of, graph_of
@@ -197,8 +201,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert taken["stamp"] == 41.5
         assert began < taken["heard"] < taken["told"] < time.monotonic()
         assert abs(taken["device"] - taken["told"]) < PATIENCE  # of the same clock
-        inside = await page.until("frame", lambda frame: frame["tip"][0] > 0.0105)
-        assert inside["applied"][-1][0] > 0.0
+        await page.until("frame", lambda m: m["tip"][0] > 0.0105 and m["applied"][-1][0] > 0.0)
 
         assert await page.asks(do="set", settings={"environment.stiffness": "3 N/mm"}) is None
         assert await page.asks(do="set", settings={"environment.stifness": 3}) is not None
@@ -218,7 +221,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert event["message"] == "law: none from now on"
         assert await page.asks(do="safe") is None
         await page.until("frame", lambda frame: frame["engagement"] == 1.0)
-        await page.until("nodes", lambda m: any(p["node"] == "device" for p in m["processes"]))
+        await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
         assert await page.asks(do="end_recording") is None
         ended = await page.until("recording", lambda m: m["file"] is None)
         assert ended["said"].endswith(recording["file"])
@@ -295,6 +298,22 @@ def test_a_page_waits_for_a_graph_until_ctrl_c_and_says_that_it_ends() -> None:
         asyncio.run(visit(address.split()[-1], server))
         _, err = server.communicate(timeout=PATIENCE)
     assert (server.returncode, err) == (130, "forcebound: interrupted\n")
+
+
+def test_a_browser_that_is_started_stays_off_the_core_of_the_nodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[tuple[str, set[int]]] = []
+    monkeypatch.setattr(
+        webbrowser, "open", lambda address: opened.append((address, os.sched_getaffinity(0)))
+    )
+    cores = os.sched_getaffinity(0)
+    core = max(cores)
+    RunDocument(os.getpid(), core, "", []).write(tmp_path)
+    open_browser("first", None)
+    open_browser("second", tmp_path)
+    assert opened == [("first", cores), ("second", cores - {core} or cores)]
+    assert os.sched_getaffinity(0) == cores
 
 
 def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,6 +31,25 @@ def has_screen() -> bool:
     return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
 
 
+def open_browser(address: str, run: Path | None) -> None:
+    """Open a page; a browser that this starts stays off the core of the nodes.
+
+    Without a realtime kernel even SCHED_FIFO waits for system calls, of which a browser makes many.
+
+    Args:
+        address: Of the page.
+        run: Run directory of the graph; None: there is none yet.
+    """
+    import webbrowser
+
+    from forcebound.launch.run_directory import RunDocument
+    from forcebound.realtime import on_cores
+
+    core = None if run is None else RunDocument.read(run).core
+    with on_cores(os.sched_getaffinity(0) - {core}):
+        webbrowser.open(address)
+
+
 @click.command(short_help="Open a live page of the running graph.")
 @run_option
 @click.option("--wait", "waits", is_flag=True, help="Wait for the first graph, too.")
@@ -111,7 +130,6 @@ async def _serve(
     """Show a graph, and those that come after it if the server ``stays``; start it in the loop."""
     import asyncio
     import signal
-    import webbrowser
 
     from forcebound.view.access import LOOPBACK
 
@@ -123,7 +141,7 @@ async def _serve(
     if access.hosts != LOOPBACK:
         show("others on this network can open them, and read what is sent", err=True)
     if opens and has_screen():
-        webbrowser.open(access.address(access.token))
+        open_browser(access.address(access.token), run)
     try:
         while not server.is_stopped:
             if run is None:

@@ -32,6 +32,7 @@ class Listed:
         processor: Share of one processor, 1 is all of it; None: not known.
         memory: In B, that no other process shares may be less; None: not known.
         restarts: How often it was started again.
+        steps: Of its node since its start; None: not known, or it is none.
     """
 
     node: str
@@ -40,6 +41,7 @@ class Listed:
     processor: float | None
     memory: int | None
     restarts: int
+    steps: int | None
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ def _listed(name: str, process: dict[str, Any], share: dict[int, float | None]) 
         None if pid is None else share[pid],
         None if pid is None else _memory(pid),
         int(process.get("restarts", 0)),
+        process.get("steps"),
     )
 
 
@@ -100,6 +103,9 @@ def _processes(run_dir: Path, run: RunDocument) -> tuple[str | None, dict[str, d
     if launcher is None:
         return None if any(answers.values()) else SILENT, {name: {} for name in answers}
     nodes: dict[str, dict[str, Any]] = {name: dict(one) for name, one in launcher["nodes"].items()}
+    for name, answer in answers.items():
+        if name in nodes and answer is not None:
+            nodes[name]["steps"] = answer.get("steps")
     nodes[LAUNCHER] = {"pid": run.launcher, "state": "running"}
     return str(launcher["phase"]), nodes
 

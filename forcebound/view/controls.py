@@ -74,6 +74,7 @@ class Controls:
             "laws": shipped_laws(),
             "links": list(LINKS),
             "age_limit": servo.age_limit,
+            "period": servo.period_ns * 1e-9,
             "saturation": getattr(model, "saturation", None),
             "hand": _hand(config),
             "workspace": getattr(model, "workspace", None),

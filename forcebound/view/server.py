@@ -115,9 +115,9 @@ class Server:
                 self._last = run_dir
             loop.remove_reader(graph.pointer.descriptor)
             graph.close()
+            self.tell(OVER)
             await loop.run_in_executor(self.workers, controls.close)  # after what is under way
             self.tell(controls.recording.describe())
-            self.tell(OVER)
 
     async def wait(self, find: Callable[[], Path | None]) -> Path | None:
         """Return the next graph to show, or None after :meth:`stop`.
@@ -158,12 +158,14 @@ class Server:
 
     def _look_at_nodes(self, graph: "_Graph") -> None:
         """Tell the pages of the processes; in a thread, since it takes time."""
+        looked = time.monotonic()
         try:
             (listed,) = list_graphs(0.3, graph.run_dir)
         except (ForceboundError, ValueError):
             return  # it ended just now
         processes = [asdict(process) for process in listed.processes]
-        self.later(self.tell, {"type": "nodes", "phase": listed.phase, "processes": processes})
+        message = {"type": "nodes", "time": looked, "phase": listed.phase, "processes": processes}
+        self.later(self.tell, message)
         self.later(self.tell, graph.controls.recording.describe())
 
     def later(self, call: Callable[..., object], *arguments: object) -> None:

@@ -57,6 +57,7 @@ const takes = {
   hello(message) {
     mayChange = message.may_change;
     isOver = false;
+    Object.assign(latest, { period: message.period, before: NaN, since: 0 });
     heard = performance.now();
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
@@ -76,6 +77,7 @@ const takes = {
       samples.push(time, values);
     });
     const last = message.time.length - 1;
+    latest.take(message.time);
     scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded[last], applied: message.applied[last] };
     if (heard - figured > READABLE) showFigures(message, last);
     say(message.engagement < 1 ? `force engages: ${Math.round(100 * message.engagement)} %` : "running", true);
@@ -134,6 +136,19 @@ function say(words, isWell) {
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
+/** By how much the latest tick of the last second was late, in s. */
+const latest = {
+  period: 0, before: NaN, worst: 0, since: 0, shown: NaN,
+  take(times) {
+    for (const time of times) {
+      this.worst = Math.max(this.worst, time - this.before - this.period || 0);
+      this.before = time;
+    }
+    if (this.before - this.since < 1) return;
+    Object.assign(this, { shown: this.worst, worst: 0, since: this.before });
+  },
+};
+
 const figures = new Map(); // name -> where its value stands
 function figure(name, words) {
   if (!figures.has(name)) {
@@ -155,6 +170,7 @@ function showFigures(message, last) {
   figure("limit", `${text(message.limit[last])} N`);
   figure("true energy", `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`);
   figure("loop delay", `${text(1e3 * (message.delay[last] ?? NaN))} ms`);
+  figure("latest tick", `${text(1e3 * latest.shown)} ms`);
   figure("missed ticks", String(message.misses));
 }
 

@@ -149,16 +149,18 @@ export class Controls {
     for (const [name, button] of Object.entries(this.shows)) button.setAttribute("aria-pressed", String(shown[name]));
   }
 
-  nodes({ processes }) {
+  nodes({ time, processes }) {
     const table = document.getElementById("nodes");
     if (!this.rows.size) {
-      const names = ["node", "state", "processor", "memory", "restarts", ""];
+      const names = ["node", "state", "steps/s", "processor", "memory", "restarts", ""];
       table.replaceChildren(make("tr", {}, ...names.map((textContent) => make("th", { textContent, scope: "col" }))));
     }
     for (const one of processes) {
       if (!this.rows.has(one.node)) table.append(this.addRow(one));
-      const { cells, button } = this.rows.get(one.node);
-      const texts = [one.node, one.state, one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
+      const row = this.rows.get(one.node), { cells, button } = row;
+      const rate = (one.steps - row.steps) / (time - row.time);
+      Object.assign(row, { steps: one.steps ?? NaN, time });
+      const texts = [one.node, one.state, rate >= 0 ? String(Math.round(rate)) : "–", one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
         one.memory === null ? "–" : `${Math.round(one.memory / 1e6)} MB`, one.restarts];
       texts.forEach((text, i) => { cells[i].textContent = text; });
       if (button) button.textContent = one.state === "stopped" ? "start" : "stop";
@@ -166,7 +168,7 @@ export class Controls {
   }
 
   addRow({ node }) {
-    const cells = Array.from({ length: 5 }, () => make("td")), last = make("td");
+    const cells = Array.from({ length: 6 }, () => make("td")), last = make("td");
     let button = null;
     if (["environment", "controller"].includes(node)) {
       button = make("button", { type: "button", id: `node-${node}` });
