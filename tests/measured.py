@@ -9,7 +9,7 @@ import pytest
 
 from forcebound.simulation import Simulation
 
-MEASURED_NS = 300_000_000  # of each stretch of virtual time
+MEASURED_NS = 300_000_000  # virtual time
 
 
 def measure_begins_of_runs(patch: pytest.MonkeyPatch) -> None:
@@ -17,7 +17,8 @@ def measure_begins_of_runs(patch: pytest.MonkeyPatch) -> None:
     run = Simulation.run
 
     def run_measured_at_first(self: Simulation, until_ns: int) -> None:
-        run(self, min(until_ns, self.time_ns + MEASURED_NS))
+        if self.time_ns < MEASURED_NS:
+            run(self, min(until_ns, MEASURED_NS))
         tracer = sys.gettrace()
         sys.settrace(None)
         try:
