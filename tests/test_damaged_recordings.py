@@ -183,7 +183,7 @@ def test_a_damaged_chunk_ends_what_is_read(path: Path, damaged: Chunk) -> None:
     recording = read(path)
     assert not recording.complete
     assert recording.telemetry.seq.size == 20
-    assert use("plot", path).exit_code == 0
+    assert use("delay", path).exit_code == 0
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])

@@ -24,7 +24,7 @@ from tornado.websocket import websocket_connect
 from waiting import PATIENCE, free_port, until
 
 from forcebound.cli import main
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, RunError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing, runs, streams
 from forcebound.monitor.bridges import frames, serve
@@ -59,6 +59,14 @@ def test_events_of_several_nodes_have_a_rate_but_no_interval() -> None:
         stream.add(Event(0, 5, node, "kind", False, "text", {}), 50)
     figures = stream.figures(duration=2.0)
     assert (figures["rate_hz"], figures["interval_ms"], figures["missing"]) == (1.0, None, 0)
+
+
+def test_nothing_is_measured_of_a_graph_that_has_just_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(streams, "read_topics", lambda *_: None)
+    with pytest.raises(RunError, match="has ended meanwhile"):
+        streams.measure_streams(tmp_path, ["telemetry"], 0.1)
 
 
 def test_silent_topic_has_no_size() -> None:

@@ -13,8 +13,10 @@ from waiting import PATIENCE
 
 from forcebound.cli import main
 from forcebound.config.loader import load
+from forcebound.errors import ConfigError
+from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
-from forcebound.monitor.recorder import free_name
+from forcebound.monitor.recorder import free_name, record_running
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import duration_of, graph_of
@@ -45,6 +47,15 @@ def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: 
     then = 0.1 + part.telemetry.elapsed[0]
     assert config.operator.target(0.1)[0] == pytest.approx(hand.target(then)[0], abs=1e-4)
     assert duration_of(part, config) == pytest.approx(0.2, abs=2e-3)
+
+
+def test_a_run_whose_phases_change_its_environment_is_recorded_whole(tmp_path: Path) -> None:
+    phases = [{"name": "soft", "duration": 1.0, "set": {"environment.stiffness": 100.0}}]
+    metadata = {"launch": json.dumps({"phases": phases})}
+    RunDocument(1, None, "", [], metadata, "soft_wall").write(tmp_path)
+    with pytest.raises(ConfigError, match="only a recording of the whole run says when"):
+        record_running(tmp_path, tmp_path / "run.mcap", None, print)
+    assert not (tmp_path / "run.mcap").exists()
 
 
 def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:

@@ -25,7 +25,7 @@ from forcebound.processes import PROCESSES
 from forcebound.realtime import Settings, die_with_parent
 
 WARMUP = 100  # ticks of each round before the first that counts
-READY = 10.0  # s for the processes of a contestant to start and find each other
+READY = 60.0  # s for the processes of a contestant to start and find each other, on a busy machine
 TIMEOUT_NS = 100_000_000  # an answer that takes longer counts as lost
 _GRACE = 10.0  # s beyond its planned duration before a contestant counts as hung
 

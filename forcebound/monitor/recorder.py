@@ -76,7 +76,8 @@ def record_running(
         return is_enough or state != process.COMPLETE or watch.is_over
 
     with process.Stop() as stop:
-        status = record_run(own, run_dir, stop, f"recorder-{os.getpid()}", is_over)
+        name = f"rec-{os.getpid()}"  # no longer than a topic: the path of a socket has a limit
+        status = record_run(own, run_dir, stop, name, is_over)
         is_interrupted = stop.requested
     seconds = time.monotonic() - began if began else 0.0
     if not any(status["received"].values()):

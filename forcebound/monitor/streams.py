@@ -17,7 +17,7 @@ import numpy as np
 
 from forcebound import realtime
 from forcebound.config.problems import unknown
-from forcebound.errors import ConfigError, PacketError
+from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, Packet, field_types
@@ -147,7 +147,7 @@ def measure_streams(
 
     Raises:
         ConfigError: If no graph runs there.
-        RunError: If the graph has ended meanwhile.
+        RunError: If the graph has ended meanwhile, and sent nothing before.
     """
     streams = {topic: Stream() for topic in topics}
 
@@ -158,6 +158,8 @@ def measure_streams(
     start = time.monotonic()
     read_topics(run_dir, topics, take, duration)
     watched = time.monotonic() - start
+    if not (run_dir / RUN_FILE).exists() and not any(one.sizes for one in streams.values()):
+        raise RunError(f"the graph in {run_dir} has ended meanwhile")
     return {topic: stream.figures(watched) for topic, stream in streams.items()}
 
 
