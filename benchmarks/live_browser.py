@@ -16,7 +16,7 @@ from typing import Any
 
 from forcebound.realtime import wait_until
 
-PATIENCE = 60.0  # s
+PATIENCE = 120.0  # s
 MOUSE_NS = 8_000_000  # between two events of a mouse: 125 a second, as over USB
 QUIET = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",

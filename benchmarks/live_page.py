@@ -34,6 +34,7 @@ VIEWERS = 3
 READERS, PAGES = f"{VIEWERS} readers", f"{VIEWERS} pages"
 APART = f"{PAGES} off the core of the nodes"
 STEPS = 125  # events of a drag
+WARM_UP = 5.0  # s for what browsers do when they have started
 SETTLE = 1.0  # s at the begin of a turn that do not count: something opens, something closes
 TARGET_MS, TARGET_RATE = 20.0, 30.0
 
@@ -59,7 +60,7 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
             graph(folder, "pointer_wall", "--record", str(record)) as running,
             browsers(folder) as drivers,
         ):
-            hand = measure_hand(drivers[PAGES], running.address, drags)
+            hand = measure_hand(drivers[PAGES], running, drags)
             taken = take_turns(drivers, running, turns, seconds)
         figures, load = servo(record, taken), os.getloadavg()[0]
     if as_json:
@@ -96,9 +97,10 @@ def browsers(folder: str) -> Iterator[dict[str, Any]]:
         yield {PAGES: anywhere, APART: apart}
 
 
-def measure_hand(driver: Any, address: str, drags: int) -> dict[str, float]:
+def measure_hand(driver: Any, running: Graph, drags: int) -> dict[str, float]:
     """Drag the hand to and fro; return percentiles and rates."""
-    open_page(driver, address)
+    open_page(driver, running.address)
+    running.run_for(WARM_UP)
     driver.execute_script(WATCH)
     scene = driver.find_element("id", "scene").rect
     x, y = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2

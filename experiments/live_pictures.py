@@ -15,6 +15,9 @@ import numpy as np
 from benchmarks.live_browser import Graph, Mouse, browser, graph, open_page, until
 
 STEPS = 60  # moves of a drag
+IS_TOUCHING = """[...document.querySelectorAll("#figures > div")].some(
+  ({ firstChild, lastChild }) =>
+    firstChild.textContent === "applied" && parseFloat(lastChild.textContent) > 0.1)"""
 
 
 @click.command()
@@ -34,7 +37,8 @@ def main(folder: Path) -> None:
 def show_wall(driver: Any, running: Graph, picture: Path) -> None:
     """Press into the wall, break it for six seconds, make it safe for three."""
     open_page(driver, running.address)
-    drag(driver, 80.0, 0.0)
+    drag(driver, 120.0, 0.0)
+    until(driver, IS_TOUCHING)
     for button, seconds in (("break", 6.0), ("safe", 3.0)):
         driver.find_element("id", button).click()
         until(driver, f"document.getElementById('{button}').ariaPressed === 'true'")
@@ -49,6 +53,7 @@ def show_touch(driver: Any, running: Graph, picture: Path) -> None:
     open_page(driver, running.address)
     running.run_for(6.0)  # the mesh comes, and time to see that the hand was free
     drag(driver, 90.0, -10.0)
+    until(driver, IS_TOUCHING)
     running.run_for(3.0)
     save(driver, picture)
 
