@@ -172,11 +172,12 @@ def wait_for_force(graph: LiveGraph) -> None:
 
 
 @pytest.mark.live
+@pytest.mark.xdist_group("processes")
 def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     tmp_path: Path,
 ) -> None:
     link = tmp_path / "board"
-    words = (f"device:={link}", "on_loss:=wait", "watchdog_limit:=400 ms")
+    words = (f"device:={link}", "on_loss:=wait", "watchdog_limit:=1 s")
     with live_graph_at(link, words) as (graph, board):
         wait_for_loss(graph)
         put_home(link)

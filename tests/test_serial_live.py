@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_graph import live_graph
+from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from test_emulators_live import program
 from waiting import PATIENCE, until
 
 from forcebound.devices.truth_file import TruthFile
 from forcebound.recording import read
 
-pytestmark = pytest.mark.live
+pytestmark = PROCESSES_OF_THEIR_OWN
 
 # A pseudo-terminal passes bytes on by an ordinary process of the kernel, which a busy machine lets
 # wait; so that this ends no test, a board may be silent for longer.
-PATIENT = "watchdog_limit:=400 ms"
+PATIENT = "watchdog_limit:=2 s"
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_an_emulator_of_its_own_that_is_unplugged_ends_the_graph_in_order(tmp_pa
         with live_graph("haply_2diy", f"device:={link}", PATIENT, is_alone=False) as graph:
             graph.process.wait(PATIENCE)
             assert graph.process.returncode == 1
-            assert "unplugged" in graph.log
+            assert "unplugged" in graph.log, graph.log
             assert "Traceback" not in graph.log
         emulator.communicate()
         assert emulator.returncode == 0
