@@ -131,44 +131,8 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
     for function in functions:
         if function not in _allowed:
             _allowed.add(function)
-            if function is prefetch:
-                _allow_prefetch()
-                continue
             allow_in_kernels(_called_by(function))
             register_jitable(forceinline=function not in _outlined)(function)
-
-
-def prefetch(array: Any, entry: int) -> None:
-    """Have an entry of an array, counted as in memory, brought near while the kernel goes on.
-
-    Interpreted, there is nothing to do.
-    """
-
-
-def _allow_prefetch() -> None:
-    """Make :func:`prefetch` the processor's instruction in kernels."""
-    from llvmlite import ir
-    from numba import types
-    from numba.core import cgutils
-    from numba.extending import intrinsic, overload
-
-    declared: Any = cgutils.get_or_insert_function
-
-    def fetch(typing: Any, array: Any, entry: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            data = context.make_array(array)(context, builder, arguments[0]).data
-            place = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-            shape = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            function = declared(builder.module, shape, "llvm.prefetch.p0i8")
-            to_read, keep, is_data = (ir.Constant(word, number) for number in (0, 3, 1))
-            builder.call(function, [place, to_read, keep, is_data])
-            return context.get_dummy_value()
-
-        return types.void(array, types.intp), generate
-
-    instruction: Any = intrinsic(fetch)
-    overload(prefetch)(lambda array, entry: lambda array, entry: instruction(array, entry))
 
 
 def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:

@@ -1,18 +1,14 @@
-"""Compiled kernels: a changed callee makes a new one, an unrelated file does not; prefetching."""
+"""The cache of compiled kernels: a changed callee counts, an unrelated file does not."""
 
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import numba
-import numpy as np
 import pytest
 
 import forcebound
-from forcebound.compiled import allow_in_kernels, prefetch
 
 KERNEL = """
 from forcebound.compiled import jit
@@ -63,21 +59,3 @@ def test_unrelated_file_leaves_compiled_code_valid(package: Path) -> None:
     before = run(package)
     (package / "unrelated.py").write_text("NEW = 1\n")
     assert run(package) == before
-
-
-def test_what_is_asked_for_early_is_an_instruction_of_the_kernel_and_changes_nothing() -> None:
-    allow_in_kernels([prefetch])
-    kernel: Any = numba.njit(total)  # anew: of one from the cache the code is not known
-    numbers = np.arange(6.0)
-    assert kernel(numbers) == total(numbers) == 15.0
-    (code,) = kernel.inspect_llvm().values()
-    assert "call void @llvm.prefetch" in code
-
-
-def total(numbers: Any) -> float:
-    """Return the sum of an array."""
-    summed = 0.0
-    for place in range(len(numbers)):
-        prefetch(numbers, place + 1)
-        summed += numbers[place]
-    return summed

@@ -6,7 +6,6 @@ One question a millisecond finds every cache cold, so a question should touch fe
 * The tree is balanced, so the places of children and triangles follow from their number alone.
 * Triangles lie in the order of the leaves. Their corners are floats of single precision, which the
   boxes therefore bound without rounding; all arithmetic is in double precision.
-* What is to be looked at later is asked for at once, so that several lines are on their way.
 * A search begins with the triangle of the answer before, which is near in most cases.
 
 Source of the wide nodes: I. Wald, C. Benthin, S. Boulos, Getting rid of packets: efficient SIMD
@@ -17,7 +16,7 @@ import copy
 import math
 from typing import Any
 
-from forcebound.compiled import jit, outlined, prefetch
+from forcebound.compiled import jit, outlined
 from forcebound.geometry.triangles import (
     Triangles,
     closest_on_triangle,
@@ -28,7 +27,6 @@ from forcebound.geometry.vectors import Vector3, dot, sub
 
 WIDTH = 8  # children of a node; the loops over them become vector instructions
 LEAF = 4  # triangles in a leaf, at most
-LINE = 16  # numbers in a line of memory
 NOTHING = 1e30  # m, box of no triangles: beyond everything, inside out
 MAX_DEPTH = 12
 
@@ -234,7 +232,7 @@ def closest(
                 if square < nearest:
                     best, at, nearest = index, here, square
             continue
-        top = push_children_near(nodes, triangles, depth, node, point, nearest, stack, top)
+        top = push_children_near(nodes, node, point, nearest, stack, top)
     return best, at, nearest
 
 
@@ -246,14 +244,7 @@ def triangles_of_leaf(nodes: Any, triangles: Triangles, depth: int, leaf: int) -
 
 @outlined
 def push_children_near(
-    nodes: Any,
-    triangles: Triangles,
-    depth: int,
-    node: int,
-    point: Vector3,
-    limit: float,
-    stack: Any,
-    top: int,
+    nodes: Any, node: int, point: Vector3, limit: float, stack: Any, top: int
 ) -> int:
     """Push the children within a squared distance of a point, the nearest last; return the top."""
     for child in range(WIDTH):
@@ -266,38 +257,23 @@ def push_children_near(
             )
             square += out * out
         stack[2, child] = square
-    return _push(nodes, triangles, depth, node, limit, stack, top)
+    return _push(stack, top, node, limit)
 
 
 @outlined
-def _push(
-    nodes: Any, triangles: Triangles, depth: int, node: int, limit: float, stack: Any, top: int
-) -> int:
+def _push(stack: Any, top: int, node: int, limit: float) -> int:
     """Push those of a node's children whose keys are within the limit, the smallest key last."""
     base = top
     for child in range(WIDTH):
         key = stack[2, child]
         if key <= limit:
-            number = node * WIDTH + 1 + child
-            _fetch(nodes, triangles, depth, number)
             place = top
             while place > base and stack[1, place - 1] < key:
                 stack[0, place], stack[1, place] = stack[0, place - 1], stack[1, place - 1]
                 place -= 1
-            stack[0, place], stack[1, place] = number, key
+            stack[0, place], stack[1, place] = node * WIDTH + 1 + child, key
             top += 1
     return top
-
-
-def _fetch(nodes: Any, triangles: Triangles, depth: int, node: int) -> None:
-    """Have a node brought near, or the first and the last triangle of a leaf."""
-    if node < len(nodes):
-        for line in range(0, 6 * WIDTH, LINE):
-            prefetch(nodes, 6 * WIDTH * node + line)
-    else:
-        first, last = triangles_of_leaf(nodes, triangles, depth, node)
-        prefetch(triangles, 9 * first)
-        prefetch(triangles, 9 * last - 1)
 
 
 def closest_on(triangles: Triangles, index: int, point: Vector3) -> Vector3:
@@ -358,7 +334,7 @@ def first_contact(
                 other = (nodes[node, 3 + axis, child] + clearance - start[axis]) * inverse[axis]
                 enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
             stack[2, child] = enter if enter <= leave else NOTHING
-        top = _push(nodes, triangles, depth, node, min(earliest, 1.0), stack, top)
+        top = _push(stack, top, node, min(earliest, 1.0))
     return best, earliest
 
 

@@ -313,7 +313,7 @@ def pseudonormal(
         top -= 1
         node = int(stack[0, top])
         if node < len(nodes):
-            top = push_children_near(nodes, triangles, depth, node, at, reach * reach, stack, top)
+            top = push_children_near(nodes, node, at, reach * reach, stack, top)
             continue
         first, last = triangles_of_leaf(nodes, triangles, depth, node)
         for index in range(first, last):
