@@ -1,12 +1,18 @@
 """Commands that show a running graph in other programs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from forcebound.cli.common import duration_option_for, reports_errors, run_option, topics_argument
+from forcebound.cli.common import (
+    duration_option_for,
+    reports_errors,
+    run_option,
+    show,
+    topics_argument,
+)
 
 _duration_option = duration_option_for("Time after which it ends. Default: with the graph.")
 
@@ -14,6 +20,10 @@ _duration_option = duration_option_for("Time after which it ends. Default: with 
 @click.group(short_help="Show a running graph in another program.")
 def bridge() -> None:
     """Show a running graph in another program, which can change nothing."""
+
+
+def _telling(topics: Sequence[str], address: str) -> Callable[[], None]:
+    return lambda: show(f"{', '.join(topics)} at {address}; Ctrl-C ends it", err=True)
 
 
 def _port_option(default: int) -> Callable[..., Any]:
@@ -45,7 +55,14 @@ def plotjuggler(
     from forcebound.monitor.streams import topic_named
 
     wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
-    serve("plotjuggler", find(run_dir), wanted, port, duration)
+    serve(
+        "plotjuggler",
+        find(run_dir),
+        wanted,
+        port,
+        duration,
+        _telling(wanted, f"tcp://localhost:{port}"),
+    )
 
 
 @bridge.command(short_help="Serve topics to Foxglove.")
@@ -71,4 +88,11 @@ def foxglove(
     from forcebound.monitor.streams import topic_named
 
     wanted = [topic_named(topic) for topic in topics or TOPICS]
-    serve("foxglove", find(run_dir), wanted, port, duration)
+    serve(
+        "foxglove",
+        find(run_dir),
+        wanted,
+        port,
+        duration,
+        _telling(wanted, f"ws://localhost:{port}"),
+    )

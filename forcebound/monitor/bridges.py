@@ -31,7 +31,12 @@ Send: TypeAlias = Callable[[str, Packet, int], None]
 
 
 def serve(
-    program: str, run_dir: Path, topics: Collection[str], port: int, duration: float | None = None
+    program: str,
+    run_dir: Path,
+    topics: Collection[str],
+    port: int,
+    duration: float | None = None,
+    begin: Callable[[], None] = lambda: None,
 ) -> None:
     """Give topics of a running graph to another program, until the graph ends.
 
@@ -41,6 +46,7 @@ def serve(
         topics: Of the packets.
         port: On loopback.
         duration: Longest time, in s; None: no limit.
+        begin: Called when the port is open.
 
     Raises:
         ConfigError: If no graph runs there, the port is in use, or a package is missing.
@@ -52,6 +58,7 @@ def serve(
             send(topic, packet, packet.time_ns + ahead_ns)
             return True
 
+        begin()
         read_topics(run_dir, topics, take, duration)
 
 
