@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,11 @@ from live_graph import (
 from remote_environment import write_launch_file
 from waiting import PATIENCE
 
+from forcebound.messages.packets import Telemetry
 from forcebound.network import sockets
 
 pytestmark = PROCESSES_OF_THEIR_OWN
+REST = 0.05e-3  # m, within which a hand moves that rests
 
 
 def stop_the_device_for_50_ms(graph: LiveGraph) -> None:
@@ -31,6 +34,17 @@ def stop_the_device_for_50_ms(graph: LiveGraph) -> None:
     sockets.wait((), 50_000_000)
     graph.signal("device", signal.SIGCONT)
     graph.wait(0.3)
+
+
+def wait_until_the_hand_rests(graph: LiveGraph) -> None:
+    """Wait for 50 samples in which the hand feels a force and hardly moves."""
+    positions: deque[float] = deque(maxlen=50)
+
+    def rests(telemetry: Telemetry) -> bool:
+        positions.append(telemetry.position[0] if telemetry.applied_force[0] > 0.5 else np.inf)
+        return len(positions) == 50 and max(positions) - min(positions) < REST
+
+    graph.wait_for_telemetry(rests, "a hand at rest")
 
 
 def test_a_device_that_stands_still_for_50_ms_gives_no_energy() -> None:
@@ -47,21 +61,24 @@ def test_a_device_that_stands_still_for_50_ms_gives_no_energy() -> None:
 def test_a_device_that_stands_still_is_without_force_by_its_watchdog(tmp_path: Path) -> None:
     file = tmp_path / "reporting.yaml"
     file.write_text("forcebound: 1\ninclude: stiff_wall.yaml\ndevice: {watchdog: reporting}\n")
-    # A wall so soft that it needs no law: after whatever a busy machine did, its force is back.
+    # A wall so soft that it needs no law: after whatever a busy machine did, the hand rests in it.
     with live_graph(str(file), "stiffness:=400 N/m", "law:=none") as graph:
-        graph.wait(0.5)
-        for _ in range(3):
+        for _ in range(5):
+            wait_until_the_hand_rests(graph)
             stop_the_device_for_50_ms(graph)
         ended = graph.end()
     columns = ended.columns
     assert columns.true_position is not None
+    position = columns.true_position[:, 0]
     stalls = np.flatnonzero(np.diff(columns.time_ns) > 45_000_000)
-    held = [int(stall) for stall in stalls if columns.applied_force[stall, 0] > 0.5]
-    assert held, "no force in any of the stalls"
-    # With the force held, the leaning hand would rest; without, it sinks in.
-    for stall in held:
-        sunk = columns.true_position[stall + 1, 0] - columns.true_position[stall, 0]
-        assert sunk > 0.1e-3
+    at_rest = [
+        int(stall)
+        for stall in stalls
+        if columns.applied_force[stall, 0] > 0.5 and np.ptp(position[stall - 20 : stall + 1]) < REST
+    ]
+    assert at_rest, "the hand rests at none of the stalls"
+    # With the force held, the leaning hand would go on resting; without, it sinks in.
+    assert (position[np.add(at_rest, 1)] - position[at_rest] > 2 * REST).all()
 
 
 SHIM = r"""
