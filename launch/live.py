@@ -2,12 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from forcebound import realtime
 from forcebound.config.graph import GraphConfig
@@ -43,6 +43,7 @@ from forcebound.messages.packets import (
     TOPICS,
     EnvironmentReply,
     ForceCommand,
+    Telemetry,
 )
 from forcebound.processes import PROCESSES
 
@@ -140,7 +141,8 @@ def _discard_if_empty(recording: Path) -> bool:
     from forcebound.recording import read  # slow, and rarely needed here
 
     with suppress(ConfigError):
-        if (read(recording, (TELEMETRY,)).telemetry.engagement > 0.0).any():
+        samples = cast("Iterator[Telemetry]", read(recording).stream(TELEMETRY))
+        if any(sample.engagement > 0.0 for sample in samples):
             return False
     recording.unlink(missing_ok=True)
     return True
