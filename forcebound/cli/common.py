@@ -13,7 +13,7 @@ import click
 
 from forcebound.cli.complete import graphs, topics
 from forcebound.errors import ConfigError, ForceboundError
-from forcebound.files import printable
+from forcebound.files import RECORDING_SUFFIX, printable
 
 P = ParamSpec("P")
 
@@ -90,9 +90,9 @@ file_option = partial(click.option, type=click.Path(path_type=Path, dir_okay=Fal
 def _recording(context: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
     if path is None:
         return None
-    if path.suffix not in ("", ".mcap"):
+    if path.suffix not in ("", RECORDING_SUFFIX):
         raise click.BadParameter(
-            f"the name of a recording must end in .mcap, or have no ending, got {path}"
+            f"the name of a recording must end in {RECORDING_SUFFIX}, or have no ending, got {path}"
         )
     if path.exists() and path.stat().st_size > 0 and not context.meta[_OVERWRITE]:
         raise click.BadParameter(f"{path} exists: choose another name, or add --overwrite")
