@@ -25,6 +25,21 @@ SLOW = 1.0  # s, after which a command shows its progress
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 
 
+class Group(click.Group):
+    """A group of commands; a wrong name gets the nearest one, or all that there are."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that the arguments begin with."""
+        name = args[0]
+        if not (name in self.commands or name.startswith("-") or ctx.resilient_parsing):
+            from forcebound.config.problems import unknown
+
+            ctx.fail(unknown("command", name, self.commands))
+        return super().resolve_command(ctx, args)
+
+
 def reports_errors(command: Callable[P, None]) -> Callable[P, None]:
     """Turn errors of forcebound into a message and an exit status; bugs keep their traceback."""
 
