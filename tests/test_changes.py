@@ -15,10 +15,7 @@ from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_device
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.monitor.formatting import as_written
-from forcebound.monitor.tuning import (
-    find_parameters,
-    read_settings,
-)
+from forcebound.monitor.tuning import find_parameters, read_settings
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 

@@ -18,12 +18,12 @@ from typing import Any
 
 from forcebound import process
 from forcebound.errors import RunError
+from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
 from forcebound.monitor.runs import Watch
 
-SUFFIX = ".mcap"
 CONNECTED = 0.1  # s after which the sockets of a recorder receive all that is sent
 
 
@@ -147,5 +147,5 @@ def free_name(folder: Path, graph: str) -> Path:
     """
     stem = Path(graph.partition(" ")[0]).stem or "graph"
     now = time.strftime("%Y%m%d-%H%M%S")
-    names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{SUFFIX}" for n in count(1))
+    names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{RECORDING_SUFFIX}" for n in count(1))
     return next(name for name in names if not name.exists())
