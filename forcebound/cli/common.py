@@ -4,7 +4,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -138,18 +138,17 @@ def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
 
     It takes what is done, and the total.
     """
-    looks = sys.stderr.isatty() and not as_json
+    if as_json or not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from forcebound.workers import progress_bar
+
     began = time.monotonic()
-    bar: list[Callable[[int, int], None]] = []
-    with ExitStack() as stack:
+    with progress_bar(name) as show_bar:
 
         def tell(done: int, total: int) -> None:
-            if looks and time.monotonic() - began > SLOW:
-                if not bar:
-                    from forcebound.workers import progress_bar
-
-                    bar.append(stack.enter_context(progress_bar(name)))
-                bar[0](done, total)
+            if time.monotonic() - began > SLOW:
+                show_bar(done, total)
 
         yield tell
 
@@ -205,6 +204,13 @@ def print_rows(
 def print_json(document: Any) -> None:
     """Print one JSON document."""
     click.echo(json_text(document))
+
+
+def print_json_line(document: Any) -> None:
+    """Print a JSON document on one line; a number that is not finite becomes null."""
+    from msgspec.json import encode
+
+    click.echo(encode(document))
 
 
 def print_document(
