@@ -56,7 +56,7 @@ def descriptions() -> dict[str, str]:
 
 
 def missing(path: str | Path, folder: Path = Path()) -> str:
-    """Return the message for a launch file that does not exist: the nearest one, and what lists all."""
+    """Return the message for a launch file that does not exist, with the nearest one."""
     wanted = folder / path
     try:
         beside = [one.name for one in islice(wanted.parent.glob("*.y*ml"), MOST_BESIDE)]
