@@ -57,7 +57,7 @@ def patiently_ns() -> int:
 
 
 def sent_by_board(line: Line, data: bytes) -> None:
-    """Write as the board does; wait until it is there: the kernel passes it on when it finds time."""
+    """Write as the board does; wait for the kernel, which passes it on when it finds time."""
     os.write(line.board, data)
     assert sockets.wait((line.port.descriptor,), round(PATIENCE * 1e9))
 
