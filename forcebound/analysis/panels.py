@@ -91,7 +91,7 @@ def since_engaged(columns: TelemetryColumns) -> Floats:
     # A run begins with a tick before which all were missed, see operators.recorded_path.began.
     if not time.size or columns.seq[0] == columns.deadline_misses[0] or elapsed[0] == 0.0:
         return time
-    return time - time[0] + elapsed[0]
+    return time + float(elapsed[0] - time[0])
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
