@@ -282,7 +282,8 @@ def sweep(
     try:
         document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
     except KeyboardInterrupt:
-        show("forcebound: the same command continues with what is left", err=True)
+        same = "the same command without --restart" if restart else "the same command"
+        show(f"forcebound: {same} continues with what is left", err=True)
         raise
     if as_json:
         print_json(document)
