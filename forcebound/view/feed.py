@@ -6,7 +6,7 @@ The graph is looked at some thirty times a second; each frame has all samples si
 import math
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
+from forcebound.geometry.cloud_file import read_points
 from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument, recorded_streams
 from forcebound.messages.codec import decode
@@ -30,6 +31,7 @@ from forcebound.network.sockets import Network
 from forcebound.view.coarse import coarse
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
+MOST_POINTS = 3000  # of a cloud, that a page draws
 SAMPLES = {
     "position": "position",
     "commanded": "commanded_force",
@@ -37,7 +39,6 @@ SAMPLES = {
     "limit": "force_limit",
     "energy": "estimated_energy",
     "true_energy": "true_energy",
-    "hand_force": "hand_force",
 }
 
 
@@ -73,17 +74,16 @@ class Feed:
             messages.append(_frame(samples, contact))
         return messages
 
-    def triangles(self, digest: str) -> list[Any] | None:
-        """Return the corners of a mesh of the scene, in m, shape (n, 3, 3); None: not here.
+    def file(self, digest: str) -> dict[str, Any] | None:
+        """Return what a file of the scene has to draw, in m; None: it is not here.
 
-        Large ones are made coarser; it may take seconds.
+        ``corners`` of the triangles of a mesh, shape (n, 3, 3), or ``points`` of a cloud, shape
+        (n, 3); of large ones fewer. It may take seconds.
         """
         for thing in (self.scene or {}).get("objects", ()):
             if thing.get("digest") == digest and thing.get("file"):
                 with suppress(ConfigError):
-                    scale = thing["size"][0] if thing.get("size") else None
-                    mesh = read_mesh(Path(thing["file"]), scale, may_be_open=True)
-                    return coarse(mesh).tolist() if mesh.digest == digest else None
+                    return _content(thing)
         return None
 
     def close(self) -> None:
@@ -121,11 +121,21 @@ def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> di
         "misses": samples[-1].deadline_misses,
         "tip": samples[-1].true_position or samples[-1].position,
         "proxy": None if contact is None else contact.proxy,
-        "normal": None if contact is None else contact.normal,
     }
     for name, field in SAMPLES.items():
         frame[name] = [_finite(getattr(sample, field)) for sample in samples]
     return frame
+
+
+def _content(thing: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What the file of an object has; None: it is another one now."""
+    file, scale = Path(thing["file"]), thing["size"][0] if thing.get("size") else None
+    if thing["shape"] == "points":
+        cloud = read_points(file, scale)
+        shown = cloud.points[:: math.ceil(len(cloud.points) / MOST_POINTS)]
+        return {"points": shown.tolist()} if cloud.digest == thing["digest"] else None
+    mesh = read_mesh(file, scale, may_be_open=True)
+    return {"corners": coarse(mesh).tolist()} if mesh.digest == thing["digest"] else None
 
 
 def _finite(value: Any) -> Any:

@@ -69,7 +69,7 @@ class Server:
         routes = [
             (r"/", _Index, own),
             (r"/live", _Page, own),
-            (r"/mesh/([0-9a-f]{64})", _Mesh, own),
+            (r"/file/([0-9a-f]{64})", _SceneFile, own),
             (r"/([a-z]+\.(?:js|css|svg))", _File, own),
         ]
         application = tornado.web.Application(
@@ -256,19 +256,19 @@ class _File(_Handler):
         self.write(file.read_bytes())
 
 
-class _Mesh(_Handler):
-    """Triangles of a mesh of the scene."""
+class _SceneFile(_Handler):
+    """Triangles of a mesh of the scene, or points of a cloud."""
 
     async def get(self, digest: str) -> None:
         if not self.server.access.may_look(self.get_query_argument("token", "")):
             raise tornado.web.HTTPError(403, "no token")
         loop, graph = asyncio.get_running_loop(), self.server.graph
-        corners = None
-        if graph is not None:
-            corners = await loop.run_in_executor(self.server.workers, graph.feed.triangles, digest)
-        if corners is None:
+        content = None
+        if graph is not None:  # a change need not wait for it
+            content = await loop.run_in_executor(None, graph.feed.file, digest)
+        if content is None:
             raise tornado.web.HTTPError(404)
-        self.write({"corners": corners})
+        self.write(content)
 
 
 class _Page(tornado.websocket.WebSocketHandler):
