@@ -25,13 +25,12 @@ import numpy as np
 import zmq
 from tornado.websocket import websocket_connect
 
-from benchmarks.turns import ALONE, Turn, servo, told
+from benchmarks.turns import ALONE, PATIENCE, Turn, graph, servo, told
 from forcebound.messages.packets import TOPICS
 from forcebound.monitor.listing import processor_time
 
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 POLL = 0.1  # s
-PATIENCE = 60.0  # s
 SETTLE = 2.0  # s
 
 
@@ -91,27 +90,6 @@ CLIENTS: dict[str, Callable[[int, Heard], None]] = {
     "plotjuggler": count_as_plotjuggler,
     "foxglove": count_as_foxglove,
 }
-
-
-@contextmanager
-def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
-    """Run a graph; give the variables for commands that look at it."""
-    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
-    words = ["launch", "stiff_wall", "--duration", "30min", "--record", str(record)]
-    running = subprocess.Popen(
-        [sys.executable, "-u", "-m", "forcebound", *words],
-        env=variables,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert running.stderr is not None
-    try:
-        next(line for line in running.stderr if "ramping force up" in line)
-        yield variables
-    finally:
-        running.send_signal(signal.SIGINT)
-        running.communicate(timeout=PATIENCE)
 
 
 @contextmanager

@@ -21,8 +21,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.bridges import graph
-from benchmarks.turns import ALONE, Turn, servo, told
+from benchmarks.turns import ALONE, Turn, graph, servo, told
 
 COMMANDS = ("top", "echo telemetry --json", "hz", "bw", "graph", "delay --links", "log")
 

@@ -1,7 +1,12 @@
 """Lateness and loop delay of a servo in turns: alone, and while somebody looks."""
 
+import os
+import signal
 import statistics
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +14,7 @@ import numpy as np
 
 from forcebound.recording import read
 
+PATIENCE = 60.0  # s
 ALONE = "nobody"
 TARGET_SHARE = 0.05  # more that a figure may be while somebody looks
 
@@ -21,6 +27,27 @@ class Turn(NamedTuple):
     viewers: str
     begin_ns: int
     end_ns: int
+
+
+@contextmanager
+def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
+    """Run a graph; give the variables for commands that look at it."""
+    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
+    words = ["launch", "stiff_wall", "--duration", "30min", "--record", str(record)]
+    running = subprocess.Popen(
+        [sys.executable, "-u", "-m", "forcebound", *words],
+        env=variables,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr is not None
+    try:
+        next(line for line in running.stderr if "ramping force up" in line)
+        yield variables
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=PATIENCE)
 
 
 def lateness(time_ns: Any, period_ns: float) -> Any:

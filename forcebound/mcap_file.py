@@ -27,7 +27,6 @@ from mcap.records import Channel, Chunk, Metadata
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
 
-SUFFIX = ".mcap"
 METADATA_NAME = "forcebound"  # of the metadata record of a recording
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = 9  # bytes before the data of a record: opcode and length

@@ -38,12 +38,7 @@ from forcebound.launch.run_directory import (
 from forcebound.launch.run_lock import is_held
 from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Step, Supervisor
-from forcebound.messages.packets import (
-    TOPIC_OF,
-    TOPICS,
-    EnvironmentReply,
-    ForceCommand,
-)
+from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, ForceCommand
 from forcebound.processes import PROCESSES
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
@@ -85,6 +80,7 @@ def run_live(
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
+    screen = screen or Screen()
     core = realtime.choose_core(config.realtime.cores, taken=_taken_cores())
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
@@ -121,8 +117,7 @@ def run_live(
             raise
         finally:
             os.sched_setaffinity(0, cores)
-        if screen is not None:
-            screen.status("reading the recording for the result")
+        screen.status("reading the recording for the result")
         return _result(recording, interrupted)
 
 

@@ -23,14 +23,7 @@ from typing import Any, ClassVar, NamedTuple
 from forcebound.bounding import LAWS, Dissipation
 from forcebound.devices import Device
 from forcebound.errors import DeviceError
-from forcebound.messages.packets import (
-    DeviceState,
-    Event,
-    ForceCommand,
-    Packet,
-    Telemetry,
-    Vector,
-)
+from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part

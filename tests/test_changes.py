@@ -14,10 +14,7 @@ from forcebound.errors import ConfigError
 from forcebound.launch.application import Tuner
 from forcebound.messages.packets import EnvironmentQuery
 from forcebound.monitor.formatting import as_written
-from forcebound.monitor.tuning import (
-    find_parameters,
-    read_settings,
-)
+from forcebound.monitor.tuning import find_parameters, read_settings
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 

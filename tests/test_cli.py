@@ -233,6 +233,8 @@ def test_check_and_show_args_start_nothing() -> None:
         (("simulate", "stiff_wall", "--check", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
         (("bench", "nothing"), "nothing"),
+        (("bridge", "rviz"), "unknown command 'rviz'; known: foxglove, plotjuggler"),
+        (("lunch",), "unknown command 'lunch'; did you mean 'launch'?"),
         (("sweep", "audit", "--plot"), "sweep audit takes"),
         (("sweep", "nowhere"), "nowhere"),
         (("reproduce", "fig99"), "fig99"),

@@ -10,10 +10,7 @@ from fakes import Sender
 from waiting import PATIENCE
 
 from forcebound import process, realtime
-from forcebound.messages.packets import (
-    EnvironmentQuery,
-    Packet,
-)
+from forcebound.messages.packets import EnvironmentQuery, Packet
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process import Stop, topic_endpoint

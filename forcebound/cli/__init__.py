@@ -29,7 +29,7 @@ from forcebound.cli import (
     topics,
     view,
 )
-from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, print_table, show
+from forcebound.cli.common import INTERRUPTED, LONGEST_CELL, Group, print_table, show
 from forcebound.files import printable
 
 __all__ = ["main", "print_table"]
@@ -78,7 +78,7 @@ COMMANDS = (
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
-class _Group(click.Group):
+class _Group(Group):
     """A group of commands that Ctrl-C ends quietly, wherever it comes, and so does a full disk."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from forcebound.files import RECORDING_SUFFIX
+
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
@@ -58,14 +60,14 @@ def parts(_: click.Context, begun: str) -> Iterable[str]:
 @offering
 def recordings(_: click.Context, begun: str) -> Iterable[str]:
     """Recordings of the folder."""
-    return _files(begun, ".mcap")
+    return _files(begun, RECORDING_SUFFIX)
 
 
 @offering
 def runs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, and recordings of the folder."""
     yield from _graphs()
-    yield from _files(begun, ".mcap")
+    yield from _files(begun, RECORDING_SUFFIX)
 
 
 def _files(begun: str, *endings: str) -> Iterable[str]:

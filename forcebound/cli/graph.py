@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import json_option, print_json, reports_errors, run_option, show
+from forcebound.cli.common import Group, json_option, print_json, reports_errors, run_option, show
 
 
 @click.command(short_help="Stop a node: zero force.")
@@ -50,7 +50,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     show(f"{node_name} runs")
 
 
-@click.group()
+@click.group(cls=Group)
 def param() -> None:
     """Show and change the parameters of a running graph."""
 

@@ -14,13 +14,12 @@ from pathlib import Path
 
 from forcebound import process
 from forcebound.errors import ConfigError, RunError
+from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
 from forcebound.monitor.control import ask
 from forcebound.monitor.runs import Watch
-
-SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def free_name(folder: Path, graph: str) -> Path:
     """
     stem = Path(graph.partition(" ")[0]).stem or "graph"
     now = time.strftime("%Y%m%d-%H%M%S")
-    names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{SUFFIX}" for n in count(1))
+    names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{RECORDING_SUFFIX}" for n in count(1))
     return next(name for name in names if not name.exists())
 
 

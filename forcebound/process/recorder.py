@@ -9,10 +9,7 @@ from typing import Any, Protocol
 from forcebound import realtime
 from forcebound.errors import PacketError
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import (
-    TOPICS,
-    Packet,
-)
+from forcebound.messages.packets import TOPICS, Packet
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
 from forcebound.process.endpoints import control_endpoint
