@@ -6,7 +6,7 @@ The graph is looked at some thirty times a second; each frame has all samples si
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,13 @@ import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
-from forcebound.geometry.cloud_file import read_points
-from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument, recorded_streams
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, EnvironmentReply, Event, Packet, Scene, Telemetry
 from forcebound.network.sockets import Network
-from forcebound.view.coarse import coarse
+from forcebound.view.scene_files import content
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
-MOST_POINTS = 3000  # of a cloud, that a page draws
 SAMPLES = {
     "position": "position",
     "commanded": "commanded_force",
@@ -68,15 +65,14 @@ class Feed:
         return messages
 
     def file(self, digest: str) -> dict[str, Any] | None:
-        """Return what a file of the scene has to draw, in m; None: it is not here.
+        """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
 
-        ``corners`` of the triangles of a mesh, shape (n, 3, 3), or ``points`` of a cloud, shape
-        (n, 3); of large ones fewer. It may take seconds.
+        It may take seconds.
         """
         for thing in (self.scene or {}).get("objects", ()):
             if thing.get("digest") == digest and thing.get("file"):
                 with suppress(ConfigError):
-                    return _content(thing)
+                    return content(thing)
         return None
 
     def close(self) -> None:
@@ -118,17 +114,6 @@ def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> di
     for name, field in SAMPLES.items():
         frame[name] = [_finite(getattr(sample, field)) for sample in samples]
     return frame
-
-
-def _content(thing: Mapping[str, Any]) -> dict[str, Any] | None:
-    """What the file of an object has; None: it is another one now."""
-    file, scale = Path(thing["file"]), thing["size"][0] if thing.get("size") else None
-    if thing["shape"] == "points":
-        cloud = read_points(file, scale)
-        shown = cloud.points[:: math.ceil(len(cloud.points) / MOST_POINTS)]
-        return {"points": shown.tolist()} if cloud.digest == thing["digest"] else None
-    mesh = read_mesh(file, scale, may_be_open=True)
-    return {"corners": coarse(mesh).tolist()} if mesh.digest == thing["digest"] else None
 
 
 def _finite(value: Any) -> Any:

@@ -112,7 +112,7 @@ class Server:
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in graph.feed.look():
+                for message in graph.look():
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
@@ -199,6 +199,7 @@ class _Graph:
         self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
     ) -> None:
         self.run_dir = run_dir
+        self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
         self.feed = Feed(run_dir)  # first: the graph may have ended
@@ -207,7 +208,16 @@ class _Graph:
     def describe(self) -> list[dict[str, Any]]:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
-        return [controls.describe(), controls.parameters(), *([scene] if scene else [])]
+        hello = {**controls.describe(), "graph": self._shown_since}
+        return [hello, controls.parameters(), *([scene] if scene else [])]
+
+    def look(self) -> list[dict[str, Any]]:
+        """Return the messages to the pages about what has come since the last look."""
+        messages = self.feed.look()
+        for message in messages:
+            if message["type"] == "frame":
+                message["pointer"] = self.pointer.place  # whoever has moved it
+        return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
