@@ -98,6 +98,7 @@ export class Scene {
     const seen = this.objects.filter((object) => !OPEN.includes(object.shape));
     const points = [pad(this.state.tip), ...seen.flatMap((object) => this.pointsOf(object))];
     if (this.hasWall) points.push([this.wall - ABOUT, 0, 0], [this.wall + ABOUT, 0, 0]);
+    if (this.hand && this.axes < 3) points.push(...boxCorners(pad(this.hand.start), scaled(this.reaches, 2)));
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
     const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
     this.centre = scaled(add(low, high), 0.5);
