@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import differences, holders
 from forcebound.config.phases import Part, timetable
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_tell_contacts
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
@@ -183,20 +183,20 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
 def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
     """Return the actions of the launcher at the beginning of each phase."""
-    steps = []
-    before = config
-    for part in timetable(config):
-        # Unaffected processes are not disturbed, least of all the servo.
-        concerned = holders(differences(before, part.config))
-        begin = partial(_begin, run_dir, part, sorted(concerned))
-        steps.append(Step(part.start_ns, begin, part.message, part.data))
-        before = part.config
-    return steps
+    return [
+        Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
+        for part in timetable(config)
+    ]
 
 
-def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Mapping[str, dict[str, Any]]:
+def _begin(run_dir: Path, part: Part) -> Mapping[str, dict[str, Any]]:
+    """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not block the launcher
-        return dict.fromkeys(concerned, write_launch_document(run_dir, part.config))
+        before = read_launch_document(run_dir)
+        config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
+        request = write_launch_document(run_dir, config)
+    # Unaffected processes are not disturbed, least of all the servo.
+    return dict.fromkeys(sorted(holders(differences(before, config))), request)
 
 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:

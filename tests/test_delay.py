@@ -10,6 +10,7 @@ from builders import MS, telemetry_packet
 from click.testing import CliRunner
 from launch_texts import GOOD, written
 from msgspec import structs
+from waiting import PATIENCE
 
 from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
@@ -17,10 +18,11 @@ from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.config.traces import hop_delays, loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument
+from forcebound.hops import Hops
+from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import LINKS, Telemetry
+from forcebound.messages.packets import LINKS, Packet, Telemetry
 from forcebound.monitor.delay import SHARES, Measured, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
@@ -250,7 +252,13 @@ def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> N
 
 
 @pytest.mark.live
-def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
+def test_a_graph_that_runs_is_watched_until_it_ends(tmp_path: Path) -> None:
+    class EndOfTheGraph(Hops):
+        """Ends the graph when a packet of it was seen."""
+
+        def add(self, topic: str, packet: Packet) -> None:
+            (tmp_path / RUN_FILE).unlink(missing_ok=True)
+
     RunDocument(1, None, "", []).write(tmp_path)
     with Network() as network:
         publisher = network.publisher(topic_endpoint(tmp_path, "telemetry"))
@@ -266,7 +274,7 @@ def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
         thread = threading.Thread(target=publish)
         thread.start()
         try:
-            columns = watch(tmp_path, 0.5)
+            columns = watch(tmp_path, PATIENCE, EndOfTheGraph())
         finally:
             is_over.set()
             thread.join()

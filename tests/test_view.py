@@ -195,7 +195,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert (hello["name"], hello["axes"], hello["may_change"]) == ("pointer_wall", 1, True)
         assert "certified" in hello["laws"]
         assert not (await audience.until("hello"))["may_change"]
-        assert "only look" in str(await audience.asks(do="law", law="none"))
+        assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))
 
         began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
@@ -214,13 +214,15 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
         assert "no such control" in str(await page.asks(do="format the disk"))
-        assert "expected one of" in str(await page.asks(do="law", law="nothing"))
+        wrong = await page.asks(do="set", settings={"device.law": "memoryless"})
+        assert "did you mean 'certified_memoryless'" in str(wrong)
         assert await page.asks(do="record") is None
         recording = await page.until("recording", lambda m: m["file"] is not None)
         assert "already recording to" in str(await page.asks(do="record"))
         assert await page.asks(do="break") is None
         event = await page.until("event", lambda m: m["message"].startswith("law:"))
         assert event["message"] == "law: none from now on"
+        await page.until("parameters", lambda m: m["values"]["device.law"] == "none")
         assert await page.asks(do="safe") is None
         await page.until("frame", lambda frame: frame["engagement"] == 1.0)
         await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))

@@ -82,7 +82,13 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
     wall = None if is_told else surface_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(columns.time[shown], columns, shown, wall, touch)
+    return View(since_engaged(columns)[shown], columns, shown, wall, touch)
+
+
+def since_engaged(columns: TelemetryColumns) -> Floats:
+    """Return when the samples were, in s since the force engaged, maybe before the recording."""
+    begins_later = columns.time.size and columns.seq[0] > 0 and columns.elapsed[0] > 0.0
+    return columns.time + (columns.elapsed[0] - columns.time[0]) if begins_later else columns.time
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:

@@ -279,7 +279,11 @@ def sweep(
         return
     from forcebound.sweep.command import run
 
-    document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    try:
+        document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    except KeyboardInterrupt:
+        show("forcebound: the same command continues with what is left", err=True)
+        raise
     if as_json:
         print_json(document)
     else:

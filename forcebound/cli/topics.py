@@ -138,7 +138,7 @@ def _measuring(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command()
+@click.command(short_help="Measure how often topics are sent.")
 @_measuring
 def hz(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool

@@ -318,6 +318,9 @@ NOTES: dict[str, Text] = {
         command="forcebound start {node}",
     ),
     "node_ended": Text("{node} has ended"),
+    "law_taken": Text(
+        "the law was taken without force, with a new ledger; the force returns over {ramp:.3g ms}"
+    ),
     "environment_waits": Text(
         "{serving} serves the graph, and not this environment, which waits: it has the change, "
         "which is felt when it serves"

@@ -19,7 +19,7 @@ import tornado.websocket
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.monitor.listing import list_graphs
 from forcebound.monitor.runs import Watch
-from forcebound.nodes.events import LAW_CHANGED
+from forcebound.nodes.events import LAW_CHANGED, PARAMETERS_SET
 from forcebound.view.access import Access, hosts_of
 from forcebound.view.controls import Controls, Pointer
 from forcebound.view.feed import Feed
@@ -149,9 +149,14 @@ class Server:
                 page.tell(text)
 
     def _note(self, message: dict[str, Any]) -> None:
-        """Keep up with the law, also if it is changed from elsewhere."""
-        if message["type"] == "event" and message["event"] == LAW_CHANGED and self.graph:
-            self.graph.controls.law = message["data"]["law"]
+        """Tell the pages the parameters anew when some have changed, from wherever."""
+        if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
+            self.workers.submit(self.tell_parameters, self.graph.controls)
+
+    def tell_parameters(self, controls: Controls) -> None:
+        """Tell the pages the parameters of a graph; from a thread, since it takes time."""
+        with suppress(ForceboundError):  # the graph has ended
+            self.later(self.tell, controls.parameters())
 
     def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
         """Tell a page that the device has taken its place, and the times of it, in s."""
@@ -356,8 +361,7 @@ class _Page(tornado.websocket.WebSocketHandler):
         server = self._server
         server.later(self._answer, wanted, controls.act(wanted))
         server.later(server.tell, controls.recording.describe())
-        with suppress(ForceboundError):  # the graph has ended
-            server.later(server.tell, controls.parameters())
+        server.tell_parameters(controls)
 
     def _answer(self, wanted: dict[str, Any], error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
