@@ -71,7 +71,7 @@ export class Plot {
       context.moveTo(MARGIN.left, y(tick));
       context.lineTo(right, y(tick));
       context.stroke();
-      if (y(tick) < bottom - 5) context.fillText(text(tick), MARGIN.left - 5, y(tick));
+      if (y(tick) < bottom - 5 && y(tick) > MARGIN.top + 5) context.fillText(text(tick), MARGIN.left - 5, y(tick)); // not over others
     }
     context.textAlign = "center";
     context.textBaseline = "top";
