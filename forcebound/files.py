@@ -20,6 +20,7 @@ from forcebound.errors import ConfigError, ForceboundError
 
 MAX_TABLE = 100_000_000  # bytes of a CSV file; an hour of delays at 1 kHz
 MAX_LINE = 10_000  # characters of a row
+RECORDING_SUFFIX = ".mcap"  # here, since no start needs the libraries of forcebound.mcap_file
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 
 _KINDS: dict[str, Callable[[int], bool]] = {

@@ -15,7 +15,13 @@ for compiled in ("forcebound.devices", "forcebound.geometry.vectors"):
     import_module(compiled)  # before: numba cannot compile what atheris has changed
 
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
-    include=["forcebound.config", "forcebound.launch", "forcebound.quantities", "ruamel"]
+    include=[
+        "forcebound.config",
+        "forcebound.launch",
+        "forcebound.quantities",
+        "forcebound.units",
+        "ruamel",
+    ]
 ):
     from forcebound.config.loader import arguments_of, from_document, load
     from forcebound.config.resolved import to_document

@@ -18,7 +18,15 @@ import atheris
 import_module("forcebound.devices")  # before: numba cannot compile what atheris has changed
 
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
-    include=["forcebound.analysis", "forcebound.mcap_file", "forcebound.recording", "mcap"]
+    include=[
+        "forcebound.analysis",
+        "forcebound.config.traces",
+        "forcebound.environments.recorded",
+        "forcebound.hops",
+        "forcebound.mcap_file",
+        "forcebound.recording",
+        "mcap",
+    ]
 ):
     from forcebound.analysis.plots import figure
     from forcebound.analysis.tables import phase_rows, summary_rows

@@ -91,9 +91,9 @@ def test_what_is_no_file_is_refused_at_once(
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_a_name_that_no_file_can_have_is_refused(reader: str) -> None:
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, reader: str) -> None:
     with pytest.raises(ConfigError):
-        READERS[reader](Path("a\0b.yaml"))
+        READERS[reader](tmp_path / "a\0b.yaml")
 
 
 @pytest.mark.parametrize(

@@ -68,13 +68,14 @@ def test_a_resolved_document_is_plain_json_and_reads_back_the_same(shipped_name:
     assert restore(json.loads(text)) == config
 
 
-def test_a_node_process_needs_no_parser_for_its_document(tmp_path: Path) -> None:
+def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(tmp_path: Path) -> None:
     document = written(tmp_path, json.dumps(to_document(load("stress"))), "launch.json")
     program = (
         "import json, sys\n"
         "from forcebound.config.resolved import restore\n"
         "restore(json.load(open(sys.argv[1])))\n"
-        "sys.exit(str(sorted({'pydantic', 'ruamel.yaml', 'pint'} & set(sys.modules)) or ''))\n"
+        "parsers = {'mcap', 'pydantic', 'ruamel.yaml', 'pint'}\n"
+        "sys.exit(str(sorted(parsers & set(sys.modules)) or ''))\n"
     )
     command = [sys.executable, "-c", program, str(document)]
     out = subprocess.run(command, capture_output=True, text=True, timeout=60)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from asyncio import wait_for
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -19,7 +20,7 @@ import pytest
 import zmq
 from builders import telemetry_packet
 from click.testing import CliRunner, Result
-from live_graph import live_graph
+from live_graph import LiveGraph, live_graph
 from tornado.websocket import websocket_connect
 from waiting import PATIENCE, free_port, until
 
@@ -218,6 +219,26 @@ def check_foxglove(run_dir: Path) -> None:
     assert abs(log_time * 1e-9 - time.time()) < PATIENCE
 
 
+def check_law(graph: LiveGraph, look: Callable[..., Result]) -> None:
+    """Check that the law of a running graph is a parameter like others."""
+    assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+    first = look("param", "list").stdout.splitlines()[0]
+    assert first.startswith("device.law: certified  # aol, certified, certified_memoryless, ")
+    done = look("param", "set", "device.law:=certified_memoryless")
+    assert done.stdout == "device.law: certified_memoryless\n"
+    assert "note: the law was taken without force" in done.stderr
+    graph.until(lambda: "law: certified_memoryless from now on" in graph.log, "the new law")
+    assert look("param", "list", "--changed").stdout == "device.law: certified_memoryless\n"
+    refused = CliRunner().invoke(main, ["param", "set", "device.law:=memoryless"])
+    assert refused.exit_code == 2
+    assert "did you mean 'certified_memoryless'?" in refused.stderr
+    words = {"COMP_WORDS": "forcebound param set device.law:=cert", "COMP_CWORD": "3"}
+    asking = {"_FORCEBOUND_COMPLETE": "bash_complete", **words}
+    offered = CliRunner().invoke(main, [], env=asking, prog_name="forcebound")
+    laws = ["certified", "certified_memoryless"]
+    assert offered.stdout.split() == [f"plain,device.law:={law}" for law in laws]
+
+
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
 def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
@@ -256,7 +277,7 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         hops = json.loads(links.stdout)["links_ms"]
         assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
         assert json.loads(look("top", "--duration", "100ms", "--json").stdout)["core"] is not None
-        assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+        check_law(graph, look)
 
         check_bridge(graph.run_dir)
         check_foxglove(graph.run_dir)

@@ -13,7 +13,7 @@ from plotted import WALL, drawn, panel, run_of, slopes, telemetry
 from forcebound.analysis.panels import PANELS
 from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
-from forcebound.nodes.events import PHASE_BEGINS, EventLog
+from forcebound.nodes.events import LAW_CHANGED, PHASE_BEGINS, EventLog
 
 # --- The data ------------------------------------------------------------------------------------
 
@@ -45,6 +45,17 @@ def test_samples_before_the_engagement_are_left_out() -> None:
     packets = [replace(p, engagement=float(p.seq >= 50)) for p in telemetry()]
     read = drawn(panel(figure([run_of(packets)]), 0))["reading"]
     assert read.size == 150
+
+
+def test_a_recording_that_begins_later_keeps_the_time_since_the_force_engaged() -> None:
+    mark = EventLog("device").emit(150_000_000, LAW_CHANGED, "", {"law": "none"})
+    axes = panel(figure([run_of(telemetry()[100:])], events=[[mark]]), 0)
+    reading, change = (
+        next(line for line in axes.lines if line.get_label() == name).get_xdata()
+        for name in ("reading", "law changed")
+    )
+    assert np.asarray(reading)[[0, -1]] == pytest.approx([0.1, 0.199])
+    assert np.asarray(change)[0] == pytest.approx(0.15)
 
 
 def test_force_over_penetration_shows_the_wall_and_what_was_applied() -> None:

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -101,3 +102,19 @@ def test_a_new_folder_runs_and_is_not_written_over(tmp_path: Path) -> None:
     status, told = invoked("new", str(folder))
     assert status == 2
     assert "has my_environment.yaml, my_environment.py already: choose another folder" in told
+
+
+def test_an_interrupt_after_the_command_has_ended_leaves_its_exit_status() -> None:
+    program = """
+        import os, signal, sys
+        from forcebound.__main__ import main
+
+        sys.argv = ["forcebound", "--version"]
+        try:
+            main()
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -193,7 +194,7 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert (hello["name"], hello["axes"], hello["may_change"]) == ("pointer_wall", 1, True)
         assert "certified" in hello["laws"]
         assert not (await audience.until("hello"))["may_change"]
-        assert "only look" in str(await audience.asks(do="law", law="none"))
+        assert "only look" in str(await audience.asks(do="set", settings={"device.law": "none"}))
 
         began = time.monotonic()
         await page.send(do="point", target=[0.02], stamp=41.5)
@@ -212,13 +213,15 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
         assert "no such control" in str(await page.asks(do="format the disk"))
-        assert "expected one of" in str(await page.asks(do="law", law="nothing"))
+        wrong = await page.asks(do="set", settings={"device.law": "memoryless"})
+        assert "did you mean 'certified_memoryless'" in str(wrong)
         assert await page.asks(do="record") is None
         recording = await page.until("recording", lambda m: m["file"] is not None)
         assert "already recording to" in str(await page.asks(do="record"))
         assert await page.asks(do="break") is None
         event = await page.until("event", lambda m: m["message"].startswith("law:"))
         assert event["message"] == "law: none from now on"
+        await page.until("parameters", lambda m: m["values"]["device.law"] == "none")
         assert await page.asks(do="safe") is None
         await page.until("frame", lambda frame: frame["engagement"] == 1.0)
         await page.until("nodes", lambda m: any(p["steps"] for p in m["processes"]))
@@ -262,6 +265,23 @@ def check_part(recording: Recording) -> None:
     config = graph_of(recording)
     length = float(np.ptp(recording.telemetry.time))
     assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controls = Mock()
+    monkeypatch.setattr("forcebound.view.server.Controls", lambda *_: controls)
+
+    async def visit() -> None:
+        server = Server()
+        with pytest.raises(ConfigError, match="is not the run directory of a running graph"):
+            await server.show(tmp_path)
+        assert server.graph is None
+        await server.close()
+
+    asyncio.run(visit())
+    controls.close.assert_called_once_with()
 
 
 def test_an_address_that_is_not_here_is_told() -> None:

@@ -82,7 +82,16 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
     wall = None if is_told else surface_of_run(columns, events, config)
     start = int(np.searchsorted(columns.time, 0.0)) if (columns.engagement > 0.0).any() else 0
     shown = slice(start, None)
-    return View(columns.time[shown], columns, shown, wall, touch)
+    return View(since_engaged(columns)[shown], columns, shown, wall, touch)
+
+
+def since_engaged(columns: TelemetryColumns) -> Floats:
+    """Return when the samples were, in s since the force engaged, maybe before the recording."""
+    time, elapsed = columns.time, columns.elapsed
+    # A run begins with a tick before which all were missed, see operators.recorded_path.began.
+    if not time.size or columns.seq[0] == columns.deadline_misses[0] or elapsed[0] == 0.0:
+        return time
+    return time + float(elapsed[0] - time[0])
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from forcebound.cli.common import (
+    Group,
     duration_option_for,
     reports_errors,
     run_option,
@@ -17,7 +18,7 @@ from forcebound.cli.common import (
 _duration_option = duration_option_for("Time after which it ends. Default: with the graph.")
 
 
-@click.group(short_help="Show a running graph in another program.")
+@click.group(short_help="Show a running graph in another program.", cls=Group)
 def bridge() -> None:
     """Show a running graph in another program, which can change nothing."""
 

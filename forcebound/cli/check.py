@@ -7,7 +7,14 @@ from typing import Any
 import click
 
 from forcebound.cli import complete
-from forcebound.cli.common import ARGUMENTS, json_option, print_document, reports_errors, show
+from forcebound.cli.common import (
+    ARGUMENTS,
+    Group,
+    json_option,
+    print_document,
+    reports_errors,
+    show,
+)
 from forcebound.errors import RunError
 
 PARTS = {
@@ -54,7 +61,7 @@ class Progress:
         show(f"{done} of {total} answers" if total else doing, err=True)
 
 
-@click.group()
+@click.group(cls=Group)
 def check() -> None:
     """Check a part against its contract."""
 

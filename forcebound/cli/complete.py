@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from forcebound.files import RECORDING_SUFFIX
+
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
 
@@ -58,14 +60,14 @@ def parts(_: click.Context, begun: str) -> Iterable[str]:
 @offering
 def recordings(_: click.Context, begun: str) -> Iterable[str]:
     """Recordings of the folder."""
-    return _files(begun, ".mcap")
+    return _files(begun, RECORDING_SUFFIX)
 
 
 @offering
 def runs(_: click.Context, begun: str) -> Iterable[str]:
     """Graphs that run, and recordings of the folder."""
     yield from _graphs()
-    yield from _files(begun, ".mcap")
+    yield from _files(begun, RECORDING_SUFFIX)
 
 
 def _files(begun: str, *endings: str) -> Iterable[str]:
@@ -178,7 +180,9 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph, each ``name:=``, and the value that it has."""
+    """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
+    from forcebound.config.graph import LAW
+    from forcebound.config.parameters import takeable_laws
     from forcebound.monitor.formatting import as_written
     from forcebound.monitor.tuning import find_parameters
 
@@ -187,6 +191,8 @@ def changes(context: click.Context, begun: str) -> Iterable[str]:
     name, sign, _ = begun.partition(":=")
     if not sign:
         return [f"{one}:=" for one in known]
+    if name == LAW:
+        return [f"{name}:={law}" for law in takeable_laws()]
     return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from forcebound.cli.common import (
+    Group,
     json_option,
     print_json,
     print_rows,
@@ -15,7 +16,7 @@ from forcebound.cli.common import (
 )
 
 
-@click.group("device")
+@click.group("device", cls=Group, short_help="List serial ports; go on with a lost device.")
 def device_group() -> None:
     """Look for devices on serial ports; let a graph go on with one that was lost."""
 

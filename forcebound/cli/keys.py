@@ -4,10 +4,10 @@ from dataclasses import asdict
 
 import click
 
-from forcebound.cli.common import json_option, print_json, reports_errors, show
+from forcebound.cli.common import Group, json_option, print_json, reports_errors, show
 
 
-@click.group("keys")
+@click.group("keys", cls=Group)
 def keys_group() -> None:
     """Create and show the keys for a link to another machine."""
 

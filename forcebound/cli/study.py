@@ -10,6 +10,7 @@ import click
 from forcebound.cli import complete
 from forcebound.cli.common import (
     ARGUMENTS,
+    Group,
     duration_option,
     file_option,
     json_option,
@@ -107,7 +108,7 @@ def _campaign_options(
     return add
 
 
-@click.group(invoke_without_command=True, short_help="Attack the laws in simulation.")
+@click.group(invoke_without_command=True, short_help="Attack the laws in simulation.", cls=Group)
 @_campaign_options("each law, and of it with each certificate", 1000)
 @click.option(
     "--certificate", "certificates", multiple=True, help="Only this certificate; repeatable."
@@ -279,7 +280,12 @@ def sweep(
         return
     from forcebound.sweep.command import run
 
-    document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    try:
+        document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    except KeyboardInterrupt:
+        same = "the same command without --restart" if restart else "the same command"
+        show(f"forcebound: {same} continues with what is left", err=True)
+        raise
     if as_json:
         print_json(document)
     else:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from forcebound.errors import ConfigError
-from forcebound.files import content_of, version_of
+from forcebound.files import RECORDING_SUFFIX, content_of, version_of
 from forcebound.hops import Hops
-from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.network.impairment import LOOP, Impairment
 from forcebound.network.trace import DelayTrace, read_csv
@@ -54,7 +53,7 @@ def read_trace(file: Path, hop: str = LOOP) -> DelayTrace:
 @lru_cache(maxsize=8)
 def _read(file: Path, version: tuple[int, int]) -> DelayTrace:
     # The loader checks what the links then use, and a sweep does so thousands of times.
-    if file.suffix == SUFFIX:
+    if file.suffix == RECORDING_SUFFIX:
         trace, document, _ = of_recording(file)
         return as_link_trace(trace, document)
     return read_csv(file)
@@ -170,7 +169,7 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """
     columns = recording.telemetry
     _, ticks, delay_of = _answered(columns, columns.elapsed > 0.0)
-    hops = Hops.of(recording.packets, LINKS)
+    hops = Hops.of(recording.stream(*LINKS))
     states, queries, replies, commands = (hops.sent_ns[topic] for topic in LINKS)
     if recording.launch.get("remote"):
         replies = commands

@@ -38,11 +38,11 @@ class RecordedEnvironment:
         Raises:
             ConfigError: If it cannot be read, or has no reply to a state with an engaged force.
         """
-        _answers(self.file)
+        _read(self.file, version_of(self.file))
 
     def open(self, axes: int) -> "_OpenRecorded":
         """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
-        return _OpenRecorded(*_answers(self.file), axes)
+        return _OpenRecorded(*_read(self.file, version_of(self.file)), axes)
 
 
 class _Answer(NamedTuple):
@@ -110,23 +110,16 @@ class _Reply(msgspec.Struct):
     normal: _Numbers | None = None
 
 
-def _answers(file: Path) -> tuple[tuple[float, ...], tuple[_Answer, ...]]:
+@lru_cache(maxsize=2)
+def _read(file: Path, version: tuple[int, int]) -> tuple[tuple[float, ...], tuple[_Answer, ...]]:
     """Return the times of the answered states, in s since the force engaged, and the answers.
 
-    If the recording begins later than that, the times count from its beginning.
+    If the recording begins later than that, the times count from its beginning. Kept for one
+    ``version`` of the file: a launch reads it to check it, and once more to open it.
 
     Raises:
         ConfigError: As :meth:`RecordedEnvironment.check_files`.
     """
-    try:
-        return _read(file, version_of(file))
-    except ConfigError as error:
-        raise ConfigError(str(error), field="file") from None
-
-
-@lru_cache(maxsize=2)
-def _read(file: Path, version: tuple[int, int]) -> tuple[tuple[float, ...], tuple[_Answer, ...]]:
-    # A launch reads it to check it, and once more to open it.
     states: list[_State] = []
     replies: list[_Reply] = []
     with content_of(file):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from forcebound.config.traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
+from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
 from forcebound.launch.run_directory import TELEMETRY, read_launch_document
-from forcebound.mcap_file import SUFFIX
 from forcebound.messages.packets import Packet, Telemetry
 from forcebound.monitor.runs import find, while_running
 from forcebound.monitor.streams import read_topics
@@ -106,13 +106,13 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
 
 
 def _is_recording(run: Path) -> bool:
-    return run.suffix == SUFFIX or (not run.suffix and run.is_file())
+    return run.suffix == RECORDING_SUFFIX or (not run.suffix and run.is_file())
 
 
 def _recorded_hops(file: Path) -> Hops:
     from forcebound.recording import read
 
-    return Hops.of(read(file, HOPS).packets)
+    return Hops.of(read(file).stream(*HOPS))
 
 
 def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from forcebound.errors import ConfigError
-from forcebound.mcap_file import SUFFIX
+from forcebound.files import RECORDING_SUFFIX
 from forcebound.network.distribution import QUANTILES, read_distribution
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -154,7 +154,7 @@ class Impairment:
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
             message = "reorder needs a delay: what goes at once overtakes what is delayed"
             raise ConfigError(message, field="reorder")
-        if self.trace_hop != LOOP and (self.trace is None or self.trace.suffix != SUFFIX):
+        if self.trace_hop != LOOP and (self.trace is None or self.trace.suffix != RECORDING_SUFFIX):
             message = f"trace_hop {self.trace_hop} is a link in a recording: give trace: RUN.mcap"
             raise ConfigError(message, field="trace_hop")
         object.__setattr__(self, "_table", check_delay(self))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from forcebound.errors import ConfigError
-from forcebound.mcap_file import SUFFIX
+from forcebound.files import RECORDING_SUFFIX
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.path_file import read_numbers
@@ -33,7 +33,7 @@ class TrajectoryHand(SoftGrip):
     def __post_init__(self) -> None:
         super().__post_init__()
         try:
-            is_recording = Path(self.file).suffix == SUFFIX
+            is_recording = Path(self.file).suffix == RECORDING_SUFFIX
             read = read_recording if is_recording else _read_path
             times, positions = read(Path(self.file))
         except ConfigError as error:

@@ -18,14 +18,7 @@ from forcebound.errors import ConfigError, PacketError
 from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument, recorded_streams
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import (
-    TOPICS,
-    EnvironmentReply,
-    Event,
-    Packet,
-    Scene,
-    Telemetry,
-)
+from forcebound.messages.packets import TOPICS, EnvironmentReply, Event, Packet, Scene, Telemetry
 from forcebound.network.sockets import Network
 from forcebound.view.coarse import coarse
 

@@ -87,7 +87,6 @@ const takes = {
     for (const object of message.objects) if (object.shape === "mesh") fetchMesh(object.digest);
   },
   event(message) {
-    if (message.event === "law_changed") controls.showLaw(message.data.law);
     const entry = document.createElement("li"), time = document.createElement("time");
     entry.className = message.is_fault ? "fault" : "";
     time.textContent = new Date(1e3 * message.time).toLocaleTimeString();

@@ -10,6 +10,7 @@ const SHOWN = { s: [1e3, "ms", 10], m: [1e3, "mm", 10], "m/s": [1e3, "mm/s", 10]
 const RECORD = "Record";
 const OF_LINKS = ["delay", "jitter", "loss"];
 const REFINED = /compute_(?!delay)/; // among the other parameters
+const LAW = "device.law";
 const DELAYS = ["links.environment_query.delay", "links.environment_reply.delay"];
 
 /** A quantity as one would write it: `5 ms` for `0.005 s`, `10 N/mm` for `10000 N/m`. */
@@ -28,7 +29,7 @@ export class Controls {
     this.pending = new Map(); // number of a request -> what its answer is for
     this.rows = new Map(); // node -> cells of its row
     this.law = make("select", { id: "law" });
-    this.law.addEventListener("change", () => this.ask({ do: "law", law: this.law.value }, this.law));
+    this.law.addEventListener("change", () => this.ask({ do: "set", settings: { [LAW]: this.law.value } }, this.law));
     this.shows = { none: document.getElementById("break"), certified: document.getElementById("safe") };
     this.shows.none.addEventListener("click", () => this.ask({ do: "break" }, this.shows.none));
     this.shows.certified.addEventListener("click", () => this.ask({ do: "safe" }, this.shows.certified));
@@ -52,7 +53,6 @@ export class Controls {
   /** Build what the graph has; its values come with `parameters`. */
   describe(hello) {
     this.links = hello.links;
-    this.present = hello.law;
     this.fields.clear();
     this.pending.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
@@ -72,7 +72,6 @@ export class Controls {
       make("div", { className: "field" }, make("label", { htmlFor: "record", textContent: "recording" }), this.record, this.recorded),
       this.other,
     );
-    this.showLaw();
   }
 
   buildLinks() {
@@ -110,7 +109,9 @@ export class Controls {
   }
 
   parameters({ values, ranges }) {
+    this.present = values[LAW];
     for (const [name, value] of Object.entries(values)) {
+      if (name === LAW) continue; // it is chosen from a list
       if (!this.fields.has(name)) this.addField(name, value, ranges[name] ?? "");
       const field = this.fields.get(name);
       field.value = readable(value);
@@ -140,8 +141,8 @@ export class Controls {
   }
 
   /** Show the law, and which of the two buttons has its way now. */
-  showLaw(law = this.present) {
-    this.present = law;
+  showLaw() {
+    const law = this.present;
     if (document.activeElement !== this.law || !this.law.hasAttribute("aria-busy")) this.law.value = law;
     const delays = DELAYS.map((name) => this.fields.get(name)?.value);
     const shown = { none: law === "none" && delays.every((d) => d === "5 ms"),
