@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -266,6 +267,23 @@ def check_part(recording: Recording) -> None:
     config = graph_of(recording)
     length = float(np.ptp(recording.telemetry.time))
     assert duration_of(recording, config) == pytest.approx(length, abs=0.01)
+
+
+def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controls = Mock()
+    monkeypatch.setattr("forcebound.view.server.Controls", lambda *_: controls)
+
+    async def visit() -> None:
+        server = Server()
+        with pytest.raises(ConfigError, match="is not the run directory of a running graph"):
+            await server.show(tmp_path)
+        assert server.graph is None
+        await server.close()
+
+    asyncio.run(visit())
+    controls.close.assert_called_once_with()
 
 
 def test_an_address_that_is_not_here_is_told() -> None:

@@ -87,8 +87,11 @@ def view_of(run: Run, events: Sequence[Event] = ()) -> View:
 
 def since_engaged(columns: TelemetryColumns) -> Floats:
     """Return when the samples were, in s since the force engaged, maybe before the recording."""
-    begins_later = columns.time.size and columns.seq[0] > 0 and columns.elapsed[0] > 0.0
-    return columns.time + (columns.elapsed[0] - columns.time[0]) if begins_later else columns.time
+    time, elapsed = columns.time, columns.elapsed
+    # A run begins with a tick before which all were missed, see operators.recorded_path.began.
+    if not time.size or columns.seq[0] == columns.deadline_misses[0] or elapsed[0] == 0.0:
+        return time
+    return time + float(elapsed[0] - time[0])
 
 
 def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:

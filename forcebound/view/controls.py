@@ -112,7 +112,7 @@ class Controls:
 
     def close(self) -> None:
         """End what is still under way."""
-        self.recording.close()
+        self.recording.end()
         self._kernels.close()
 
 
