@@ -13,15 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
-from typing import (
-    Annotated,
-    Any,
-    TypeAlias,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from forcebound.errors import ConfigError
 from forcebound.units import NAMES, parse_quantity

@@ -6,7 +6,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import differences, parameters
 from forcebound.config.resolved import with_parameters
 from forcebound.errors import ConfigError
@@ -14,6 +14,7 @@ from forcebound.launch.build import change_environment, change_link
 from forcebound.launch.links import build_link
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
+from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.process import Runner
 from forcebound.simulation import Simulation
@@ -55,10 +56,12 @@ class Tuner:
         self._time_ns = 0
 
     def __call__(self, runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Apply newer parameters; return the changes in this process.
+        """Apply newer parameters; return the changes in this process but for the law.
+
+        The device node itself tells its law, as soon as it has taken it.
 
         Raises:
-            ConfigError: If the request is not of this form.
+            ConfigError: If the request is not of this form, or the device cannot take this law.
         """
         settings, time_ns = request.get("parameters"), request.get("time_ns")
         if not isinstance(settings, Mapping) or not isinstance(time_ns, int):
@@ -75,7 +78,7 @@ class Tuner:
         _apply(changed, self._config, runner)
         self._known |= changed
         self._time_ns = time_ns
-        return changed
+        return {name: value for name, value in changed.items() if name != LAW}
 
 
 def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
@@ -84,16 +87,20 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
         yield from (f"links.{TOPIC_OF[packet]}." for packet in node.subscribes)
         if isinstance(node, EnvironmentNode):
             yield "environment."
+        if isinstance(node, DeviceNode):
+            yield LAW
 
 
 def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
     links = {name.split(".")[1] for name in changed if name.startswith("links.")}
     for topic in sorted(links):
         _change_link(graph, topic, new)
-    if any(name.startswith("environment.") for name in changed):
-        for node in graph.nodes:
-            if isinstance(node, EnvironmentNode):
-                change_environment(node, new.environment)
+    changes_environment = any(name.startswith("environment.") for name in changed)
+    for node in graph.nodes:
+        if changes_environment and isinstance(node, EnvironmentNode):
+            change_environment(node, new.environment)
+        if LAW in changed and isinstance(node, DeviceNode):
+            node.take_law(new.device.servo.law)
 
 
 def _change_link(graph: Runner | Simulation, topic: str, config: GraphConfig) -> None:

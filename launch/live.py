@@ -2,18 +2,18 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from forcebound import realtime
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import differences, holders
 from forcebound.config.phases import Part, timetable
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_tell_contacts
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
@@ -43,6 +43,7 @@ from forcebound.messages.packets import (
     TOPICS,
     EnvironmentReply,
     ForceCommand,
+    Telemetry,
 )
 from forcebound.processes import PROCESSES
 
@@ -85,6 +86,7 @@ def run_live(
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
+    screen = screen or Screen()
     core = realtime.choose_core(config.realtime.cores, taken=_taken_cores())
     with run_directory() as run_dir:
         recording = run_dir / RECORDING if record is None else record.absolute()
@@ -121,8 +123,7 @@ def run_live(
             raise
         finally:
             os.sched_setaffinity(0, cores)
-        if screen is not None:
-            screen.status("reading the recording for the result")
+        screen.status("reading the recording for the result")
         return _result(recording, interrupted)
 
 
@@ -140,7 +141,8 @@ def _discard_if_empty(recording: Path) -> bool:
     from forcebound.recording import read  # slow, and rarely needed here
 
     with suppress(ConfigError):
-        if (read(recording, (TELEMETRY,)).telemetry.engagement > 0.0).any():
+        samples = cast("Iterator[Telemetry]", read(recording).stream(TELEMETRY))
+        if any(sample.engagement > 0.0 for sample in samples):
             return False
     recording.unlink(missing_ok=True)
     return True
@@ -188,20 +190,20 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
 
 def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
     """Return the actions of the launcher at the beginning of each phase."""
-    steps = []
-    before = config
-    for part in timetable(config):
-        # Unaffected processes are not disturbed, least of all the servo.
-        concerned = holders(differences(before, part.config))
-        begin = partial(_begin, run_dir, part, sorted(concerned))
-        steps.append(Step(part.start_ns, begin, part.message, part.data))
-        before = part.config
-    return steps
+    return [
+        Step(part.start_ns, partial(_begin, run_dir, part), part.message, part.data)
+        for part in timetable(config)
+    ]
 
 
-def _begin(run_dir: Path, part: Part, concerned: Sequence[str]) -> Mapping[str, dict[str, Any]]:
+def _begin(run_dir: Path, part: Part) -> Mapping[str, dict[str, Any]]:
+    """Write what holds in a phase; return the request for each process that it concerns."""
     with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not block the launcher
-        return dict.fromkeys(concerned, write_launch_document(run_dir, part.config))
+        before = read_launch_document(run_dir)
+        config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
+        request = write_launch_document(run_dir, config)
+    # Unaffected processes are not disturbed, least of all the servo.
+    return dict.fromkeys(sorted(holders(differences(before, config))), request)
 
 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:

@@ -27,12 +27,7 @@ from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.run_lock import exclusive, shared
 from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
-from forcebound.process import (
-    control_endpoint,
-    event_endpoint,
-    remote_endpoint,
-    topic_endpoint,
-)
+from forcebound.process import control_endpoint, event_endpoint, remote_endpoint, topic_endpoint
 from forcebound.processes import LAUNCHER, PROCESSES
 
 MAX_DOCUMENT = 10_000_000  # bytes of either document of a run; ten launch files have 3 MB

@@ -34,8 +34,10 @@ class Screen:
 
     def status(self, words: str) -> None:
         """Show what the launcher is doing, in place of what it did; "": nothing."""
+        if not self.has_status:
+            return
         words = words[: shutil.get_terminal_size().columns - 1]  # what wraps cannot be erased
-        if self.has_status and words != self._status:
+        if words != self._status:
             self._status = words
             self._write(f"{ERASE}{words}")
 

@@ -22,15 +22,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from forcebound.bounding import LAWS, Dissipation
 from forcebound.devices import Device
-from forcebound.errors import DeviceError
-from forcebound.messages.packets import (
-    DeviceState,
-    Event,
-    ForceCommand,
-    Packet,
-    Telemetry,
-    Vector,
-)
+from forcebound.errors import ConfigError, DeviceError
+from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
@@ -67,7 +60,7 @@ class DeviceNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
-    requests: ClassVar[tuple[str, ...]] = ("engage", "law", "point")
+    requests: ClassVar[tuple[str, ...]] = ("engage", "point")
 
     def __init__(
         self,
@@ -158,24 +151,30 @@ class DeviceNode(Node):
         }
 
     def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``engage``, ``law`` and ``point``; see :class:`forcebound.nodes.Node`.
+        """Answer ``engage`` and ``point``; see :class:`forcebound.nodes.Node`.
 
-        ``law``: the bounding law from now on, one that comes with forcebound; it is taken when no
-        force is held, and the force comes back over the engage ramp. ``point``: where the pointer
-        of a simulated hand is, ``target``, in m; ``time_ns``: from when on it counts.
+        ``point``: where the pointer of a simulated hand is, ``target``, in m; ``time_ns``: from
+        when on it counts.
         """
         wanted = request.get("request")
         if wanted == "engage":
             self.engage()
             return {"engaged": True}
-        if wanted == "law":
-            law = request.get("law")
-            if not isinstance(law, str) or not LAWS.is_shipped(law):
-                return {"error": f"law: expected one of {', '.join(sorted(LAWS))}, got {law!r}"}
-            self._next_law = law
-            self._chain.disengage()
-            return {"law": law}
         return self._point(request.get("target")) if wanted == "point" else None
+
+    def take_law(self, law: str) -> None:
+        """Let another law bound as soon as no force is held; the force returns over the ramp.
+
+        Args:
+            law: One that comes with forcebound.
+
+        Raises:
+            ConfigError: If it is none; nothing changes.
+        """
+        if not LAWS.is_shipped(law):
+            raise ConfigError(f"a running device takes no law of one's own, got {law!r}")
+        self._next_law = law
+        self._chain.disengage()
 
     def _point(self, target: Any) -> dict[str, Any]:
         is_place = isinstance(target, list) and 1 <= len(target) <= len(self._zero)

@@ -2,13 +2,7 @@
 
 from typing import TypeAlias
 
-from forcebound.launch.actions import (
-    Action,
-    Engage,
-    Engaged,
-    Event,
-    Reported,
-)
+from forcebound.launch.actions import Action, Engage, Engaged, Event, Reported
 from forcebound.launch.lifecycle import Lifecycle, Limits
 
 NODES = ("environment", "controller", "device", "recorder")

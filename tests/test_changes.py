@@ -7,17 +7,15 @@ from unittest.mock import Mock
 
 import pytest
 
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.loader import change, load
 from forcebound.config.parameters import differences, holders, parameters
 from forcebound.errors import ConfigError
 from forcebound.launch.application import Tuner
-from forcebound.messages.packets import EnvironmentQuery
+from forcebound.launch.build import build_device
+from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.monitor.formatting import as_written
-from forcebound.monitor.tuning import (
-    find_parameters,
-    read_settings,
-)
+from forcebound.monitor.tuning import find_parameters, read_settings
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.environment import EnvironmentNode
 
@@ -37,7 +35,7 @@ def test_every_impairment_of_every_link_and_all_of_the_environment_can_be_change
     assert {"environment.stiffness", "environment.compute_delay"} <= known.keys()
     for topic in ("device_state", "environment_query", "environment_reply", "force_command"):
         assert known[f"links.{topic}.loss"] == 0.0
-    assert not any("kind" in name or name.startswith("device.") for name in known)
+    assert [name for name in known if "kind" in name or name.startswith("device.")] == [LAW]
 
 
 def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> None:
@@ -54,14 +52,17 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
     ("settings", "message"),
     [
         ({"environment.stifness": 1}, "did you mean 'environment.stiffness'"),
-        ({"device.law": "none"}, "device.law is fixed while a graph runs"),
+        ({"device.law": "memoryless"}, "unknown law .* did you mean 'certified_memoryless'"),
+        ({"device.law": "my_law.py"}, "needs a launch of its own"),
+        ({"device.law": None}, "unknown law 'None'"),
+        ({"device.allowance": 1.0}, "device.allowance is fixed while a graph runs"),
         ({"environment.kind": "damper"}, "environment.kind is fixed"),
         ({"remote.port": 7000}, "remote.port is fixed"),
         ({"seed": 2}, "seed is fixed"),
         ({"stiffness": 2}, "did you mean 'environment.stiffness'"),
         (
             {"xyzzy": 1},
-            "'xyzzy'; what can be changed is in links.device_state, .* and environment$",
+            "'xyzzy'; what can be changed is in device.law, links.*state, .* and environment$",
         ),
         ({"environment.stiffness": "5 s"}, "which is a time"),
         ({"links.environment_query.loss": 2}, "must be 0 to 1"),
@@ -148,6 +149,7 @@ def test_a_link_belongs_to_the_process_that_receives() -> None:
     names = ["links.environment_query.delay", "links.force_command.loss"]
     assert holders(names) == {"environment", "device"}
     assert holders(["environment.stiffness"]) == {"environment"}
+    assert holders([LAW]) == {"device"}
 
 
 # --- In a running process ------------------------------------------------------------------------
@@ -168,6 +170,20 @@ def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
     assert tuner(process, request(config, 6, stiffness=400.0)) == {}
     (reply,) = process.nodes[0].step(5, [EnvironmentQuery(1, 1, 1, 1, 0.0, (0.02,), (0.0,), None)])
     assert reply.force == (pytest.approx(4.0),)
+
+
+def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> None:
+    device = build_device(config)
+    settings = request(config, 5)
+    settings["parameters"][LAW] = "none"
+    assert Tuner(config)(Mock(nodes=[EnvironmentNode(config.environment.model)]), settings) == {}
+    assert Tuner(config)(Mock(nodes=[device]), settings) == {}  # it tells when it has taken it
+    packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
+    assert [packet.data for packet in packets if isinstance(packet, Event)] == [{"law": "none"}]
+    for damaged in ("my_law.py", 3):
+        settings["parameters"][LAW] = damaged
+        with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
+            Tuner(config)(Mock(nodes=[device]), settings)
 
 
 def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:

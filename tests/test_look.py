@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from asyncio import wait_for
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ import pytest
 import zmq
 from builders import telemetry_packet
 from click.testing import CliRunner, Result
-from live_graph import live_graph
+from live_graph import LiveGraph, live_graph
 from tornado.websocket import websocket_connect
 from waiting import PATIENCE, free_port, until
 
@@ -228,6 +229,7 @@ async def vanish_as_foxglove(port: int) -> None:
         got = await wait_for(client.read_message(), PATIENCE)
         if isinstance(got, bytes):
             assert client.protocol is not None
+            assert client.protocol.stream is not None
             client.protocol.stream.close()  # no closing handshake
             client.close()
             return
@@ -245,6 +247,26 @@ def test_a_foxglove_window_that_is_shut_is_no_error(caplog: pytest.LogCaptureFix
         for _ in range(1000):
             send("device_state", state(0, 0), time.time_ns())
     assert [one.getMessage() for one in caplog.records if one.levelno >= logging.WARNING] == []
+
+
+def check_law(graph: LiveGraph, look: Callable[..., Result]) -> None:
+    """Check that the law of a running graph is a parameter like others."""
+    assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+    first = look("param", "list").stdout.splitlines()[0]
+    assert first.startswith("device.law: certified  # aol, certified, certified_memoryless, ")
+    done = look("param", "set", "device.law:=certified_memoryless")
+    assert done.stdout == "device.law: certified_memoryless\n"
+    assert "note: the law was taken without force" in done.stderr
+    graph.until(lambda: "law: certified_memoryless from now on" in graph.log, "the new law")
+    assert look("param", "list", "--changed").stdout == "device.law: certified_memoryless\n"
+    refused = CliRunner().invoke(main, ["param", "set", "device.law:=memoryless"])
+    assert refused.exit_code == 2
+    assert "did you mean 'certified_memoryless'?" in refused.stderr
+    words = {"COMP_WORDS": "forcebound param set device.law:=cert", "COMP_CWORD": "3"}
+    asking = {"_FORCEBOUND_COMPLETE": "bash_complete", **words}
+    offered = CliRunner().invoke(main, [], env=asking, prog_name="forcebound")
+    laws = ["certified", "certified_memoryless"]
+    assert offered.stdout.split() == [f"plain,device.law:={law}" for law in laws]
 
 
 @pytest.mark.live
@@ -285,7 +307,7 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         hops = json.loads(links.stdout)["links_ms"]
         assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
         assert json.loads(look("top", "--duration", "100ms", "--json").stdout)["core"] is not None
-        assert look("param", "get", "device.law").stdout == "device.law: certified\n"
+        check_law(graph, look)
 
         check_bridge(graph.run_dir)
         check_foxglove(graph.run_dir)

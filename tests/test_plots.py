@@ -10,10 +10,10 @@ import pytest
 from msgspec.structs import replace
 from plotted import WALL, drawn, panel, run_of, slopes, telemetry
 
-from forcebound.analysis.panels import PANELS
+from forcebound.analysis.panels import MOST_POINTS, PANELS, PIECES, extremes
 from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
-from forcebound.nodes.events import PHASE_BEGINS, EventLog
+from forcebound.nodes.events import LAW_CHANGED, PHASE_BEGINS, EventLog
 
 # --- The data ------------------------------------------------------------------------------------
 
@@ -47,6 +47,17 @@ def test_samples_before_the_engagement_are_left_out() -> None:
     assert read.size == 150
 
 
+def test_a_recording_that_begins_later_keeps_the_time_since_the_force_engaged() -> None:
+    mark = EventLog("device").emit(150_000_000, LAW_CHANGED, "", {"law": "none"})
+    axes = panel(figure([run_of(telemetry()[100:])], events=[[mark]]), 0)
+    reading, change = (
+        next(line for line in axes.lines if line.get_label() == name).get_xdata()
+        for name in ("reading", "law changed")
+    )
+    assert np.asarray(reading)[[0, -1]] == pytest.approx([0.1, 0.199])
+    assert np.asarray(change)[0] == pytest.approx(0.15)
+
+
 def test_force_over_penetration_shows_the_wall_and_what_was_applied() -> None:
     run = run_of(telemetry())
     axes = figure([run], ["force_over_penetration"]).axes[0]
@@ -56,6 +67,20 @@ def test_force_over_penetration_shows_the_wall_and_what_was_applied() -> None:
     np.testing.assert_allclose(depth, (run[1].position[:, 0] - WALL) * 1e3)
     np.testing.assert_array_equal(applied.get_ydata(), run[1].applied_force[:, 0])
     assert axes.get_xlabel() == "penetration (mm)"
+
+
+def test_a_long_curve_keeps_its_extremes_and_gaps_with_few_points() -> None:
+    values = np.random.default_rng(1).normal(size=1_000_001)
+    values[[123_456, 654_321]] = 50.0, -50.0
+    values[300_000:400_000] = np.nan
+    chosen = extremes(values)
+    assert chosen.size <= 2 * PIECES
+    assert (np.diff(chosen) > 0).all()
+    assert {123_456, 654_321} <= set(chosen.tolist())
+    kept = np.isnan(values[chosen])
+    assert kept[(chosen >= 300_000) & (chosen < 400_000)].all()
+    assert not kept[(chosen < 299_000) | (chosen > 401_000)].any()
+    assert extremes(values[:MOST_POINTS]).size == MOST_POINTS
 
 
 def test_hardware_has_no_true_lines() -> None:

@@ -9,6 +9,7 @@ from waiting import until
 
 from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
+from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
@@ -113,7 +114,7 @@ def test_a_hand_that_follows_no_pointer_says_so() -> None:
 def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     device = node("law:=certified")
     before = run(device, 0, 50)
-    assert device.handle({"request": "law", "law": "none"}) == {"law": "none"}
+    device.take_law("none")
     after = run(device, 50 * MS, 50)
     [event] = [p for p in after if getattr(p, "event", "") == "law_changed"]
     assert event.data == {"law": "none"}
@@ -122,9 +123,8 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     assert not any(after[at - 1].applied_force)
 
 
-def test_an_unknown_law_is_refused_and_nothing_changes() -> None:
+def test_a_law_of_ones_own_is_refused_and_nothing_changes() -> None:
     device = node()
-    answer = device.handle({"request": "law", "law": "nothing"})
-    assert answer is not None
-    assert answer["error"].startswith("law: expected one of ")
+    with pytest.raises(ConfigError, match="no law of one's own"):
+        device.take_law("my_law.py")
     assert not [p for p in run(device, 0, 20) if getattr(p, "event", "") == "law_changed"]

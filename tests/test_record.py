@@ -5,20 +5,23 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
-from live_graph import LiveGraph, live_graph
+from launch_texts import written
+from live_graph import SURFACE, LiveGraph, live_graph
 from waiting import PATIENCE
 
+from forcebound.analysis.surface import stiffness_of_run
 from forcebound.cli import main
 from forcebound.config.loader import load
-from forcebound.errors import ConfigError
-from forcebound.launch.run_directory import RunDocument
 from forcebound.launch.virtual import run_virtual
-from forcebound.monitor.recorder import free_name, record_running
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
+from forcebound.monitor.recorder import free_name
 from forcebound.operators.trajectory import TrajectoryHand
-from forcebound.recording import Recorder, read
+from forcebound.recording import Recorder, Recording, read
 from forcebound.recordings.rerun import duration_of, graph_of
 
 
@@ -49,31 +52,58 @@ def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: 
     assert duration_of(part, config) == pytest.approx(0.2, abs=2e-3)
 
 
-def test_a_run_whose_phases_change_its_environment_is_recorded_whole(tmp_path: Path) -> None:
-    phases = [{"name": "soft", "duration": 1.0, "set": {"environment.stiffness": 100.0}}]
-    metadata = {"launch": json.dumps({"phases": phases})}
-    RunDocument(1, None, "", [], metadata, "soft_wall").write(tmp_path)
-    with pytest.raises(ConfigError, match="only a recording of the whole run says when"):
-        record_running(tmp_path, tmp_path / "run.mcap", None, print)
-    assert not (tmp_path / "run.mcap").exists()
+PHASED = (
+    """\
+forcebound: 1
+include: stiff_wall.yaml
+phases:
+"""
+    + 100
+    * """\
+  - {name: hard, duration: 0.3 s}
+  - {name: soft, duration: 0.3 s, set: {environment.stiffness: 8 N/mm}}
+"""
+)
 
 
 def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:
     """Exit status and output of a recording that Ctrl-C ends once it has begun."""
-    command = [sys.executable, "-u", "-m", "forcebound", "record", "stiff_wall", "-o", str(file)]
+    command = [sys.executable, "-u", "-m", "forcebound", "record", "phased", "-o", str(file)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True) as process:
         assert process.stdout is not None
         begun = process.stdout.readline()
-        graph.until(lambda: file.exists() and file.stat().st_size > 100_000, "some ticks")
+        begun_phases = graph.log.count(": phase soft")
+        graph.until(lambda: graph.log.count(": phase soft") > begun_phases + 1, "two phases")
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=PATIENCE)
     return process.returncode, begun + out
 
 
+def check_environments(recording: Recording) -> None:
+    """Check that the figures know the stiffness with which the environment answered each query."""
+    events = cast("list[Event]", recording.packets("event"))
+    columns = recording.telemetry
+    known = stiffness_of_run(columns, events, recording.launch)
+    assert known is not None
+    queries = cast("list[EnvironmentQuery]", recording.packets("environment_query"))
+    where = {query.seq: query.position[0] for query in queries}
+    felt = set()
+    for reply in cast("list[EnvironmentReply]", recording.packets("environment_reply")):
+        depth = where.get(reply.query_seq, 0.0) - SURFACE
+        if depth > 0.0:
+            after = int(np.searchsorted(columns.time_ns[:-1], reply.time_ns))
+            stiffness = reply.force[0] / depth
+            assert stiffness == pytest.approx(known[after], rel=1e-6) or stiffness == pytest.approx(
+                known[max(after - 1, 0)], rel=1e-6
+            )
+            felt.add(round(stiffness))
+    assert felt == {8_000, 10_000}
+
+
 def check_full_disk(file: Path) -> None:
     """Check that a recording that cannot go on ends, says so, and keeps what came before."""
-    limited = f"ulimit -f 64; exec {sys.executable} -m forcebound record stiff_wall -o {file}"
+    limited = f"ulimit -f 64; exec {sys.executable} -m forcebound record phased -o {file}"
     done = subprocess.run(
         ["bash", "-c", limited], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
@@ -84,25 +114,35 @@ def check_full_disk(file: Path) -> None:
 
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
-def test_a_part_of_a_run_is_recorded_while_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    with live_graph("stiff_wall") as graph:
+def test_a_part_of_a_run_is_recorded_while_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    launched = str(written(tmp_path, PHASED, "phased.yaml"))
+    with live_graph(launched) as graph:
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
         file = graph.folder / "part.mcap"
+        assert graph.order("param", "set", "device.law:=none").returncode == 0
         status, said = interrupted(graph, file)
         assert status == 0
-        assert said.startswith(f"recording stiff_wall to {file}")
+        assert said.startswith(f"recording {launched} to {file}")
         assert said.endswith(f"ticks: {file}\n")
         assert "Traceback" not in said
+        part = read(file)
+        check_environments(part)
+        assert part.launch["device"]["law"] == "none"
+        kinds = [event.event for event in cast("list[Event]", part.packets("event"))]
+        assert "phase" in kinds
+        assert "law_changed" not in kinds  # a phase leaves the law as it is
 
         refused = CliRunner().invoke(main, ["record", "-o", str(file)])
         assert refused.exit_code == 2
         assert "exists: choose another name, or add --overwrite" in refused.output
         done = graph.order(
-            "record", "stiff_wall", "-o", str(file), "--overwrite", "--duration", "300ms", "--json"
+            "record", "phased", "-o", str(file), "--overwrite", "--duration", "300ms", "--json"
         )
         told = json.loads(done.stdout)
         assert told["ended"] == "duration"
-        assert told["graph"] == "stiff_wall"
+        assert told["graph"] == launched
         recording = read(file)
         assert recording.complete
         assert len(recording.packets("telemetry")) == told["packets"]["telemetry"]
@@ -112,7 +152,7 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(monkeypatch: pytest.Monkey
         assert "no other ledger begins in it (a new law)" in cannot.output
         check_full_disk(graph.folder / "full.mcap")
         with_end = graph.folder / "end.mcap"
-        words = ["record", "stiff_wall", "-o", str(with_end), "--json"]
+        words = ["record", "phased", "-o", str(with_end), "--json"]
         command = [sys.executable, "-m", "forcebound", *words]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             graph.until(with_end.exists, "a recording")

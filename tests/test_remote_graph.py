@@ -14,13 +14,7 @@ from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import (
-    DeviceState,
-    EnvironmentReply,
-    Event,
-    ForceCommand,
-    Packet,
-)
+from forcebound.messages.packets import DeviceState, EnvironmentReply, Event, ForceCommand, Packet
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import Link

@@ -15,9 +15,7 @@ from waiting import PATIENCE, free_port
 from forcebound.errors import ConfigError
 from forcebound.network import limits
 from forcebound.network.ends import RemoteEnd
-from forcebound.network.notices import (
-    BURST,
-)
+from forcebound.network.notices import BURST
 from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 

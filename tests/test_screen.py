@@ -1,14 +1,13 @@
 """What a launcher says of its work, and the progress of a run in virtual time."""
 
 import pytest
+from run_starts import NODES
 
 from forcebound.config.loader import load
 from forcebound.launch.actions import Engaged, Interrupted, Reported
 from forcebound.launch.lifecycle import Lifecycle, Limits
 from forcebound.launch.screen import Screen, doing
 from forcebound.launch.virtual import run_virtual
-
-NODES = ["environment", "controller", "device", "recorder"]
 
 
 def test_each_step_of_a_start_is_told() -> None:

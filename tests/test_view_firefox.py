@@ -145,10 +145,8 @@ def test_one_drags_breaks_and_mends_in_firefox() -> None:
                 assert await tab.value("document.getElementById('law').value") == law
             before = await tab.value(figure("position"))
             await tab.value("document.getElementById('scene').focus()")
-            keys = [
-                {"type": kind, "value": "\ue012"} for kind in ("keyDown", "keyUp")
-            ]  # arrow left
-            await tab.do("key", keys * 3)
+            press = [{"type": kind, "value": ARROW_LEFT} for kind in ("keyDown", "keyUp")]
+            await tab.do("key", press * 3)
             await tab.until(f"{figure('position')} < {before - 2}")
             assert tab.errors == []
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcebound.analysis.colours import NEUTRAL, NOT_PASSIVE, PHASE
-from forcebound.analysis.panels import PANELS, Panel, Run, in_figure, view_of
+from forcebound.analysis.panels import PANELS, Panel, Run, in_figure, since_engaged, view_of
 from forcebound.analysis.summary import law
 from forcebound.analysis.surface import Floats
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
 from forcebound.messages.packets import Event
-from forcebound.nodes.events import PARAMETERS_SET, PHASE_BEGINS
+from forcebound.nodes.events import LAW_CHANGED, PARAMETERS_SET, PHASE_BEGINS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 PATH_PANELS = ("path_xy", "path_xz")  # of runs of two axes the first, of more both
 
-CHANGES = (PARAMETERS_SET, "environment_serves")  # events that are drawn as well as faults
+CHANGES = (PARAMETERS_SET, LAW_CHANGED, "environment_serves")  # events that are drawn as faults are
 MARKS = (
     (":", "v"),
     ("--", "o"),
@@ -112,8 +112,8 @@ def _mark(axes: Axes, run: Run, events: Sequence[Event], *, names: bool) -> None
     columns = run[1]
     if not columns.time.size:
         return
-    zero_ns = int(columns.time_ns[0]) - round(float(columns.time[0]) * 1e9)
-    end = float(columns.time[-1])
+    first, end = since_engaged(columns)[[0, -1]].tolist()
+    zero_ns = int(columns.time_ns[0]) - round(first * 1e9)
     begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_MARKS]
     changes = () if begins else CHANGES  # the changes of a phase are named by it
     marked = [event for event in events if event.is_fault or event.event in changes]

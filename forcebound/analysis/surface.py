@@ -142,14 +142,15 @@ def _environments(
     """Yield each state of the environment's parameters, and the samples since it began.
 
     A phase begins with the parameters of the launch file and sets its own; an event has the new
-    values as text.
+    values as text. A recording that begins later has the values of then, and no phases: events
+    alone say what they change.
     """
     launched = dict(config.get("environment") or {})
     phases: Iterator[Mapping[str, Any]] = iter(config.get("phases") or ())
     now = launched
     yield slice(None), now
     for event in events:
-        if event.event == PHASE_BEGINS:
+        if event.event == PHASE_BEGINS and config.get("phases"):
             now = launched | _of_environment(next(phases, {}).get("set") or {})
         elif event.event == PARAMETERS_SET:
             now = now | _of_environment({n: _value(text) for n, text in event.data.items()})

@@ -4,14 +4,14 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
 import click
 
-from forcebound.cli.complete import graphs, topics
+from forcebound.cli.complete import Offer, graphs, topics
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import RECORDING_SUFFIX, printable
 
@@ -132,24 +132,31 @@ run_option = click.option(
 )
 
 
+def run_argument(name: str, offered: Offer) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Return an argument for a run, which may be left out; ``offered`` completes it."""
+    kind = click.Path(path_type=Path)
+    return click.argument(
+        name, required=False, metavar=f"[{name.upper()}]", type=kind, shell_complete=offered
+    )
+
+
 @contextmanager
 def slow_bar(name: str, as_json: bool) -> Iterator[Callable[[int, int], None]]:
     """Yield a function that shows progress, if it takes long and somebody looks.
 
     It takes what is done, and the total.
     """
-    looks = sys.stderr.isatty() and not as_json
+    if as_json or not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from forcebound.workers import progress_bar
+
     began = time.monotonic()
-    bar: list[Callable[[int, int], None]] = []
-    with ExitStack() as stack:
+    with progress_bar(name) as show_bar:
 
         def tell(done: int, total: int) -> None:
-            if looks and time.monotonic() - began > SLOW:
-                if not bar:
-                    from forcebound.workers import progress_bar
-
-                    bar.append(stack.enter_context(progress_bar(name)))
-                bar[0](done, total)
+            if time.monotonic() - began > SLOW:
+                show_bar(done, total)
 
         yield tell
 
@@ -205,6 +212,13 @@ def print_rows(
 def print_json(document: Any) -> None:
     """Print one JSON document."""
     click.echo(json_text(document))
+
+
+def print_json_line(document: Any) -> None:
+    """Print a JSON document on one line; a number that is not finite becomes null."""
+    from msgspec.json import encode
+
+    click.echo(encode(document))
 
 
 def print_document(

@@ -180,7 +180,9 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
-    """Parameters of the running graph, each ``name:=``, and the value that it has."""
+    """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
+    from forcebound.config.graph import LAW
+    from forcebound.config.parameters import takeable_laws
     from forcebound.monitor.formatting import as_written
     from forcebound.monitor.tuning import find_parameters
 
@@ -189,6 +191,8 @@ def changes(context: click.Context, begun: str) -> Iterable[str]:
     name, sign, _ = begun.partition(":=")
     if not sign:
         return [f"{one}:=" for one in known]
+    if name == LAW:
+        return [f"{name}:={law}" for law in takeable_laws()]
     return [f"{name}:={_one_word(as_written(config, {name: known[name]})[name])}"]
 
 

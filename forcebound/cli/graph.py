@@ -50,9 +50,9 @@ def start(node_name: str, run_dir: Path | None) -> None:
     show(f"{node_name} runs")
 
 
-@click.group(cls=Group)
+@click.group(short_help="Show and change parameters of a running graph.", cls=Group)
 def param() -> None:
-    """Show and change the parameters of a running graph."""
+    """Show and change the parameters of a running graph, its law included."""
 
 
 @param.command("list", short_help="List what can be changed during a run.")
@@ -61,7 +61,7 @@ def param() -> None:
 @json_option
 @reports_errors
 def list_parameters(changed: bool, run_dir: Path | None, as_json: bool) -> None:
-    r"""List the parameters that can be changed during a run, with their values.
+    r"""List the parameters that can be changed during a run, with their values and ranges.
 
     \b
     forcebound param list
@@ -97,16 +97,22 @@ def get_parameters(names: tuple[str, ...], run_dir: Path | None, as_json: bool) 
 def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: bool) -> None:
     r"""Change parameters of a running graph, until it ends.
 
+    A new law begins without force and with a new ledger; the force returns over device.engage_time.
+
     \b
+    forcebound param set device.law:=certified_memoryless
     forcebound param set links.environment_query.delay:="20 ms"
     forcebound param set environment.stiffness:="2 N/mm" --run stiff_wall
     """
+    from contextlib import closing
+
     from forcebound.monitor import tuning, wording
+    from forcebound.monitor.kernels import Kernels
     from forcebound.monitor.runs import find, while_running
 
     run = find(run_dir)
-    with while_running(run):
-        change = tuning.set_parameters(run, tuning.read_settings(settings))
+    with while_running(run), closing(Kernels(run)) as kernels:
+        change = tuning.set_parameters(run, tuning.read_settings(settings), kernels)
         _print(run, change.values, as_json)
     if not change.values and not as_json:
         show("nothing to change: the graph already has these values")
@@ -126,11 +132,13 @@ def _show_parameters(
             found = tuning.changed_parameters(run)
         else:
             found = tuning.find_parameters(tuning.configuration(run), names)
-        _print(run, found, as_json)
+        _print(run, found, as_json, with_ranges=not (names or changed))
 
 
-def _print(run: Path, values: Mapping[str, Any], as_json: bool) -> None:
-    from forcebound.monitor.formatting import as_written
+def _print(
+    run: Path, values: Mapping[str, Any], as_json: bool, *, with_ranges: bool = False
+) -> None:
+    from forcebound.monitor.formatting import as_written, ranges
     from forcebound.monitor.tuning import configuration, found_elsewhere
 
     if as_json:
@@ -138,9 +146,10 @@ def _print(run: Path, values: Mapping[str, Any], as_json: bool) -> None:
         return
     config = configuration(run)
     elsewhere = found_elsewhere(run, config, values)
+    remarks = ranges(config, values) if with_ranges else {}
+    remarks |= dict.fromkeys(elsewhere, "belongs to another machine; value of the launch file here")
     for name, text in as_written(config, values).items():
-        remark = "  # belongs to another machine; value of the launch file here"
-        show(f"{name}: {text}{remark if name in elsewhere else ''}")
+        show(f"{name}: {text}  # {remarks[name]}" if remarks.get(name) else f"{name}: {text}")
 
 
 @click.command(short_help="Cut a link from now for a time.")

@@ -1,6 +1,5 @@
 """Commands that look at processes: list, top, doctor."""
 
-import json
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -15,6 +14,7 @@ from forcebound.cli.common import (
     json_lines_option,
     json_option,
     print_json,
+    print_json_line,
     print_rows,
     reports_errors,
     run_option,
@@ -30,7 +30,7 @@ HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
-@click.command("list")
+@click.command("list", short_help="List the graphs that run here, with their nodes.")
 @json_option
 @reports_errors
 def list_graphs(as_json: bool) -> None:
@@ -52,7 +52,7 @@ def list_graphs(as_json: bool) -> None:
         _show_graph(graph)
 
 
-@click.command()
+@click.command(short_help="Show what the nodes of a graph use, each second.")
 @run_option
 @duration_option_for("Time after which it ends. Default: with the graph.")
 @json_lines_option
@@ -73,7 +73,7 @@ def top(run_dir: Path | None, duration: float | None, as_json: bool) -> None:
     end = None if duration is None else time.monotonic() + duration
     while (end is None or time.monotonic() < end) and (found := find_graphs(1.0, run)):
         if as_json:
-            click.echo(json.dumps(_as_document(found[0])))
+            print_json_line(_as_document(found[0]))
             continue
         click.clear()  # of a terminal only
         _show_graph(found[0])
@@ -137,8 +137,6 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
 
 def _document(finding: "Finding") -> dict[str, Any]:
     """Return a finding as a map: its codes and data, and its words."""
-    from dataclasses import asdict
-
     from forcebound.monitor import wording
 
     words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}

@@ -12,19 +12,14 @@ from forcebound.cli.common import (
     print_json,
     recording_option,
     reports_errors,
+    run_argument,
     show,
 )
 from forcebound.cli.complete import graphs
 
 
 @click.command(short_help="Record a running graph from now on.")
-@click.argument(
-    "graph",
-    required=False,
-    metavar="[GRAPH]",
-    type=click.Path(path_type=Path),
-    shell_complete=graphs,
-)
+@run_argument("graph", graphs)
 @overwrite_option
 @recording_option(
     "-o", "--output", help="File to write. Default: a new one here, named after graph and time."
@@ -48,15 +43,15 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     from forcebound.monitor.runs import find, while_running
 
     run_dir = find(graph, of_graph=True, option="`forcebound record GRAPH`")
-    with while_running(run_dir):
-        file = output or free_name(Path(), RunDocument.read(run_dir).file)
-    check_writable(file, "the recording")
 
     def begin(name: str) -> None:
         if not as_json:
             show(f"recording {name} to {file}; Ctrl-C ends it")
 
-    found = record_running(run_dir, file, duration, begin)
+    with while_running(run_dir):
+        file = output or free_name(Path(), RunDocument.read(run_dir).file)
+        check_writable(file, "the recording")
+        found = record_running(run_dir, file, duration, begin)
     if as_json:
         print_json(asdict(found))
     else:

@@ -17,8 +17,10 @@ from forcebound.cli.common import (
     json_lines_option,
     json_option,
     print_json,
+    print_json_line,
     print_rows,
     reports_errors,
+    run_argument,
     run_option,
     show,
     topics_argument,
@@ -73,7 +75,9 @@ def echo(
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
     check_fields(topic_named(topic), fields)
-    write = _as_csv() if as_csv else _as_line if as_line else _as_json if as_json else _as_block
+    write = (
+        _as_csv() if as_csv else _as_line if as_line else print_json_line if as_json else _as_block
+    )
     left = [count]
 
     def take(_: str, packet: "Packet", data: bytes) -> bool:
@@ -92,12 +96,6 @@ def _as_block(values: Mapping[str, Any]) -> None:
 
 def _as_line(values: Mapping[str, Any]) -> None:
     show("  ".join(f"{name}={_text(value)}" for name, value in values.items()))
-
-
-def _as_json(values: Mapping[str, Any]) -> None:
-    from msgspec.json import encode
-
-    click.echo(encode(values))  # a number that is not finite becomes null
 
 
 def _as_csv() -> Callable[[Mapping[str, Any]], None]:
@@ -141,7 +139,7 @@ def _measuring(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command()
+@click.command(short_help="Measure how often topics are sent.")
 @_measuring
 def hz(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
@@ -280,7 +278,7 @@ def log(
                 " ", "milliseconds"
             )
             if as_json:
-                _as_json({"time": at, **fields_of_packet(packet)})
+                print_json_line({"time": at, **fields_of_packet(packet)})
             else:
                 more = f"  {_text(packet.data)}" if verbose and packet.data else ""
                 kind = "FAULT" if packet.is_fault else "event"
@@ -291,13 +289,7 @@ def log(
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")
-@click.argument(
-    "run",
-    required=False,
-    metavar="[RUN]",
-    type=click.Path(path_type=Path),
-    shell_complete=complete.runs,
-)
+@run_argument("run", complete.runs)
 @file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")
 @click.option("--links", is_flag=True, help="Of each link, too.")
@@ -333,7 +325,7 @@ def delay(
         return
     for name, value in document["loop_delay_ms"].items():
         label = name.replace("_", ".")
-        show(f"loop delay {label:<6}{'-' if value is None else f'{value:.2f} ms':>10}")
+        show(f"loop delay {label:<6}{UNKNOWN if value is None else f'{value:.2f} ms':>10}")
     _show_histogram(document["histogram"])
     why = "lost, or overtaken by a newer answer"
     show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")

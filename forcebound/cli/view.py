@@ -134,15 +134,15 @@ async def _serve(
     from forcebound.view.access import LOOPBACK
 
     server = start()
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.stop)
-    access = server.access
-    show(f"page:          {access.address(access.token)}")
-    show(f"to look only:  {access.address(access.watching)}")
-    if access.hosts != LOOPBACK:
-        show("others on this network can open them, and read what is sent", err=True)
-    if opens and has_screen():
-        open_browser(access.address(access.token), run)
     try:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.stop)
+        access = server.access
+        show(f"page:          {access.address(access.token)}")
+        show(f"to look only:  {access.address(access.watching)}")
+        if access.hosts != LOOPBACK:
+            show("others on this network can open them, and read what is sent", err=True)
+        if opens and has_screen():
+            open_browser(access.address(access.token), run)
         while not server.is_stopped:
             if run is None:
                 show("waiting for a graph; Ctrl-C ends the page")

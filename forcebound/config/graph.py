@@ -31,6 +31,7 @@ KINDS: Mapping[str, Table[Any]] = {
     "environment": ENVIRONMENTS,
 }
 
+LAW = "device.law"  # the one parameter of a device that can change while a graph runs
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 
 

@@ -26,6 +26,7 @@ from forcebound.config.graph import (
     BESIDE_MODEL,
     FORMAT,
     KINDS,
+    LAW,
     RUN_KEYS,
     DeviceConfig,
     EnvironmentConfig,
@@ -33,10 +34,10 @@ from forcebound.config.graph import (
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.parameters import parameters, unknown_parameter
+from forcebound.config.parameters import parameters, takeable_laws, unknown_parameter
 from forcebound.config.parts import model_of
 from forcebound.config.phases import KEY, phase_duration, read_phases
-from forcebound.config.problems import Problems
+from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import to_document
 from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.tree import Value, from_plain
@@ -56,6 +57,7 @@ from forcebound.messages.packets import LINKS
 from forcebound.network.ends import DEFAULT_PORT
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
+from forcebound.parts.user_module import names_file
 
 SECTIONS = ("device", "operator", "controller", "environment", "links", "realtime", "remote")
 
@@ -170,6 +172,7 @@ def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
     for name in settings:
         if name not in known:
             raise ConfigError(unknown_parameter(name, config))
+    _check_law(settings.get(LAW, known[LAW]), known[LAW])
     document = to_document(config)
     for name, value in settings.items():
         *path, last = name.split(".")
@@ -181,6 +184,16 @@ def change(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
         return from_document(document)
     except ConfigError as error:  # the places are names of parameters: they need no other words
         raise ConfigError(re.sub(r"^document: ", "", str(error), flags=re.MULTILINE)) from None
+
+
+def _check_law(law: Any, present: str) -> None:
+    """Refuse a law that a running device cannot take."""
+    if law == present or law in takeable_laws():
+        return
+    message = unknown("law", str(law), takeable_laws())
+    if names_file(str(law)):
+        message = "a law of your own needs a launch of its own: law:=FILE.py"
+    raise ConfigError(f"{LAW}: {message}")
 
 
 def _read(path: str | Path, problems: Problems) -> Value:

@@ -1,15 +1,16 @@
-"""Parameters: values of links and environment that can change while a graph runs.
+"""Parameters: the law, and values of links and environment, which can change while a graph runs.
 
-A parameter is named by its place in a launch file: ``links.environment_query.delay``,
-``environment.compute_delay``, ``environment.stiffness``.
+A parameter is named by its place in a launch file: ``device.law``,
+``links.environment_query.delay``, ``environment.compute_delay``, ``environment.stiffness``.
 """
 
 import difflib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
+from forcebound.bounding import LAWS
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
+from forcebound.config.graph import KINDS, LAW, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
@@ -27,13 +28,19 @@ def parameters(config: GraphConfig | Mapping[str, Any]) -> dict[str, Any]:
     """
     document = config if isinstance(config, Mapping) else to_document(config)
     links = {topic: plain(Impairment()) | document["links"].get(topic, {}) for topic in LINKS}
-    found = {
+    found = {LAW: document["device"]["law"]}
+    found |= {
         f"links.{topic}.{name}": value
         for topic, link in links.items()
         for name, value in link.items()
     }
     environment = {n: v for n, v in document["environment"].items() if n != "kind"}
     return found | dict(_leaves("environment", environment))
+
+
+def takeable_laws() -> list[str]:
+    """Return the laws that a running device can take: it loads no code from elsewhere."""
+    return sorted(law for law in LAWS if LAWS.is_shipped(law))
 
 
 def _leaves(place: str, section: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -54,8 +61,6 @@ def differences(
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest one, or why it is none."""
     known = parameters(config)
-    if name == "device.law":
-        return "device.law is fixed while a graph runs, but for a live page: `forcebound view`"
     if _is_fixed(name):
         return (
             f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"
@@ -90,7 +95,7 @@ def _is_fixed(name: str) -> bool:
 
 
 def _sections() -> str:
-    return f"{', '.join(f'links.{topic}' for topic in LINKS)} and environment"
+    return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
 def holders(names: Iterable[str]) -> set[str]:
@@ -98,7 +103,8 @@ def holders(names: Iterable[str]) -> set[str]:
     found = set()
     for name in names:
         section, entry, *_ = name.split(".")
-        found.add((TOPICS[entry].receiver if section == "links" else None) or "environment")
+        receiver = TOPICS[entry].receiver or "environment" if section == "links" else section
+        found.add(receiver)
     return found
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 from forcebound.config.fields import Section, fields_of
-from forcebound.config.graph import GraphConfig, Phase
+from forcebound.config.graph import LAW, GraphConfig, Phase
 from forcebound.config.parameters import describe, differences, parameters, unknown_parameter
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import with_parameters
@@ -27,6 +27,8 @@ from forcebound.quantities import POSITIVE, Time
 
 KEY = "phases"
 MAX_PHASES = 200  # each one is checked as a launch file of its own
+
+_KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,8 @@ def _overlaid(root: Value, settings: Section, config: GraphConfig) -> Value | No
         return None
     known = parameters(config)
     for name, value in settings.value.entries.items():
-        if name not in known:
-            message = unknown_parameter(name, config)
+        if name == LAW or name not in known:
+            message = _KEEPS_LAW if name == LAW else unknown_parameter(name, config)
             settings.problems.add(message, value.key or value.place)
             return None
         root = _placed(root, name.split("."), value)

@@ -16,6 +16,7 @@ from forcebound.config.graph import (
     BESIDE_MODEL,
     FORMAT,
     KINDS,
+    LAW,
     DeviceConfig,
     EnvironmentConfig,
     GraphConfig,
@@ -123,16 +124,20 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
     Raises:
         ConfigError: If there is no such parameter, or a file that one names is gone.
     """
-    links, environment = dict(config.links), config.environment
+    device, links, environment = config.device, dict(config.links), config.environment
     of_environment = environment_document(environment)
     of_links: dict[str, Any] = {}
+    of_servo = plain(device.servo)
+    places = {"environment": of_environment, "links": of_links, "device": of_servo}
     try:
         for name, value in settings.items():
             section, *path, entry = name.split(".")
-            place = of_environment if section == "environment" else of_links
+            place = places[section]
             for step in path:
                 place = place.setdefault(step, {})
             place[entry] = value
+        if LAW in settings:
+            device = replace(device, servo=_restored(ServoSettings, of_servo))
         if any(name.startswith("environment.") for name in settings):
             environment = _environment(of_environment)
         for topic, entries in of_links.items():
@@ -140,7 +145,7 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
             links[topic] = _restored(Impairment, link)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
-    return replace(config, links=links, environment=environment)
+    return replace(config, device=device, links=links, environment=environment)
 
 
 def _graph(document: Mapping[str, Any], runs: Collection[str]) -> GraphConfig:

@@ -28,13 +28,7 @@ from forcebound.controllers.passivity import colgate_schenkel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.vectors import along, dot
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Damping,
-    Mass,
-    Stiffness,
-)
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Mass, Stiffness
 
 FORGETTING, STIFFEST = 0.9, 1e6  # of the environment's plane; N/m
 PAIR_WAY = 1e-6  # m; a proxy moves little in a stiff wall

@@ -20,11 +20,7 @@ from typing import Annotated
 from forcebound.devices.kinematics import ArmKinematics, Floats, link_angle
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated import Source
-from forcebound.devices.stated_joints import (
-    AngleOfJoints,
-    DampingOfJoints,
-    TorqueOfJoints,
-)
+from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Inertia, Length, Torque

@@ -63,12 +63,7 @@ from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
-from forcebound.quantities import (
-    POSITIVE,
-    AngularSpeed,
-    Range,
-    Time,
-)
+from forcebound.quantities import POSITIVE, AngularSpeed, Range, Time
 
 KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply

@@ -48,11 +48,7 @@ from typing import Annotated, Any, ClassVar
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
 from forcebound.devices.stated import Source, per_axis
-from forcebound.devices.stated_joints import (
-    AngleOfJoints,
-    DampingOfJoints,
-    TorqueOfJoints,
-)
+from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
@@ -77,14 +73,7 @@ from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
-from forcebound.quantities import (
-    POSITIVE,
-    AngularSpeed,
-    Length,
-    Range,
-    Time,
-    Torque,
-)
+from forcebound.quantities import POSITIVE, AngularSpeed, Length, Range, Time, Torque
 
 KIND = "odrive"
 CONTROL_NS = 125_000  # period of the firmware's control loop, 8 kHz

@@ -101,6 +101,19 @@ def resume_device(run_dir: Path) -> None:
     _change_state(run_dir, "resume_device", "device", "running", START_TIMEOUT)
 
 
+def await_law(run_dir: Path, law: str) -> None:
+    """Return when a law bounds, which the device takes as soon as it holds no force.
+
+    Raises:
+        RunError: If it still does not.
+    """
+    end = time.monotonic() + ANSWER_TIMEOUT
+    while (ask(run_dir, "device", {"request": "status"}) or {}).get("law") != law:
+        if time.monotonic() > end:
+            raise RunError(f"the device will take the law {law}, but still holds a force")
+        sockets.wait((), POLL_NS)
+
+
 def _change_state(run_dir: Path, request: str, node: str, wanted: str, timeout: float) -> None:
     answer = ask_launcher(run_dir, {"request": request, "node": node})
     end = time.monotonic() + timeout

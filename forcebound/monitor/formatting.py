@@ -8,7 +8,8 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.graph import LAW, EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.parameters import takeable_laws
 from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
@@ -29,7 +30,7 @@ def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]
 
 
 def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
-    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" where any will do.
+    """Return in words what values parameters can have, such as ``>= 0 N/m``; "" where that is open.
 
     Args:
         config: Of the graph.
@@ -40,6 +41,8 @@ def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
         parts = list(_parts(_hint(config, name)))
         symbol = "".join(part.symbol for part in parts if isinstance(part, Unit))
         found[name] = " and ".join(p.describe(symbol) for p in parts if isinstance(p, Range))
+    if LAW in found:
+        found[LAW] = ", ".join(takeable_laws())
     return found
 
 

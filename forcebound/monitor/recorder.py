@@ -2,24 +2,33 @@
 
 It is the recorder of ``forcebound launch --record``, on all topics, off the nodes' core. The launch
 file in its metadata has the values of now, law included; versions and seed are those of the run.
+What changes from then on, by a phase too, is in the events of the nodes.
 """
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from forcebound import process
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
-from forcebound.monitor.control import ask
 from forcebound.monitor.runs import Watch
+
+CONNECTED = 0.1  # s after which the sockets of a recorder receive all that is sent
+
+
+class _OutdatedError(Exception):
+    """A parameter has changed before its event could be received."""
 
 
 @dataclass(frozen=True)
@@ -55,30 +64,23 @@ def record_running(
         begin: Called with the name of the graph when it begins.
 
     Raises:
-        ConfigError: If no graph runs there, its phases change its environment, or the file cannot
-            be written.
+        ConfigError: If no graph runs there, or the file cannot be written.
         RunError: If the file could not be written to its end, or nothing came.
         KeyboardInterrupt: If it was interrupted before anything came; no file is left.
     """
     run = RunDocument.read(run_dir)
-    metadata = {**run.metadata, "launch": json.dumps(_launch_of_now(run, run_dir), sort_keys=True)}
-    streams = recorded_streams(run_dir, list(TOPICS))
-    own = replace(run, record=str(file.absolute()), streams=streams, metadata=metadata)
-    began, watch = 0.0, Watch(run_dir)
-
-    def is_over(state: str) -> bool:
-        nonlocal began
-        if not began:  # it listens now
-            began = time.monotonic()
-            begin(run.file)
-        is_enough = duration is not None and time.monotonic() - began >= duration
-        return is_enough or state != process.COMPLETE or watch.is_over
-
+    own = replace(run, record=str(file.absolute()), streams=recorded_streams(run_dir, list(TOPICS)))
+    course = _Course(run_dir, duration, lambda: begin(run.file))
     with process.Stop() as stop:
         name = f"rec-{os.getpid()}"  # no longer than a topic: the path of a socket has a limit
-        status = record_run(own, run_dir, stop, name, is_over)
+        status: dict[str, Any] | None = None
+        while status is None:
+            launch = json.dumps(course.restart(), sort_keys=True)
+            own = replace(own, metadata=run.metadata | {"launch": launch})
+            with suppress(_OutdatedError):
+                status = record_run(own, run_dir, stop, name, course.is_over)
         is_interrupted = stop.requested
-    seconds = time.monotonic() - began if began else 0.0
+    seconds = course.seconds
     if not any(status["received"].values()):
         file.unlink()
         if is_interrupted:
@@ -86,9 +88,54 @@ def record_running(
         raise RunError(f"nothing came from the graph in {run_dir} for {seconds:.1f} s")
     if status["recording"] != process.COMPLETE:
         raise RunError(f"recording {status['recording']}; {file} has what came before")
-    ended = "graph ended" if watch.is_over else "duration"
+    ended = "graph ended" if course.watch.is_over else "duration"
     ended = "interrupted" if is_interrupted else ended
     return Recorded(str(file), run.file, round(seconds, 3), status["received"], ended)
+
+
+class _Course:
+    """Beginning and end of a recording.
+
+    Args:
+        run_dir: Of the graph.
+        duration: Longest time, in s; None: no limit.
+        begin: Called when it begins.
+
+    Attributes:
+        watch: Knows whether the graph has ended.
+    """
+
+    def __init__(self, run_dir: Path, duration: float | None, begin: Callable[[], None]) -> None:
+        self._run_dir, self._begin = run_dir, begin
+        self._duration = math.inf if duration is None else duration
+        self._listens = self._began = 0.0  # s of the monotonic clock; 0: not yet
+        self.watch = Watch(run_dir)
+
+    @property
+    def seconds(self) -> float:
+        """Time since it began."""
+        return time.monotonic() - self._began if self._began else 0.0
+
+    def restart(self) -> dict[str, Any]:
+        """Return the launch document with which it is to begin."""
+        self._listens = 0.0
+        self._document = read_launch_document(self._run_dir)
+        return self._document
+
+    def is_over(self, state: str) -> bool:
+        """Return whether it is to end; its recorder asks again and again.
+
+        Raises:
+            _OutdatedError: If it is to begin with another document.
+        """
+        now = time.monotonic()
+        self._listens = self._listens or now
+        if not self._began and now - self._listens >= CONNECTED:
+            if read_launch_document(self._run_dir) != self._document:
+                raise _OutdatedError
+            self._began = now
+            self._begin()
+        return state != process.COMPLETE or self.watch.is_over or self.seconds >= self._duration
 
 
 def free_name(folder: Path, graph: str) -> Path:
@@ -102,18 +149,3 @@ def free_name(folder: Path, graph: str) -> Path:
     now = time.strftime("%Y%m%d-%H%M%S")
     names = (folder / f"{stem}-{now}{f'-{n}' if n > 1 else ''}{RECORDING_SUFFIX}" for n in count(1))
     return next(name for name in names if not name.exists())
-
-
-def _launch_of_now(run: RunDocument, run_dir: Path) -> dict[str, object]:
-    """The launch file with the values of now."""
-    phases = json.loads(run.metadata["launch"]).get("phases", ())
-    if any(name.startswith("environment.") for phase in phases for name in phase["set"]):
-        raise ConfigError(
-            "the phases of this graph change its environment, and only a recording of the whole run"
-            " says when: `forcebound launch FILE --record RUN.mcap`"
-        )
-    document = read_launch_document(run_dir)
-    status = ask(run_dir, "device", {"request": "status"}) or {}
-    if "law" in status:
-        document["device"]["law"] = status["law"]
-    return document

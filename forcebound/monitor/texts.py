@@ -110,7 +110,7 @@ FINDINGS: dict[str, Text] = {
     "recorder_deaf": Text("receives no telemetry ({interval:.1f} s)", "start the run again"),
     "no_law": Text(
         "law none: nothing protects the hand from what environment and network do",
-        "set device.law to certified in the launch file",
+        command="forcebound param set device.law:=certified",
     ),
     "law_limits": Text(
         "law {law} limits the force in {share:.0%} of the ticks with one: "
@@ -318,6 +318,9 @@ NOTES: dict[str, Text] = {
         command="forcebound start {node}",
     ),
     "node_ended": Text("{node} has ended"),
+    "law_taken": Text(
+        "the law was taken without force, with a new ledger; the force returns over {ramp:.3g ms}"
+    ),
     "environment_waits": Text(
         "{serving} serves the graph, and not this environment, which waits: it has the change, "
         "which is felt when it serves"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import GraphConfig
+from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.loader import change
 from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
 from forcebound.config.problems import Problems, unknown
@@ -27,8 +27,9 @@ from forcebound.launch.run_directory import (
     write_launch_document,
 )
 from forcebound.messages.packets import LINKS
-from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all
+from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.findings import Fact
+from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.nodes import ENVIRONMENT, Present, present
 from forcebound.processes import LAUNCHER
 from forcebound.quantities import Range
@@ -162,8 +163,15 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
     return seconds, chosen
 
 
-def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
-    """Change parameters of a graph that runs.
+def set_parameters(
+    run_dir: Path, settings: Mapping[str, Any], kernels: Kernels | None = None
+) -> Change:
+    """Change parameters of a graph that runs; return when its nodes have them.
+
+    Args:
+        run_dir: Of the graph.
+        settings: New values by name, as :func:`read_settings` returns them.
+        kernels: Compiles those of a new law before the device takes it; None: the device does.
 
     Raises:
         ConfigError: If there is no such parameter, it cannot have this value, or it belongs to a
@@ -171,7 +179,10 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
         RunError: If a node refuses, or does not answer; it will read the change later. If another
             command does not end its change.
     """
-    here = present(run_dir, configuration(run_dir))
+    now = configuration(run_dir)
+    here = present(run_dir, now)
+    if LAW in settings:
+        _prepare_law(change(now, settings).device.servo.law, here, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
@@ -192,7 +203,19 @@ def set_parameters(run_dir: Path, settings: Mapping[str, Any]) -> Change:
     if ENVIRONMENT in concerned and here.serving is not None:
         code = "another_serves" if here.is_graph else "environment_waits"
         notes.append(Fact(code, {"serving": here.serving}))
-    return Change(differences(old, new), tuple(notes))
+    values = differences(old, new)
+    if LAW in values and "device" not in down:
+        await_law(run_dir, values[LAW])
+        notes.append(Fact("law_taken", {"ramp": new.device.servo.engage_time}))
+    return Change(values, tuple(notes))
+
+
+def _prepare_law(law: str, here: Present, kernels: Kernels | None) -> None:
+    """Get ready for a law that the device is to take."""
+    if here.states.get("device") == "lost":
+        raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
+    if kernels is not None and here.answers.get("device", {}).get("law") not in (law, None):
+        kernels.wait(law)
 
 
 def _configure(
@@ -209,7 +232,7 @@ def _configure(
     who = " and ".join(silent)
     if LAUNCHER not in here.answers:
         raise RunError(
-            f"{who} did not answer and does not have the change; is it suspended, or just ending?"
+            f"{who} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
     for node in silent:
         ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)

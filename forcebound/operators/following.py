@@ -12,11 +12,7 @@ from forcebound.operators.buttons import PressingButtons
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.path_file import read_numbers
 from forcebound.operators.places import StraightWay, straight_way
-from forcebound.quantities import (
-    POSITIVE,
-    Length,
-    Speed,
-)
+from forcebound.quantities import POSITIVE, Length, Speed
 
 
 @dataclass(frozen=True)

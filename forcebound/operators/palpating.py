@@ -6,13 +6,7 @@ from typing import Annotated
 
 from forcebound.messages.packets import Vector
 from forcebound.operators.grip import SoftGrip
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Frequency,
-    Length,
-    Speed,
-)
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Frequency, Length, Speed
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,7 @@ from typing import Annotated
 from forcebound.messages.packets import Vector
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.places import Place, check_places, coordinates
-from forcebound.quantities import (
-    POSITIVE,
-    Length,
-    Speed,
-    Time,
-)
+from forcebound.quantities import POSITIVE, Length, Speed, Time
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,7 @@ from typing import Annotated
 from forcebound.messages.packets import Vector
 from forcebound.operators.grip import SoftGrip
 from forcebound.operators.places import Place, StraightWay, check_places, straight_way
-from forcebound.quantities import (
-    POSITIVE,
-    Speed,
-)
+from forcebound.quantities import POSITIVE, Speed
 
 
 def pressing_target(elapsed: float, start: float, end: float, speed: float) -> float:

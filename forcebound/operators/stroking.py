@@ -16,12 +16,7 @@ from forcebound.operators.places import (
     shifted,
     straight_way,
 )
-from forcebound.quantities import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Frequency,
-    Speed,
-)
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Frequency, Speed
 
 
 @dataclass(frozen=True)

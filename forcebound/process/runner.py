@@ -31,13 +31,7 @@ from typing import Any
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode, encode_unchecked
-from forcebound.messages.packets import (
-    TOPIC_OF,
-    EnvironmentQuery,
-    EnvironmentReply,
-    Event,
-    Packet,
-)
+from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Event, Packet
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.link import Link

@@ -208,25 +208,26 @@ class _Rerun:
 
     def __init__(self, device: DeviceConfig, laws: Mapping[int, str], can_be_told: bool) -> None:
         self._config, self._laws = device, laws
+        self._law = device.servo.law
         self._kind = _ToldDevice if can_be_told else _RecordedDevice
         self.verified = self.unknown = self.differing = 0
         self.difference = ""
 
     def run(self, packets: Sequence[Telemetry]) -> "_Rerun":
-        law = self._config.servo.law
         for life in _lives(packets):
             model = self._config.model
             self._device = self._kind(model, life[0], not _is_simulated(self._config))
-            self._begin(law)
+            self._begin()
             if not self._live(life):
                 break
         return self
 
-    def _begin(self, law: str) -> None:
-        """Begin a ledger."""
+    def _begin(self) -> None:
+        """Begin the ledger of a device that starts; its law is the last one of its former life."""
         servo = self._config.servo
         dissipation = dissipation_of(self._config.model, servo)
-        self._bounded = BoundedDevice(self._device, law, dissipation, servo.hold_limit == "auto")
+        learns = servo.hold_limit == "auto"
+        self._bounded = BoundedDevice(self._device, self._law, dissipation, learns)
 
     def _live(self, life: Sequence[Telemetry]) -> bool:
         """Run through a life; return whether no tick of it is missing."""
@@ -234,7 +235,8 @@ class _Rerun:
         start = _start_of(life, engaged, self._laws)
         self.unknown += start
         if start > engaged:
-            self._begin(self._laws[life[start - 1].time_ns])
+            self._law = self._laws[life[start - 1].time_ns]
+            self._begin()
             self._bounded.begin()
         for k in range(start, len(life)):
             if k > start and not _is_next(life[k], life[k - 1]):
@@ -244,6 +246,7 @@ class _Rerun:
             self._tick(life[k])
             law = self._laws.get(life[k].time_ns)
             if law is not None:
+                self._law = law
                 self._bounded.change_law(law)
         return True
 

@@ -1,16 +1,20 @@
-"""What a page may do: change parameters, nodes, law, links; record; move the hand."""
+"""What a page may do: change parameters, nodes, links; record; move the hand."""
 
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import GraphConfig
-from forcebound.errors import ConfigError, ForceboundError, RunError
+from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.parameters import takeable_laws
+from forcebound.environments import StatefulEnvironment
+from forcebound.environments.fixtures import WithFixtures
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import LINKS
-from forcebound.monitor.control import ask, start_node, stop_node
+from forcebound.monitor.control import start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
+from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.tuning import (
     configuration,
     cut_links,
@@ -21,11 +25,11 @@ from forcebound.monitor.tuning import (
 from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
-from forcebound.view.kernels import Kernels, shipped_laws
 from forcebound.view.recording import PageRecording
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
-BROKEN, SAFE = ("none", "5 ms"), ("certified", "0 ms")  # law, delay each way
+BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
+SAFE = {LAW: "certified"} | dict.fromkeys(DELAYED, "0 ms")
 OVERDUE = 0.5  # s without an answer, after which a device is asked again: it was started anew
 
 
@@ -37,7 +41,6 @@ class Controls:
         recordings: Folder for recordings.
 
     Attributes:
-        law: Of the device, now.
         recording: That a page has begun.
     """
 
@@ -45,20 +48,17 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, serves=False)
-        status = ask(run_dir, "device", {"request": "status"}) or {}
-        self.law = str(status.get("law", self._config.device.servo.law))
-        self._kernels = Kernels(run_dir, self.law)
-        self._kernels.begin((BROKEN[0], SAFE[0]))
+        self._kernels = Kernels(run_dir, self._config.device.servo.law)
+        self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "set": lambda wanted: self._set(wanted["settings"]),
             "stop": lambda wanted: stop_node(run_dir, str(wanted["node"])),
             "start": lambda wanted: start_node(run_dir, str(wanted["node"])),
-            "law": lambda wanted: self._take_law(str(wanted["law"])),
             "outage": lambda wanted: self._cut(str(wanted["time"])),
             "record": lambda _: self.recording.begin(),
             "end_recording": lambda _: self.recording.end(),
-            "break": lambda wanted: self._show(*BROKEN),
-            "safe": lambda wanted: self._show(*SAFE),
+            "break": lambda _: self._set(BROKEN),
+            "safe": lambda _: self._set(SAFE),
         }
 
     def describe(self) -> dict[str, Any]:
@@ -70,12 +70,9 @@ class Controls:
             "name": RunDocument.read(self._run_dir).file,
             "description": config.description,
             "axes": model.axes,
-            "law": self.law,
-            "laws": shipped_laws(),
+            "laws": takeable_laws(),
             "links": list(LINKS),
-            "age_limit": servo.age_limit,
             "period": servo.period_ns * 1e-9,
-            "saturation": getattr(model, "saturation", None),
             "hand": _hand(config),
             "workspace": getattr(model, "workspace", None),
         }
@@ -107,32 +104,16 @@ class Controls:
     def _set(self, settings: Any) -> None:
         if not isinstance(settings, Mapping):
             raise ConfigError("settings: expected names and values")
-        set_parameters(self._run_dir, read_settings([f"{n}:={v}" for n, v in settings.items()]))
+        wanted = read_settings([f"{name}:={value}" for name, value in settings.items()])
+        set_parameters(self._run_dir, wanted, self._kernels)
 
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())
 
-    def _take_law(self, law: str) -> None:
-        if law in shipped_laws():
-            self._kernels.wait(law)
-        answer = ask(self._run_dir, "device", {"request": "law", "law": law})
-        if answer is None:
-            raise RunError("the device does not answer")
-        if "error" in answer:
-            raise ConfigError(str(answer["error"]))
-
     def close(self) -> None:
         """End what is still under way."""
-        self.recording.close()
+        self.recording.end()
         self._kernels.close()
-
-    def _show(self, law: str, delay: str) -> None:
-        """Make the graph show a law with a delay, for visitors."""
-        if law == SAFE[0]:
-            self._take_law(law)
-        self._set(dict.fromkeys(DELAYED, delay))
-        if law != SAFE[0]:
-            self._take_law(law)
 
 
 class Pointer:
@@ -145,6 +126,7 @@ class Pointer:
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
+        place: Where the device has it, in m; None: nobody has pointed.
     """
 
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
@@ -152,6 +134,7 @@ class Pointer:
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
         self.descriptor = self._client.descriptor
+        self.place: list[float] | None = None
         self._newest: tuple[list[float], Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
@@ -169,6 +152,7 @@ class Pointer:
             if answer is not None:
                 self._asked = None
                 if "error" not in answer:
+                    self.place = answer["target"]
                     self._taken(stamp, answer["time_ns"])
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
@@ -183,8 +167,11 @@ class Pointer:
 
 
 def _wall(config: GraphConfig) -> float | None:
-    """Where the surface of a one-axis wall is, in m; None: the scene says what there is."""
-    place = getattr(config.environment.model, "position", None)
+    """Where the surface of a wall is, in m; None: the environment itself says what there is."""
+    model = config.environment.model
+    if isinstance(model, WithFixtures):
+        model = model.model
+    place = None if isinstance(model, StatefulEnvironment) else getattr(model, "position", None)
     return place if isinstance(place, float) else None
 
 

@@ -19,7 +19,7 @@ import tornado.websocket
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.monitor.listing import list_graphs
 from forcebound.monitor.runs import Watch
-from forcebound.nodes.events import LAW_CHANGED
+from forcebound.nodes.events import LAW_CHANGED, PARAMETERS_SET
 from forcebound.view.access import Access, hosts_of
 from forcebound.view.controls import Controls, Pointer
 from forcebound.view.feed import Feed
@@ -61,6 +61,7 @@ class Server:
         self.access = Access(hosts_of(listen), listening.getsockname()[1])
         self.graph: _Graph | None = None
         self.is_stopped = False
+        self._loop = asyncio.get_running_loop()
         self._recordings = recordings
         self._last: Path | None = None  # graph that was shown, if a launcher ran it
         self.pages: set[_Page] = set()
@@ -69,7 +70,7 @@ class Server:
         routes = [
             (r"/", _Index, own),
             (r"/live", _Page, own),
-            (r"/mesh/([0-9a-f]{64})", _Mesh, own),
+            (r"/file/([0-9a-f]{64})", _SceneFile, own),
             (r"/([a-z]+\.(?:js|css|svg))", _File, own),
         ]
         application = tornado.web.Application(
@@ -91,9 +92,19 @@ class Server:
         Raises:
             ConfigError: If no graph runs there.
         """
-        self._loop = loop = asyncio.get_running_loop()
-        controls = await loop.run_in_executor(None, Controls, run_dir, self._recordings)
-        self.graph = graph = _Graph(run_dir, controls, self._pointed)
+        controls = await self._loop.run_in_executor(None, Controls, run_dir, self._recordings)
+        try:
+            await self._follow(_Graph(run_dir, controls, self._pointed))
+        finally:
+            self.graph = None
+            self.tell(OVER)
+            # After what is under way.
+            await self._loop.run_in_executor(self.workers, controls.close)
+            self.tell(controls.recording.describe())
+
+    async def _follow(self, graph: "_Graph") -> None:
+        """Tell the pages what comes from a graph, until its end."""
+        self.graph, loop = graph, self._loop
         loop.add_reader(graph.pointer.descriptor, graph.pointer.send)
         for page in tuple(self.pages):
             page.greet()
@@ -101,7 +112,7 @@ class Server:
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in graph.feed.look():
+                for message in graph.look():
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
@@ -110,14 +121,10 @@ class Server:
                     loop.run_in_executor(self.workers, self._look_at_nodes, graph)
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
         finally:
-            self.graph = None
             if graph.watch.was_launched:  # else its run directory may be used again
-                self._last = run_dir
+                self._last = graph.run_dir
             loop.remove_reader(graph.pointer.descriptor)
             graph.close()
-            self.tell(OVER)
-            await loop.run_in_executor(self.workers, controls.close)  # after what is under way
-            self.tell(controls.recording.describe())
 
     async def wait(self, find: Callable[[], Path | None]) -> Path | None:
         """Return the next graph to show, or None after :meth:`stop`.
@@ -142,9 +149,14 @@ class Server:
                 page.tell(text)
 
     def _note(self, message: dict[str, Any]) -> None:
-        """Keep up with the law, also if it is changed from elsewhere."""
-        if message["type"] == "event" and message["event"] == LAW_CHANGED and self.graph:
-            self.graph.controls.law = message["data"]["law"]
+        """Tell the pages the parameters anew when some have changed, from wherever."""
+        if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
+            self.workers.submit(self.tell_parameters, self.graph.controls)
+
+    def tell_parameters(self, controls: Controls) -> None:
+        """Tell the pages the parameters of a graph; from a thread, since it takes time."""
+        with suppress(ForceboundError):  # the graph has ended
+            self.later(self.tell, controls.parameters())
 
     def _pointed(self, stamp: tuple["_Page", Any, float], time_ns: int) -> None:
         """Tell a page that the device has taken its place, and the times of it, in s."""
@@ -192,15 +204,25 @@ class _Graph:
         self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
     ) -> None:
         self.run_dir = run_dir
+        self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
+        self.feed = Feed(run_dir)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
-        self.feed = Feed(run_dir)
 
     def describe(self) -> list[dict[str, Any]]:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
-        return [controls.describe(), controls.parameters(), *([scene] if scene else [])]
+        hello = {**controls.describe(), "graph": self._shown_since}
+        return [hello, controls.parameters(), *([scene] if scene else [])]
+
+    def look(self) -> list[dict[str, Any]]:
+        """Return the messages to the pages about what has come since the last look."""
+        messages = self.feed.look()
+        for message in messages:
+            if message["type"] == "frame":
+                message["pointer"] = self.pointer.place  # whoever has moved it
+        return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
@@ -256,19 +278,19 @@ class _File(_Handler):
         self.write(file.read_bytes())
 
 
-class _Mesh(_Handler):
-    """Triangles of a mesh of the scene."""
+class _SceneFile(_Handler):
+    """Triangles of a mesh of the scene, or points of a cloud."""
 
     async def get(self, digest: str) -> None:
         if not self.server.access.may_look(self.get_query_argument("token", "")):
             raise tornado.web.HTTPError(403, "no token")
         loop, graph = asyncio.get_running_loop(), self.server.graph
-        corners = None
-        if graph is not None:
-            corners = await loop.run_in_executor(self.server.workers, graph.feed.triangles, digest)
-        if corners is None:
+        content = None
+        if graph is not None:  # a change need not wait for it
+            content = await loop.run_in_executor(None, graph.feed.file, digest)
+        if content is None:
             raise tornado.web.HTTPError(404)
-        self.write({"corners": corners})
+        self.write(content)
 
 
 class _Page(tornado.websocket.WebSocketHandler):
@@ -339,8 +361,7 @@ class _Page(tornado.websocket.WebSocketHandler):
         server = self._server
         server.later(self._answer, wanted, controls.act(wanted))
         server.later(server.tell, controls.recording.describe())
-        with suppress(ForceboundError):  # the graph has ended
-            server.later(server.tell, controls.parameters())
+        server.tell_parameters(controls)
 
     def _answer(self, wanted: dict[str, Any], error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))

@@ -2,7 +2,7 @@
 
 A device that takes another law loads its kernels between two ticks, without force. From the cache
 on disk that takes some 20 ms, compiling them 0.6 s or more. So another process compiles them
-beforehand: ``python -m forcebound.view.kernels RUN_DIR LAW...``.
+beforehand: ``python -m forcebound.monitor.kernels RUN_DIR LAW...``.
 """
 
 import signal
@@ -12,13 +12,13 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from forcebound.bounding import LAWS, ForceBounder
-from forcebound.errors import ConfigError
-from forcebound.monitor.tuning import configuration
+from forcebound import realtime
+from forcebound.bounding import ForceBounder
+from forcebound.config.resolved import restore
+from forcebound.launch.run_directory import RunDocument, read_launch_document
 from forcebound.nodes.servo import dissipation_of
-from forcebound.realtime import die_with_parent
 
-PATIENCE = 5.0  # s; then the device compiles itself what is missing
+PATIENCE = 60.0  # s, for a busy machine; then the device compiles itself what is missing
 
 
 class Kernels:
@@ -26,10 +26,10 @@ class Kernels:
 
     Args:
         run_dir: Of the graph.
-        loaded: The law that the device has.
+        loaded: A law that the device has or had.
     """
 
-    def __init__(self, run_dir: Path, loaded: str) -> None:
+    def __init__(self, run_dir: Path, loaded: str = "") -> None:
         self._run_dir = run_dir
         self._processes: list[subprocess.Popen[bytes]] = []
         self._under_way = {loaded: 0.0}  # s that a law is to be waited for
@@ -59,20 +59,15 @@ class Kernels:
             process.wait()
 
 
-def shipped_laws() -> list[str]:
-    """Return the laws that a running device can take."""
-    return sorted(law for law in LAWS if LAWS.is_shipped(law))
-
-
 def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
     """Compile the kernels of laws for the device of a graph, into the cache on disk."""
-    config = configuration(run_dir, serves=False)
+    config = restore(read_launch_document(run_dir), ())
     dissipation = dissipation_of(config.device.model, config.device.servo)
     for law in laws:
-        with suppress(ConfigError):  # this law cannot bound this device, and says so when asked
-            ForceBounder(law, dissipation, config.device.model.axes)
+        ForceBounder(law, dissipation, config.device.model.axes)
 
 
 if __name__ == "__main__":
-    die_with_parent(signal.SIGKILL)
+    realtime.die_with_parent(signal.SIGKILL)
+    realtime.leave_core(RunDocument.read(Path(sys.argv[1])).core)
     compile_kernels(Path(sys.argv[1]), sys.argv[2:])
