@@ -224,8 +224,9 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     forcebound reproduce -o results/paper
     """
     from forcebound.experiments.reproduce import reproduce, tables
+    from forcebound.experiments.setup import Runs
 
-    done = reproduce(names, out, lambda line: show(line, err=True))
+    done = reproduce(names, out, Runs(lambda line: show(line, err=True)))
     if as_json:
         print_json(done.document)
         return
