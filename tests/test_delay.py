@@ -22,7 +22,7 @@ from forcebound.hops import Hops
 from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import LINKS, Packet, Telemetry
+from forcebound.messages.packets import LINKS, EnvironmentReply, Packet, Telemetry
 from forcebound.monitor.delay import SHARES, Measured, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
@@ -195,11 +195,11 @@ def test_of_an_environment_with_another_clock_the_way_there_and_back_is_known(
     run_virtual(load("delayed_wall"), 0.1, path)
     recording = read(path)
     launch = recording.launch | {"remote": {"address": "127.0.0.1"}}
+    packets = list(recording.stream(*LINKS, "telemetry"))
     with Recorder(path, {"launch": json.dumps(launch)}) as recorder:
-        for topic in (*LINKS, "telemetry"):
-            for packet in recording.packets(topic):
-                ahead = 10**15 * (topic == "environment_reply")
-                recorder.write(structs.replace(packet, time_ns=packet.time_ns + ahead))
+        for packet in packets:
+            ahead = 10**15 * isinstance(packet, EnvironmentReply)
+            recorder.write(structs.replace(packet, time_ns=packet.time_ns + ahead))
     hops = hop_delays(read(path))
     assert set(hops["environment_query"].delays) == {0.004}
     assert set(hops["environment_reply"].delays) == {0.0}

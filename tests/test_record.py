@@ -40,8 +40,9 @@ def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: 
     hand = load("stiff_wall").operator
     run_virtual(load("stiff_wall"), 0.3, path)
     whole = read(path)
+    later = whole.packets("telemetry")[100:]
     with Recorder(path, whole.metadata) as recorder:
-        for packet in whole.packets("telemetry")[100:]:
+        for packet in later:
             recorder.write(packet)
     part = read(path)
     config = graph_of(part, feeds=("hand",))
