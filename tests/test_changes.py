@@ -179,7 +179,7 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     assert Tuner(config)(Mock(nodes=[EnvironmentNode(config.environment.model)]), settings) == {}
     assert Tuner(config)(Mock(nodes=[device]), settings) == {}  # it tells when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
-    assert [packet.data for packet in packets if isinstance(packet, Event)] == [{"law": "none"}]
+    assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
         settings["parameters"][LAW] = damaged
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):

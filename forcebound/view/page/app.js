@@ -43,7 +43,7 @@ const plots = [
     { name: "commanded", label: "commanded", colour: "commanded" },
     { name: "applied", label: "applied", colour: "true" },
   ]),
-  new Plot($("energy"), shown, "Energy", "mJ", 1e3, [
+  new Plot($("energy"), shown, "Energy since this law began", "mJ", 1e3, [
     { name: "energy", label: "estimated", colour: "energy" },
     { name: "true_energy", label: "true", colour: "true" },
   ]),
@@ -167,7 +167,7 @@ function showFigures(message, last) {
   figure("commanded", `${text(magnitude(message.commanded[last]))} N`);
   figure("applied", `${text(magnitude(message.applied[last]))} N`);
   figure("limit", `${text(message.limit[last])} N`);
-  figure("true energy", `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`);
+  figure("true energy, this law", `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`);
   figure("loop delay", `${text(1e3 * (message.delay[last] ?? NaN))} ms`);
   figure("latest tick", `${text(1e3 * latest.shown)} ms`);
   figure("missed ticks", String(message.misses));
