@@ -12,7 +12,8 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test check test-slow examples endurance audit bench browser fuzz hapi mutation clean
+.PHONY: demo test check ruff mypy pyright imports test-slow examples endurance audit bench browser \
+  fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -22,11 +23,21 @@ test: check
 	  --cov-fail-under=$(COVERAGE)
 	$(BIN)/coverage report --include='$(CORE)' --fail-under=$(CORE_COVERAGE) --format=total
 
+# Two at a time; what each has to say comes when it is done.
 check: $(STAMP)
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync pyright mypy ruff imports
+
+ruff: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+mypy: $(STAMP)
 	$(BIN)/mypy
+
+pyright: $(STAMP)
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+imports: $(STAMP)
 	$(BIN)/lint-imports
 
 test-slow: $(STAMP)
@@ -86,6 +97,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo "Python's venv module is missing; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
+	@echo "Installing into $(VENV), about a minute without a word."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[dev]'

@@ -25,7 +25,7 @@ import numpy as np
 import zmq
 from tornado.websocket import websocket_connect
 
-from benchmarks.turns import ALONE, PATIENCE, Turn, graph, servo, told
+from benchmarks.turns import ALONE, PATIENCE, Graph, Turn, graph, servo, told
 from forcebound.messages.packets import TOPICS
 from forcebound.monitor.listing import processor_time
 
@@ -93,20 +93,21 @@ CLIENTS: dict[str, Callable[[int, Heard], None]] = {
 
 
 @contextmanager
-def bridge(program: str, variables: dict[str, str]) -> Iterator[tuple[int, Heard]]:
+def bridge(program: str, running: Graph) -> Iterator[tuple[int, Heard]]:
     """Run a bridge and its client; give its process, and what the client has heard: something."""
-    words = ["bridge", program, *TOPICS, "--port", str(PORTS[program])]
-    quiet = subprocess.DEVNULL
-    serving = subprocess.Popen(
-        [sys.executable, "-m", "forcebound", *words], env=variables, stdout=quiet, stderr=quiet
-    )
+    port, run_dir = str(PORTS[program]), str(running.run_dir)
+    words = ["bridge", program, *TOPICS, "--port", port, "--run", run_dir]
+    command, quiet = [sys.executable, "-m", "forcebound", *words], subprocess.DEVNULL
+    serving = subprocess.Popen(command, env=running.variables, stdout=quiet, stderr=quiet)
     heard = Heard()
     client = threading.Thread(target=CLIENTS[program], args=(PORTS[program], heard))
     client.start()
     try:
         end = time.monotonic() + PATIENCE
-        while not heard.count and time.monotonic() < end:
-            time.sleep(POLL)
+        while not heard.count:
+            running.run_for(POLL)
+            if time.monotonic() > end:
+                raise RuntimeError(f"the client of {program} has heard nothing for {PATIENCE:g} s")
         yield serving.pid, heard
     finally:
         heard.is_over = True
@@ -125,13 +126,13 @@ def main(turns: int, seconds: float, as_json: bool) -> None:
     rates: dict[str, list[Any]] = {name: [] for name in CLIENTS}
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         record = Path(folder) / "run.mcap"
-        with graph(folder, record) as variables:
+        with graph(folder, record) as running:
             for _ in range(turns):
-                taken.append(measured(ALONE, seconds))
+                taken.append(measured(ALONE, running, seconds))
                 for program in CLIENTS:
-                    with bridge(program, variables) as (pid, heard):
+                    with bridge(program, running) as (pid, heard):
                         before = account(pid, heard)
-                        taken.append(measured(program, seconds))
+                        taken.append(measured(program, running, seconds))
                         rates[program].append((account(pid, heard) - before) / (SETTLE + seconds))
         figures, load = servo(record, taken), os.getloadavg()[0]
     names = ("processor_share", "rate_hz")
@@ -155,11 +156,11 @@ def account(pid: int, heard: Heard) -> Any:
     return np.array((processor_time(pid), heard.count))
 
 
-def measured(viewers: str, seconds: float) -> Turn:
+def measured(viewers: str, running: Graph, seconds: float) -> Turn:
     """Let a turn pass; return when it began and ended, without what starting disturbs."""
-    time.sleep(SETTLE)
+    running.run_for(SETTLE)
     begin_ns = time.monotonic_ns()
-    time.sleep(seconds)
+    running.run_for(seconds)
     return Turn(viewers, begin_ns, time.monotonic_ns())
 
 

@@ -33,7 +33,7 @@ FORCES = 50  # before its fate
 PATIENCE = 10.0  # s
 LOOK = 1e-3  # s, between two looks at the emulator's record
 ATTEMPTS = 20
-AFTERWARDS = 0.1  # s without any further message
+AFTERWARDS = 0.1  # s without any further message after zero force
 
 PROGRAM = f"""
 import signal, sys, time
@@ -96,11 +96,11 @@ def _try(fate: str) -> Fate | None:
         start = time.monotonic()
         if ending is not None:
             process.send_signal(ending)
-        messages, seconds = [], float("inf")
-        while message := _message(board, AFTERWARDS):
+        messages, seconds, patience = [], float("inf"), PATIENCE
+        while message := _message(board, patience):
             messages.append(message)
             if message == ZERO:
-                seconds = time.monotonic() - start
+                seconds, patience = time.monotonic() - start, AFTERWARDS
     finally:
         process.kill()
         process.wait()

@@ -11,9 +11,9 @@ import time
 import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.turns import Graph
 from forcebound.realtime import wait_until
 
 PATIENCE = 120.0  # s
@@ -29,33 +29,6 @@ def selenium(name: str) -> Any:
     return importlib.import_module(f"selenium.{name}")
 
 
-@dataclass(frozen=True)
-class Graph:
-    """A running graph and the server of its page.
-
-    Attributes:
-        launcher: Its process.
-        server: That of the page.
-        address: Of the page; who has it may change the graph.
-    """
-
-    launcher: "subprocess.Popen[bytes]"
-    server: "subprocess.Popen[str]"
-    address: str
-
-    def run_for(self, seconds: float) -> None:
-        """Let it run for a time.
-
-        Raises:
-            RuntimeError: If it ends meanwhile.
-        """
-        try:
-            self.launcher.wait(seconds)
-        except subprocess.TimeoutExpired:
-            return
-        raise RuntimeError(f"the graph has ended, status {self.launcher.returncode}")
-
-
 @contextmanager
 def graph(folder: str, *words: str) -> Iterator[Graph]:
     """Run ``forcebound launch`` with ``words``, and the server of its page."""
@@ -68,7 +41,7 @@ def graph(folder: str, *words: str) -> Iterator[Graph]:
     server = subprocess.Popen(view, env=variables, stdout=subprocess.PIPE, text=True)
     assert server.stdout is not None
     try:
-        yield Graph(launcher, server, server.stdout.readline().split()[-1])
+        yield Graph(launcher, variables, server.stdout.readline().split()[-1])
     finally:
         launcher.send_signal(signal.SIGINT)
         launcher.wait(PATIENCE)

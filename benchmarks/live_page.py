@@ -25,8 +25,8 @@ import click
 import numpy as np
 from tornado.websocket import websocket_connect
 
-from benchmarks.live_browser import Graph, Mouse, browser, graph, open_page
-from benchmarks.turns import ALONE, Figures, Turn, servo, told
+from benchmarks.live_browser import Mouse, browser, graph, open_page
+from benchmarks.turns import ALONE, Figures, Graph, Turn, servo, told
 from forcebound.launch.run_directory import RunDocument
 from forcebound.realtime import on_cores
 
@@ -58,7 +58,7 @@ def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
         record = Path(folder) / "run.mcap"
         with (
             graph(folder, "pointer_wall", "--record", str(record)) as running,
-            browsers(folder) as drivers,
+            browsers(folder, running) as drivers,
         ):
             hand = measure_hand(drivers[PAGES], running, drags)
             taken = take_turns(drivers, running, turns, seconds)
@@ -86,10 +86,9 @@ def show(hand: Mapping[str, float], figures: Figures, load: float) -> None:
 
 
 @contextmanager
-def browsers(folder: str) -> Iterator[dict[str, Any]]:
+def browsers(folder: str, running: Graph) -> Iterator[dict[str, Any]]:
     """Give a browser that runs anywhere, and one that stays off the core of the nodes."""
-    [run_dir] = Path(folder).glob("forcebound-*")
-    others = os.sched_getaffinity(0) - {RunDocument.read(run_dir).core}
+    others = os.sched_getaffinity(0) - {RunDocument.read(running.run_dir).core}
     with ExitStack() as opened:
         anywhere = opened.enter_context(browser(folder))
         with on_cores(others):

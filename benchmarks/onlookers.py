@@ -16,12 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from benchmarks.turns import ALONE, Turn, graph, servo, told
+from benchmarks.turns import ALONE, Graph, Turn, graph, servo, told
 
 COMMANDS = ("top", "echo telemetry --json", "hz", "bw", "graph", "delay --links", "log")
 
@@ -35,9 +34,9 @@ def main(commands: tuple[str, ...], turns: int, seconds: float, as_json: bool) -
     """Measure the servo without and with each COMMAND of forcebound, which takes --duration."""
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         record = Path(folder) / "run.mcap"
-        with graph(folder, record) as variables:
+        with graph(folder, record) as running:
             taken = [
-                turn(viewer, seconds, variables)
+                turn(viewer, seconds, running)
                 for _ in range(turns)
                 for command in commands or COMMANDS
                 for viewer in (ALONE, command)
@@ -51,12 +50,14 @@ def main(commands: tuple[str, ...], turns: int, seconds: float, as_json: bool) -
     click.echo(f"load of the machine at the end: {load:.1f}")
 
 
-def turn(viewer: str, seconds: float, variables: Mapping[str, str]) -> Turn:
+def turn(viewer: str, seconds: float, running: Graph) -> Turn:
     """Let a command look, or nobody; return when it began and ended."""
     look = [sys.executable, "-m", "forcebound", *viewer.split(), "--duration", f"{seconds} s"]
-    words = ["sleep", str(seconds)] if viewer == ALONE else look
     begin_ns = time.monotonic_ns()
-    subprocess.run(words, env=variables, stdout=subprocess.DEVNULL, check=True)
+    if viewer == ALONE:
+        running.run_for(seconds)
+    else:
+        subprocess.run(look, env=running.variables, stdout=subprocess.DEVNULL, check=True)
     return Turn(viewer, begin_ns, time.monotonic_ns())
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,9 +30,42 @@ class Turn(NamedTuple):
     end_ns: int
 
 
+@dataclass(frozen=True)
+class Graph:
+    """A running graph.
+
+    Attributes:
+        launcher: Its process.
+        variables: Of the environment, for commands that look at it.
+        address: Of its page; who has it may change the graph. Empty: there is no page.
+    """
+
+    launcher: "subprocess.Popen[Any]"
+    variables: Mapping[str, str]
+    address: str = ""
+
+    @property
+    def run_dir(self) -> Path:
+        """Its run directory: others may run graphs here, too."""
+        [found] = Path(self.variables["XDG_RUNTIME_DIR"]).glob("forcebound-*")
+        return found
+
+    def run_for(self, seconds: float) -> None:
+        """Let it run for a time.
+
+        Raises:
+            RuntimeError: If it ends meanwhile.
+        """
+        try:
+            self.launcher.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return
+        raise RuntimeError(f"the graph has ended, status {self.launcher.returncode}")
+
+
 @contextmanager
-def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
-    """Run a graph; give the variables for commands that look at it."""
+def graph(folder: str, record: Path) -> Iterator[Graph]:
+    """Run a graph, and record it, from the first force on."""
     variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
     words = ["launch", "stiff_wall", "--duration", "30min", "--record", str(record)]
     running = subprocess.Popen(
@@ -44,7 +78,7 @@ def graph(folder: str, record: Path) -> Iterator[dict[str, str]]:
     assert running.stderr is not None
     try:
         next(line for line in running.stderr if "ramping force up" in line)
-        yield variables
+        yield Graph(running, variables)
     finally:
         running.send_signal(signal.SIGINT)
         running.communicate(timeout=PATIENCE)

@@ -1,5 +1,6 @@
 """Live demo of ``make demo``: the same late, stiff wall without and with a law."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -7,12 +8,21 @@ from rich.console import Console
 
 from forcebound.analysis.plots import figure, save
 from forcebound.bounding import ENERGY_TOLERANCE
-from forcebound.cli import print_table
+from forcebound.cli.common import INTERRUPTED, print_rows, table_of
+from forcebound.cli.run import status_line
 from forcebound.config.loader import load
 from forcebound.errors import ForceboundError, RunError
 from forcebound.launch.live import run_live
 
 RESULTS = Path(__file__).parent.parent / "results" / "demo"
+
+#: Rows of the table that tell the two runs apart.
+TELLING = (
+    "contact bounces",
+    "speed at the end",
+    "displayed stiffness",
+    "minimum energy (ground truth)",
+)
 
 MESSAGE = (
     "Without a law, a wall of 10 N/mm with a loop delay of {delay:.0f} ms makes the hand oscillate "
@@ -20,6 +30,12 @@ MESSAGE = (
     "deeper than {depth:.1f} mm into the same wall, and the energy never falls below zero "
     "(minimum {least:.2g} mJ)."
 )
+
+AFTERWARDS = """
+picture:      {folder}/demo.png
+all figures:  .venv/bin/forcebound plot {folder}/none.mcap {folder}/certified.mcap
+do it by hand, in a browser:  .venv/bin/forcebound launch pointer_wall --view
+"""
 
 
 def main() -> int:
@@ -33,10 +49,14 @@ def main() -> int:
             "a simulated hand presses into a late, stiff wall"
         )
         config = load("delayed_wall.yaml", [f"law:={law}"])
-        results.append(run_live(config, record=RESULTS / f"{law}.mcap"))
-    picture = RESULTS / "demo.png"
-    save(figure([(r.label, r.columns, r.document) for r in results]), picture)
-    print_table(results)
+        with status_line(as_json=False) as screen:
+            results.append(run_live(config, record=RESULTS / f"{law}.mcap", screen=screen))
+        if results[-1].interrupted:
+            raise KeyboardInterrupt
+    save(figure([(r.label, r.columns, r.document) for r in results]), RESULTS / "demo.png")
+    head, rows = table_of(results)
+    console.print()
+    print_rows(head, [row for row in rows if row[0] in TELLING])
     without, certified = (result.summary for result in results)
     if certified["true_energy_min_j"] < -ENERGY_TOLERANCE:
         raise RunError("the certified law leaked energy: please report this with the recording")
@@ -50,7 +70,8 @@ def main() -> int:
         ),
         soft_wrap=True,
     )
-    console.print(f"\npicture: {picture}\nrecordings: {RESULTS}/none.mcap, certified.mcap")
+    folder = os.path.relpath(RESULTS)
+    console.print(AFTERWARDS.format(folder=folder), soft_wrap=True, highlight=False)
     return 0
 
 
@@ -59,3 +80,5 @@ if __name__ == "__main__":
         sys.exit(main())
     except ForceboundError as error:
         sys.exit(f"demo: {error}")
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

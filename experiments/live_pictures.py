@@ -12,7 +12,8 @@ from typing import Any
 import click
 import numpy as np
 
-from benchmarks.live_browser import Graph, Mouse, browser, graph, open_page, until
+from benchmarks.live_browser import Mouse, browser, graph, open_page, until
+from benchmarks.turns import Graph
 
 STEPS = 60  # moves of a drag
 IS_TOUCHING = """[...document.querySelectorAll("#figures > div")].some(

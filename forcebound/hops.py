@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -32,12 +32,11 @@ class Hops:
     )
 
     @classmethod
-    def of(cls, packets: Callable[[str], Sequence[Packet]], topics: Collection[str] = HOPS) -> Hops:
-        """Return the hops in a recording, of which ``packets`` gives those of a topic."""
+    def of(cls, packets: Iterable[Packet]) -> Hops:
+        """Return the hops in packets of the topics ``HOPS``."""
         hops = cls()
-        for topic in topics:
-            for packet in packets(topic):
-                hops.add(topic, packet)
+        for packet in packets:
+            hops.add(TOPIC_OF[type(packet)], packet)
         return hops
 
     def add(self, topic: str, packet: Packet) -> None:

@@ -29,10 +29,11 @@ from forcebound.files import open_file, reason
 
 METADATA_NAME = "forcebound"  # of the metadata record of a recording
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEAD = 9  # bytes before the data of a record: opcode and length
+_HEAD = struct.Struct("<BQ")  # before the data of a record: opcode and length
+RECORD_HEAD = _HEAD.size
 MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
 MAX_RECORD = 32 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
-MAX_MESSAGES = 2 << 30  # bytes of the wanted messages of one file; 80 minutes of telemetry at 1 kHz
+MAX_MESSAGES = 32 << 30  # bytes of the wanted messages of one file; 12 h of a run's result at 1 kHz
 MAX_EXPANSION = 100  # of a file as a whole, beyond its first chunks; real ones have some 7
 
 
@@ -134,7 +135,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     size = os.fstat(file.fileno()).st_size
     while True:
         head = file.read(RECORD_HEAD)
-        opcode, length = struct.unpack("<BQ", head) if len(head) == RECORD_HEAD else (0, size)
+        opcode, length = _HEAD.unpack(head) if len(head) == RECORD_HEAD else (0, size)
         if length > size - file.tell():
             file.seek(-len(head), io.SEEK_CUR)
             raise DamagedError
@@ -186,14 +187,14 @@ def _messages(
     unpacked: bytes, channels: dict[int, str], topics: Collection[str]
 ) -> Iterator[tuple[str, bytes]]:
     """Yield topic and data of the wanted messages in a chunk; notes the channels it declares."""
-    for opcode, record in records(unpacked):
-        if opcode == Opcode.CHANNEL:
-            channel = parsed(Channel, record)
-            channels[channel.id] = channel.topic.removeprefix("/")
-        elif opcode == Opcode.MESSAGE:
-            topic = channels.get(int.from_bytes(record[:2], "little"), "")
+    for opcode, start, end in _places(unpacked):
+        if opcode == Opcode.MESSAGE:
+            topic = channels.get(unpacked[start] | unpacked[start + 1] << 8, "")
             if topic in topics:
-                yield topic, record[MESSAGE_HEAD:]
+                yield topic, unpacked[start + MESSAGE_HEAD : end]
+        elif opcode == Opcode.CHANNEL:
+            channel = parsed(Channel, unpacked[start:end])
+            channels[channel.id] = channel.topic.removeprefix("/")
 
 
 def records(unpacked: bytes) -> Iterator[tuple[int, bytes]]:
@@ -202,14 +203,21 @@ def records(unpacked: bytes) -> Iterator[tuple[int, bytes]]:
     Raises:
         DamagedError: If they are cut or damaged here.
     """
-    at, end = 0, len(unpacked)
-    while at + RECORD_HEAD <= end:
-        opcode, length = struct.unpack_from("<BQ", unpacked, at)
-        at += RECORD_HEAD
-        is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
-        if length > end - at or is_short or opcode == 0:  # zeros are no records
+    for opcode, start, end in _places(unpacked):
+        yield opcode, unpacked[start:end]
+
+
+def _places(unpacked: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield the opcode of each record in a chunk, and where its data begin and end."""
+    head, message, end = _HEAD.unpack_from, Opcode.MESSAGE.value, len(unpacked)
+    start = RECORD_HEAD
+    while start <= end:
+        opcode, length = head(unpacked, start - RECORD_HEAD)
+        following = start + length
+        is_short = opcode == message and length < MESSAGE_HEAD
+        if following > end or is_short or opcode == 0:  # zeros are no records
             raise DamagedError
-        yield opcode, unpacked[at : at + length]
-        at += length
-    if at != end:
+        yield opcode, start, following
+        start = following + RECORD_HEAD
+    if start - RECORD_HEAD != end:
         raise DamagedError

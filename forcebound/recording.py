@@ -17,6 +17,7 @@ holds the resolved launch file, the versions and the seed as text.
 
 import json
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache, cached_property
 from operator import attrgetter
@@ -26,6 +27,7 @@ from types import TracebackType
 from typing import Annotated, Any, Literal, Self, cast, get_origin, get_type_hints
 
 import msgspec
+from mcap.records import Metadata
 from mcap.writer import Writer
 from msgspec import UNSET, Meta, UnsetType, defstruct
 from msgspec.json import Encoder
@@ -38,6 +40,7 @@ from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
     EnvironmentReply,
+    Event,
     Packet,
     Quaternion,
     Telemetry,
@@ -45,7 +48,7 @@ from forcebound.messages.packets import (
     field_types,
 )
 from forcebound.recording_schema import is_optional, plain_type, schema
-from forcebound.telemetry import TelemetryColumns
+from forcebound.telemetry import FIELDS, TelemetryCollector, TelemetryColumns
 
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 
@@ -137,62 +140,106 @@ class Recorder:
 
 
 class Recording:
-    """Content of a recording.
+    """A recording, which is read from its file as it is asked for; the file stays as it is.
 
     Attributes:
-        path: File that was read.
+        path: Its file.
         metadata: Texts by key, as given to the :class:`Recorder`.
-        complete: False if the recorder was killed, or the file was cut or damaged; it then holds
-            the packets up to that point.
     """
 
     def __init__(
-        self,
-        path: Path,
-        metadata: dict[str, str],
-        complete: bool,
-        messages: Mapping[str, Sequence[bytes]],
+        self, path: Path, metadata: dict[str, str], topics: Collection[str] = tuple(TOPICS)
     ) -> None:
         self.path = path
         self.metadata = metadata
-        self.complete = complete
-        self._messages = messages
+        self._topics = topics
+        self._complete: bool | None = None  # known when it was read to its end
+
+    @property
+    def complete(self) -> bool:
+        """False if the recorder was killed, or the file was cut or damaged.
+
+        It then holds the packets up to that point.
+        """
+        if self._complete is None:
+            deque(self._messages(()), maxlen=0)
+        return bool(self._complete)
 
     def packets(self, topic: str) -> list[Packet]:
         """Return the packets of a topic, ``"telemetry"`` for example, in the order of recording.
 
         Raises:
-            ConfigError: If there is no such topic, or a message lacks a field of its packet.
+            ConfigError: As :meth:`stream`.
         """
-        if topic not in TOPICS:
-            raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
-        decode = _decoder(TOPICS[topic].packet)
-        try:
-            return [decode(data) for data in self._messages.get(topic, ())]
-        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-            raise ConfigError(
-                f"{self.path}: a message of {topic} does not match the packet of this version "
-                f"({error}); recorded by another version?"
-            ) from error
+        return list(self.stream(topic))
 
-    @cached_property
-    def telemetry(self) -> TelemetryColumns:
-        """The telemetry as columns, with the contacts if the environment's replies were read.
+    def stream(self, *topics: str) -> Iterator[Packet]:
+        """Yield the packets of some topics, one by one: of a long run there are millions.
 
         Raises:
-            ConfigError: If the recording holds none, or the number of axes changes in it.
+            ConfigError: If there is no such topic, or a message lacks a field of its packet.
         """
-        packets = cast("list[Telemetry]", self.packets(TOPIC_OF[Telemetry]))
-        if not packets:
+        for topic in topics:
+            if topic not in TOPICS:
+                raise ConfigError(f"no topic {topic!r}; there are {', '.join(TOPICS)}")
+        for _, packet in self._decoded({topic: _decoder(TOPICS[topic].packet) for topic in topics}):
+            yield packet
+
+    @cached_property
+    def run(self) -> tuple[TelemetryColumns, list[Event]]:
+        """The telemetry as columns, and the events, read in one go.
+
+        With the contacts if the environment's replies were asked for.
+
+        Raises:
+            ConfigError: If the recording holds no telemetry, or the number of axes changes in it.
+        """
+        collector = TelemetryCollector()
+        events: list[Event] = []
+        takers: dict[str, Callable[[Any], None]] = {
+            TOPIC_OF[Telemetry]: collector.take,
+            TOPIC_OF[EnvironmentReply]: collector.take_reply,
+            TOPIC_OF[Event]: events.append,
+        }
+        decoders = {TOPIC_OF[kind]: _row_decoder(kind, names) for kind, names in FIELDS.items()}
+        for topic, row in self._decoded(decoders | {TOPIC_OF[Event]: _decoder(Event)}):
+            takers[topic](row)
+        if not collector:
             raise ConfigError(
                 f"{self.path} has no telemetry: did the run end before its device node started?"
             )
-        axes = {len(vector) for packet in packets for vector in _vectors(packet)}
-        if len(axes) > 1:
-            counts = " and ".join(map(str, sorted(axes)))
-            raise ConfigError(f"{self.path}: its telemetry has {counts} axes; a run has one number")
-        replies = cast("list[EnvironmentReply]", self.packets(TOPIC_OF[EnvironmentReply]))
-        return TelemetryColumns.from_packets(packets, replies)
+        try:
+            return collector.columns(), events
+        except ValueError as error:
+            raise ConfigError(f"{self.path}: its {error}") from error
+
+    @property
+    def telemetry(self) -> TelemetryColumns:
+        """The columns of :attr:`run`."""
+        return self.run[0]
+
+    def _decoded(self, decoders: Mapping[str, Callable[[bytes], Any]]) -> Iterator[tuple[str, Any]]:
+        """Yield topic and decoded message, of those of these topics that are wanted."""
+        for topic, data in self._messages([t for t in decoders if t in self._topics]):
+            try:
+                decoded = decoders[topic](data)
+            except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+                raise ConfigError(
+                    f"{self.path}: a message of {topic} does not match the packet of this version "
+                    f"({error}); recorded by another version?"
+                ) from error
+            yield topic, decoded
+
+    def _messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
+        """Yield topic and data of the messages until the end, or the damage; notes which it was."""
+        try:
+            with mcap_file.opened(self.path) as file:
+                for content in mcap_file.contents(file, topics):
+                    if isinstance(content, tuple):
+                        yield content
+            self._complete = True
+        except mcap_file.DamagedError:
+            self._complete = False  # what came before the damage is good
 
     @cached_property
     def launch(self) -> dict[str, Any]:
@@ -232,48 +279,37 @@ class _RecordedLaunch(msgspec.Struct):
     phases: list[_RecordedPhase] = []
 
 
-def _vectors(packet: Telemetry) -> Iterator[Vector]:
-    yield from (packet.position, packet.commanded_force, packet.applied_force)
-    yield from (one for one in (packet.true_position, packet.hand_force) if one is not None)
-
-
 def read(path: str | PathLike[str], topics: Collection[str] = tuple(TOPICS)) -> Recording:
-    """Read a recording, complete or not, in memory bounded by its size.
+    """Return a recording, complete or not.
 
     Args:
         path: The file.
-        topics: Of the packets that are wanted; only they are kept.
+        topics: Of the packets that are wanted; of others it gives none.
 
     Raises:
         ConfigError: If the file is missing, is no regular file, is not MCAP, was not written by
-            forcebound, or unpacks to more than a recording does.
+            forcebound, or unpacks to more than a recording does. The last is seen when that part
+            of the file is read.
     """
     path = Path(path)
-    metadata: dict[str, str] | None = None
-    messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
-    complete = True
-    try:
-        with mcap_file.opened(path) as file:
-            for content in mcap_file.contents(file, topics):
-                if isinstance(content, tuple):
-                    messages[content[0]].append(content[1])
-                elif content.name == METADATA_NAME:
-                    metadata = content.metadata
-    except mcap_file.DamagedError:
-        complete = False  # what came before the damage is good
-    if metadata is None:
-        raise ConfigError(f"{path} is not a recording of forcebound (or it was cut at its start)")
-    return Recording(path, metadata, complete, messages)
+    for content in mcap_file.readable(path, ()):
+        if isinstance(content, Metadata) and content.name == METADATA_NAME:
+            return Recording(path, content.metadata, topics)
+    raise ConfigError(f"{path} is not a recording of forcebound (or it was cut at its start)")
+
+
+@cache
+def _row_decoder(packet: type[Packet], names: Sequence[str]) -> Callable[[bytes], Any]:
+    """Return a function from a recorded message to an object with these fields; absent: None."""
+    return msgspec.json.Decoder(_message(packet, names, None)).decode
 
 
 @cache
 def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     """Return a function from a recorded message to the packet; raises as msgspec does."""
-    hints = get_type_hints(packet, include_extras=True)
     names = tuple(field_types(packet))
-    fields = [_recorded_field(name, hints[name]) for name in names]
-    message: Any = defstruct(f"Recorded{packet.__name__}", fields, kw_only=True, gc=False)
-    decode, values_of = msgspec.json.Decoder(message).decode, attrgetter(*names)
+    decode = msgspec.json.Decoder(_message(packet, names, UNSET)).decode
+    values_of = attrgetter(*names)
     readers = [_reader(hint) for hint in field_types(packet).values()]
     build = cast("Callable[..., Packet]", packet)
 
@@ -284,7 +320,14 @@ def _decoder(packet: type[Packet]) -> Callable[[bytes], Packet]:
     return read_message
 
 
-def _recorded_field(name: str, hint: Any) -> Any:
+def _message(packet: type[Packet], names: Sequence[str], absent: UnsetType | None) -> Any:
+    """Return the class of a recorded message with these fields; ``absent`` is no value."""
+    hints = get_type_hints(packet, include_extras=True)
+    fields = [_recorded_field(name, hints[name], absent) for name in names]
+    return defstruct(f"Recorded{packet.__name__}", fields, kw_only=True, gc=False)
+
+
+def _recorded_field(name: str, hint: Any, absent: UnsetType | None) -> Any:
     """A field as it is recorded: null stands for no number, and without a value it is left out."""
     plain = plain_type(hint)
     if plain is float:
@@ -293,7 +336,7 @@ def _recorded_field(name: str, hint: Any) -> Any:
         plain = Annotated[(tuple[float | None, ...], *plain.__metadata__)]
     elif plain == Quaternion:
         plain = tuple[float | None, float | None, float | None, float | None]
-    return (name, plain | UnsetType, UNSET) if is_optional(hint) else (name, plain)
+    return (name, plain | type(absent), absent) if is_optional(hint) else (name, plain)
 
 
 def _reader(hint: Any) -> Callable[[Any], Any] | None:

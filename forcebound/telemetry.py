@@ -4,15 +4,40 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Self
+from itertools import chain
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Self
 
-from forcebound.messages.packets import Contact, EnvironmentReply, Telemetry, Vector
+from forcebound.messages.packets import EnvironmentReply, Telemetry
 
 if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
+
+BATCH = 2048  # packets that wait until they become columns: a sample takes 2 kB as a packet
+
+# Fields by the type of their column. Those of the ledger are left to verification.
+_SAMPLE = {
+    "int64": ("time_ns", "seq", "device_seq", "deadline_misses"),
+    "float64": (
+        "elapsed",
+        "force_limit",
+        "estimated_energy",
+        "true_energy",
+        "engagement",
+        "loop_delay",
+    ),
+    "vector": ("position", "commanded_force", "applied_force", "true_position", "hand_force"),
+}
+_CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "normal")}
+
+#: Fields of a packet that a :class:`TelemetryCollector` reads.
+FIELDS: dict[type[Telemetry] | type[EnvironmentReply], tuple[str, ...]] = {
+    Telemetry: (*chain(*_SAMPLE.values()), "rejected"),
+    EnvironmentReply: (*chain(*_CONTACT.values()), "force"),
+}
 
 
 @dataclass(frozen=True)
@@ -45,10 +70,10 @@ class TelemetryColumns:
     normal: NDArray[np.float64]  # (n, axes), outward unit normal at the proxy; NaN likewise
     rejected: Mapping[str, int]  # packets rejected by the end of the run, by reason
 
-    @classmethod
+    @staticmethod
     def from_packets(
-        cls, packets: Sequence[Telemetry], replies: Sequence[EnvironmentReply] = ()
-    ) -> Self:
+        packets: Iterable[Telemetry], replies: Iterable[EnvironmentReply] = ()
+    ) -> TelemetryColumns:
         """Return the columns of ``packets``; without packets, empty columns of one axis.
 
         Args:
@@ -58,71 +83,167 @@ class TelemetryColumns:
         Raises:
             ValueError: If the packets differ in their number of axes.
         """
-        import numpy as np
-
-        axes = len(packets[0].position) if packets else 1
-        nothing = (math.nan,) * axes
-
-        def floats(values: list[float | None]) -> NDArray[np.float64]:
-            return np.array(values, dtype=np.float64)  # None becomes NaN
-
-        def integers(values: list[int]) -> NDArray[np.int64]:
-            return np.array(values, dtype=np.int64)
-
-        def vectors(values: list[Vector]) -> NDArray[np.float64]:
-            return np.array(values, dtype=np.float64).reshape(len(packets), axes)
-
-        time_ns = integers([p.time_ns for p in packets])
-        engagement = floats([p.engagement for p in packets])
-        start = int(np.argmax(engagement > 0.0)) if packets else 0
-        time = (time_ns - time_ns[start]) * 1e-9 if packets else floats([])
-        seq = integers([p.seq for p in packets])
-        returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
-        life = np.searchsorted(returns, np.arange(len(packets)), "right")
-        ticks = _before(seq + 1, returns)
-        seq = seq + ticks[life]
-        answered = integers([-1 if p.device_seq is None else p.device_seq for p in packets])
-        elapsed = floats([p.elapsed for p in packets])
-        misses = integers([p.deadline_misses for p in packets])
-        ends = [packets[end - 1].rejected for end in (*returns.tolist(), len(packets)) if end]
-        lives = np.searchsorted(time_ns[returns - 1], integers([r.device_time_ns for r in replies]))
-        told = {
-            reply.device_seq + before: reply.contact
-            for reply, before in zip(replies, ticks[lives].tolist(), strict=True)
-            if len(reply.force) == axes
-        }
-        contacts = [told.get(tick) or Contact(nothing, nothing) for tick in seq.tolist()]
-        return cls(
-            time=time,
-            time_ns=time_ns,
-            seq=seq,
-            elapsed=np.where(life > 0, elapsed[start : start + 1] + time, elapsed),
-            position=vectors([p.position for p in packets]),
-            commanded_force=vectors([p.commanded_force for p in packets]),
-            applied_force=vectors([p.applied_force for p in packets]),
-            force_limit=floats([p.force_limit for p in packets]),
-            estimated_energy=floats([p.estimated_energy for p in packets]),
-            true_energy=floats([p.true_energy for p in packets]),
-            true_position=vectors([p.true_position or nothing for p in packets]),
-            hand_force=vectors([p.hand_force or nothing for p in packets]),
-            engagement=engagement,
-            device_seq=np.where(answered < 0, answered, answered + ticks[life]),
-            loop_delay=floats([p.loop_delay for p in packets]),
-            deadline_misses=misses + _before(misses, returns)[life],
-            is_told=np.array([tick in told for tick in seq.tolist()], dtype=np.bool_),
-            proxy=vectors([contact.proxy for contact in contacts]),
-            normal=vectors([contact.normal for contact in contacts]),
-            rejected=dict(sum(map(Counter, ends), Counter())),
-        )
+        collector = TelemetryCollector()
+        for packet in packets:
+            collector.take(packet)
+        for reply in replies:
+            collector.take_reply(reply)
+        return collector.columns()
 
     def slice(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are."""
+        """Return the chosen samples, a mask of shape (n,); times and counts stay as they are.
+
+        Samples in a row are not copied.
+        """
+        import numpy as np
+
+        numbers = np.flatnonzero(chosen)
+        kept: Any = chosen
+        if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size:
+            kept = slice(int(numbers[0]), int(numbers[-1]) + 1)
         columns = {
-            field.name: getattr(self, field.name)[chosen]
+            field.name: getattr(self, field.name)[kept]
             for field in fields(self)
             if field.name != "rejected"
         }
         return replace(self, **columns)
+
+
+class TelemetryCollector:
+    """Makes :class:`TelemetryColumns` of packets that come one by one, and keeps no packet."""
+
+    def __init__(self) -> None:
+        self._samples: _Table | None = None
+        self._replies: dict[int, _Table] = {}  # by number of axes
+        self._rejected: Counter[str] = Counter()  # in earlier lives of the device
+        self._last: Any = None
+
+    def __bool__(self) -> bool:
+        """Whether there is a sample."""
+        return self._last is not None
+
+    def take(self, packet: Telemetry) -> None:
+        """Take the next packet, or an object with the same ``FIELDS``."""
+        if self._samples is None:
+            self._samples = _Table(_SAMPLE, len(packet.position))
+        elif packet.seq < self._last.seq:
+            self._rejected += Counter(self._last.rejected)
+        self._last = packet
+        self._samples.add(packet)
+
+    def take_reply(self, reply: EnvironmentReply) -> None:
+        """Take a reply of the run's environment, for the contacts; likewise."""
+        axes = len(reply.force)
+        if axes not in self._replies:
+            self._replies[axes] = _Table(_CONTACT, axes)
+        self._replies[axes].add(reply)
+
+    def columns(self) -> TelemetryColumns:
+        """Return the columns; nothing can be taken after that.
+
+        Raises:
+            ValueError: If the packets differ in their number of axes.
+        """
+        import numpy as np
+
+        samples = self._samples or _Table(_SAMPLE, 1)
+        columns = samples.columns()
+        time_ns, seq, elapsed = (columns[name] for name in ("time_ns", "seq", "elapsed"))
+        start = int(np.argmax(columns["engagement"] > 0.0)) if self else 0
+        time = (time_ns - time_ns[start]) * 1e-9 if self else elapsed
+        if self:
+            self._rejected += Counter(self._last.rejected)
+        told = self._replies.get(samples.axes, _Table(_CONTACT, samples.axes)).columns()
+        returns = np.flatnonzero(np.diff(seq) < 0) + 1  # samples at which a device has returned
+        if returns.size:
+            life = np.searchsorted(returns, np.arange(seq.size), "right")
+            ticks = _before(seq + 1, returns)
+            lives = np.searchsorted(time_ns[returns - 1], told["device_time_ns"])
+            told["device_seq"] += ticks[lives]
+            answered, misses = columns["device_seq"], columns["deadline_misses"]
+            columns["device_seq"] = np.where(answered < 0, answered, answered + ticks[life])
+            columns["deadline_misses"] = misses + _before(misses, returns)[life]
+            columns["elapsed"] = np.where(life > 0, elapsed[start] + time, elapsed)
+            columns["seq"] = seq = seq + ticks[life]
+        contacts = _contacts(seq, told)
+        return TelemetryColumns(time=time, rejected=dict(self._rejected), **columns, **contacts)
+
+
+class _Table:
+    """Fields of packets of one kind as columns, which grow by batches.
+
+    Args:
+        names: Fields by the type of their column.
+        axes: Length of the vectors.
+    """
+
+    def __init__(self, names: Mapping[str, Sequence[str]], axes: int) -> None:
+        self.axes = axes
+        self._kinds = {name: kind for kind, group in names.items() for name in group}
+        self._values_of = attrgetter(*self._kinds)
+        self._waiting: list[Any] = []
+        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in self._kinds}
+        self._other_axes: set[int] = set()
+
+    def add(self, packet: Any) -> None:
+        self._waiting.append(packet)
+        if len(self._waiting) == BATCH:
+            self._convert()
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return all packets until now as columns, which this table then no longer has."""
+        import numpy as np
+
+        self._convert()
+        if self._other_axes:
+            counts = " and ".join(map(str, sorted({self.axes, *self._other_axes})))
+            raise ValueError(f"telemetry has {counts} axes; a run has one number")
+        return {name: np.concatenate(self._parts.pop(name)) for name in self._kinds}
+
+    def _convert(self) -> None:
+        rows = zip(*map(self._values_of, self._waiting), strict=True)
+        by_name = dict(zip(self._kinds, rows, strict=True)) if self._waiting else {}
+        for name, kind in self._kinds.items():
+            self._parts[name].append(self._column(by_name.get(name, ()), kind))
+        self._waiting.clear()
+
+    def _column(self, values: Sequence[Any], kind: str) -> NDArray[Any]:
+        import numpy as np
+
+        if kind == "int64":
+            return np.array([-1 if value is None else value for value in values], dtype=np.int64)
+        if kind == "float64":
+            return np.array(values, dtype=np.float64)  # None becomes NaN
+        nothing = (math.nan,) * self.axes
+        vectors = [value or nothing for value in values]
+        others = set(map(len, vectors)) - {self.axes}
+        self._other_axes |= others
+        entries = () if others else list(chain.from_iterable(vectors))
+        return np.array(entries, dtype=np.float64).reshape(-1, self.axes)
+
+
+def _contacts(seq: NDArray[np.int64], told: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return of each tick whether its answer is known, and the contact in the last one.
+
+    Args:
+        seq: Numbers of the ticks.
+        told: Columns of the replies; ``device_seq`` counts as ``seq`` does.
+    """
+    import numpy as np
+
+    ticks = told["device_seq"]
+    if not ticks.size:
+        nowhere = np.broadcast_to(math.nan, (seq.size, told["proxy"].shape[1]))
+        return {"is_told": np.zeros(seq.size, np.bool_), "proxy": nowhere, "normal": nowhere}
+    order = np.argsort(ticks, kind="stable")
+    last = np.searchsorted(ticks, seq, "right", sorter=order) - 1  # -1: any, since not told
+    reply = order[last]
+    is_told = ticks[reply] == seq
+    return {
+        "is_told": is_told,
+        "proxy": np.where(is_told[:, np.newaxis], told["proxy"][reply], math.nan),
+        "normal": np.where(is_told[:, np.newaxis], told["normal"][reply], math.nan),
+    }
 
 
 def _before(counts: NDArray[np.int64], returns: NDArray[np.int64]) -> NDArray[np.int64]:

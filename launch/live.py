@@ -2,12 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from forcebound import realtime
 from forcebound.config.graph import LAW, GraphConfig
@@ -38,7 +38,13 @@ from forcebound.launch.run_directory import (
 from forcebound.launch.run_lock import is_held
 from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Step, Supervisor
-from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, ForceCommand
+from forcebound.messages.packets import (
+    TOPIC_OF,
+    TOPICS,
+    EnvironmentReply,
+    ForceCommand,
+    Telemetry,
+)
 from forcebound.processes import PROCESSES
 
 # Hz, of the servo of a live run. A tick with its partners is longer than a shorter period; between
@@ -135,7 +141,8 @@ def _discard_if_empty(recording: Path) -> bool:
     from forcebound.recording import read  # slow, and rarely needed here
 
     with suppress(ConfigError):
-        if (read(recording, (TELEMETRY,)).telemetry.engagement > 0.0).any():
+        samples = cast("Iterator[Telemetry]", read(recording).stream(TELEMETRY))
+        if any(sample.engagement > 0.0 for sample in samples):
             return False
     recording.unlink(missing_ok=True)
     return True

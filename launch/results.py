@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from forcebound.config.graph import KINDS, GraphConfig
 from forcebound.config.resolved import to_document
@@ -63,11 +63,12 @@ class RunResult:
         from forcebound.recording import read  # slow to import; no node process needs it
 
         recording = read(path, [TOPIC_OF[kind] for kind in (Telemetry, EnvironmentReply, Event)])
+        with content_of(path):
+            columns, events = recording.run
+            document = recording.launch
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        with content_of(path):
-            events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
-            return cls(recording.telemetry, recording.launch, events, recording.complete)
+        return cls(columns, document, events, recording.complete)
 
     @property
     def label(self) -> str:

@@ -22,7 +22,7 @@ from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder
 from forcebound.simulation import Simulation
-from forcebound.telemetry import TelemetryColumns
+from forcebound.telemetry import TelemetryCollector
 
 Progress = Callable[[int, int], None]  # takes what is done, and the total
 
@@ -75,7 +75,7 @@ def run_virtual(
     if not observer.samples:
         raise RunError("the run ended before its first sample; use a longer --duration")
     return RunResult(
-        TelemetryColumns.from_packets(observer.samples, observer.replies),
+        observer.samples.columns(),
         to_document(config),
         observer.events,
         interrupted=interrupted,
@@ -107,8 +107,7 @@ class _Observer:
 
     def __init__(self, recorder: Recorder | None, wants_replies: bool) -> None:
         self._recorder = recorder
-        self.samples: list[Telemetry] = []
-        self.replies: list[EnvironmentReply] = []
+        self.samples = TelemetryCollector()
         self.events: list[Event] = []
         needed = (Telemetry, Event, *((EnvironmentReply,) if wants_replies else ()))
         self.packets = needed if recorder is None else tuple(TOPIC_OF)
@@ -116,9 +115,9 @@ class _Observer:
 
     def take(self, packet: Packet) -> None:
         if type(packet) is Telemetry:
-            self.samples.append(packet)
+            self.samples.take(packet)
         elif type(packet) is EnvironmentReply:
-            self.replies.append(packet)
+            self.samples.take_reply(packet)
         elif type(packet) is Event:
             self.events.append(packet)
         if self._recorder is not None:

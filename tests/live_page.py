@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from live_graph import LiveGraph, live_graph
 
@@ -19,8 +19,7 @@ def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
         try:
             yield server.stdout.readline().split()[-1], server.stdout.readline().split()[-1]
         finally:
-            with suppress(ProcessLookupError):
-                server.terminate()
+            server.terminate()
 
 
 @contextmanager

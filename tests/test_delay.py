@@ -10,6 +10,7 @@ from builders import MS, telemetry_packet
 from click.testing import CliRunner
 from launch_texts import GOOD, written
 from msgspec import structs
+from waiting import PATIENCE
 
 from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
@@ -17,10 +18,11 @@ from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.config.traces import hop_delays, loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument
+from forcebound.hops import Hops
+from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
-from forcebound.messages.packets import LINKS, Telemetry
+from forcebound.messages.packets import LINKS, EnvironmentReply, Packet, Telemetry
 from forcebound.monitor.delay import SHARES, Measured, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
@@ -193,11 +195,11 @@ def test_of_an_environment_with_another_clock_the_way_there_and_back_is_known(
     run_virtual(load("delayed_wall"), 0.1, path)
     recording = read(path)
     launch = recording.launch | {"remote": {"address": "127.0.0.1"}}
+    packets = list(recording.stream(*LINKS, "telemetry"))
     with Recorder(path, {"launch": json.dumps(launch)}) as recorder:
-        for topic in (*LINKS, "telemetry"):
-            for packet in recording.packets(topic):
-                ahead = 10**15 * (topic == "environment_reply")
-                recorder.write(structs.replace(packet, time_ns=packet.time_ns + ahead))
+        for packet in packets:
+            ahead = 10**15 * isinstance(packet, EnvironmentReply)
+            recorder.write(structs.replace(packet, time_ns=packet.time_ns + ahead))
     hops = hop_delays(read(path))
     assert set(hops["environment_query"].delays) == {0.004}
     assert set(hops["environment_reply"].delays) == {0.0}
@@ -250,7 +252,13 @@ def test_a_recording_that_is_too_short_for_a_trace_is_named(tmp_path: Path) -> N
 
 
 @pytest.mark.live
-def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
+def test_a_graph_that_runs_is_watched_until_it_ends(tmp_path: Path) -> None:
+    class EndOfTheGraph(Hops):
+        """Ends the graph when a packet of it was seen."""
+
+        def add(self, topic: str, packet: Packet) -> None:
+            (tmp_path / RUN_FILE).unlink(missing_ok=True)
+
     RunDocument(1, None, "", []).write(tmp_path)
     with Network() as network:
         publisher = network.publisher(topic_endpoint(tmp_path, "telemetry"))
@@ -266,7 +274,7 @@ def test_a_graph_that_runs_is_watched(tmp_path: Path) -> None:
         thread = threading.Thread(target=publish)
         thread.start()
         try:
-            columns = watch(tmp_path, 0.5)
+            columns = watch(tmp_path, PATIENCE, EndOfTheGraph())
         finally:
             is_over.set()
             thread.join()

@@ -177,7 +177,8 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     tmp_path: Path,
 ) -> None:
     link = tmp_path / "board"
-    words = (f"device:={link}", "on_loss:=wait", "watchdog_limit:=1 s")
+    # Half of the limit is how long a board may be silent, such as that of a busy machine.
+    words = (f"device:={link}", "on_loss:=wait", "watchdog_limit:=4 s")
     with live_graph_at(link, words) as (graph, board):
         wait_for_loss(graph)
         put_home(link)

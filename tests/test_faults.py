@@ -7,7 +7,6 @@ import time
 
 import pytest
 from live_graph import (
-    AGE_LIMIT,
     PROCESSES_OF_THEIR_OWN,
     Ended,
     check_always,
@@ -19,8 +18,8 @@ from live_graph import (
 pytestmark = PROCESSES_OF_THEIR_OWN
 
 
-def check_survived(ended: Ended, harm_ns: int) -> float:
-    """Check what every fault has in common; return for how long the device had no answer, in s."""
+def check_survived(ended: Ended, harm_ns: int) -> int:
+    """Check what every fault has in common; return when the device had an answer again, in ns."""
     assert ended.exit_status == 0, ended.log
     columns = ended.columns
     check_always(columns)
@@ -28,7 +27,7 @@ def check_survived(ended: Ended, harm_ns: int) -> float:
     check_return(columns, gap)
     assert ended.faults["force_released"] >= 1
     assert "no answer younger than the age limit of 100 ms: zero force" in ended.log
-    return float(columns.time_ns[gap[-1]] - columns.time_ns[gap[0]]) * 1e-9
+    return int(columns.time_ns[gap[-1] + 1])
 
 
 @pytest.mark.parametrize("victim", ["environment", "controller"])
@@ -61,11 +60,12 @@ def test_a_node_that_stands_still_for_two_seconds_leaves_no_force(victim: str) -
         graph.signal(victim, signal.SIGSTOP)
         harm_ns = time.monotonic_ns()
         graph.wait(2.0)
+        continued_ns = time.monotonic_ns()
         graph.signal(victim, signal.SIGCONT)
         graph.wait_until_in_contact()
         assert graph.node(victim)["restarts"] == 0
         ended = graph.end()
-    assert check_survived(ended, harm_ns) > 2.0 - AGE_LIMIT - 0.1
+    assert check_survived(ended, harm_ns) > continued_ns
     assert "process_ended" not in ended.faults
     if victim == "environment":
         assert ended.faults["environment_lost"] >= 1
@@ -119,7 +119,7 @@ def test_a_launcher_that_hangs_harms_nobody_and_makes_up_for_it_afterwards() -> 
 
 def test_a_recorder_that_cannot_write_leaves_a_result_that_says_so() -> None:
     with live_graph("stiff_wall.yaml") as graph:
-        graph.wait(1.0)  # so that there is something to save
+        graph.until(lambda: graph.record.stat().st_size > 50_000, "something to save")
         # As a disk that is full from now on, but for this process alone.
         size = graph.record.stat().st_size + 20_000
         resource.prlimit(graph.node("recorder")["pid"], resource.RLIMIT_FSIZE, (size, size))

@@ -14,7 +14,6 @@ from forcebound.errors import DeviceError
 from forcebound.hardware.guardian import Guardian
 
 pytestmark = pytest.mark.live
-GENEROUS = 5.0  # s; how soon it really is, `python benchmarks/guardian.py` prints
 
 
 @pytest.fixture
@@ -29,11 +28,10 @@ def board() -> Iterator[tuple[int, int]]:
 
 @pytest.mark.parametrize("fate", FATES)
 def test_a_force_ends_once_whatever_becomes_of_its_process(fate: str) -> None:
-    messages, seconds = watch(fate)
+    messages, _ = watch(fate)  # how soon, `python benchmarks/guardian.py` prints
     assert messages.count(ZERO) == 1
     assert messages[-1] == ZERO
     assert set(messages) <= {FORCE, ZERO}
-    assert seconds < GENEROUS
 
 
 def test_it_waits_neither_for_a_time_out_nor_for_the_memory_of_what_ends(

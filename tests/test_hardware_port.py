@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from waiting import PATIENCE
 
 from forcebound.cli import main
 from forcebound.config.loader import load
@@ -19,6 +20,7 @@ from forcebound.hardware import ports
 from forcebound.hardware.port import Port
 from forcebound.hardware.ports import SerialPort, check_serial_number, find, listed
 from forcebound.launch.live import check_here
+from forcebound.network import sockets
 
 SOON_NS = 20_000_000
 HAPLY = SerialPort("/dev/ttyACM0", "Arduino Due", "1A2B", "haply_2diy")
@@ -50,29 +52,39 @@ def soon_ns() -> int:
     return time.monotonic_ns() + SOON_NS
 
 
+def patiently_ns() -> int:
+    return time.monotonic_ns() + round(PATIENCE * 1e9)
+
+
+def sent_by_board(line: Line, data: bytes) -> None:
+    """Write as the board does; wait for the kernel, which passes it on when it finds time."""
+    os.write(line.board, data)
+    assert sockets.wait((line.port.descriptor,), round(PATIENCE * 1e9))
+
+
 def test_any_bytes_pass_both_ways_unchanged(line: Line) -> None:
     message = bytes(range(256))
     line.port.write(message)
     assert os.read(line.board, 4096) == message
     os.write(line.board, message)
-    assert line.port.read(256, soon_ns()) == message
+    assert line.port.read(256, patiently_ns()) == message
 
 
 def test_a_short_reply_is_what_came_by_the_deadline(line: Line) -> None:
-    os.write(line.board, b"abc")
+    sent_by_board(line, b"abc")
     assert line.port.read(9, soon_ns()) == b"abc"
     assert line.port.read(9, soon_ns()) == b""
 
 
 def test_no_more_is_read_than_was_asked_for_and_the_rest_can_be_drained(line: Line) -> None:
-    os.write(line.board, b"abcdef")
+    sent_by_board(line, b"abcdef")
     assert line.port.read(2, soon_ns()) == b"ab"
     assert line.port.drain() == b"cdef"
     assert line.port.drain() == b""
 
 
 def test_what_is_there_is_read_after_the_deadline_too(line: Line) -> None:
-    os.write(line.board, b"abc")
+    sent_by_board(line, b"abc")
     assert line.port.read(3, 0) == b"abc"
 
 

@@ -1,15 +1,18 @@
 """A line to a board: it fails once, in zero force, and its guardian watches every force."""
 
 import os
+import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import pytest
+from waiting import PATIENCE
 
 from forcebound.errors import DeviceError
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive import ODrive
+from forcebound.network import sockets
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 
 pytestmark = pytest.mark.live
@@ -33,6 +36,15 @@ def ends() -> Iterator[Ends]:
     os.close(board)
 
 
+def heard_by(board: int, count: int) -> bytes:
+    """What comes to a board, which the kernel may pass on in pieces: at least so many bytes."""
+    heard = b""
+    while len(heard) < count:
+        assert sockets.wait((board,), round(PATIENCE * 1e9)), heard
+        heard += os.read(board, 100)
+    return heard
+
+
 def test_a_line_that_failed_writes_zero_and_refuses_with_the_first_reason(ends: Ends) -> None:
     board, line = ends
     line.send(FORCE, has_force=True)
@@ -40,26 +52,25 @@ def test_a_line_that_failed_writes_zero_and_refuses_with_the_first_reason(ends: 
     line.fail(DeviceError("another"))
     with pytest.raises(DeviceError, match="the first reason"):
         line.send(FORCE, has_force=True)
-    assert os.read(board, 100) == FORCE + ZERO + ZERO
+    said = FORCE + ZERO + ZERO
+    assert heard_by(board, len(said)) == said
 
 
 def test_bytes_that_nobody_asked_for_are_shown_and_nothing_is_written(ends: Ends) -> None:
     board, line = ends
     os.write(board, b"\x07\x08")
-    line.port.read(1, 0)
+    assert line.port.read(1, time.monotonic_ns() + round(PATIENCE * 1e9)) == b"\x07"
     with pytest.raises(DeviceError, match="nobody asked for: 08"):
         line.send(FORCE, has_force=True)
     line.send(ZERO, has_force=False)
-    assert os.read(board, 100) == ZERO
+    assert heard_by(board, len(ZERO)) == ZERO
 
 
 def test_what_a_board_answers_to_the_guardian_is_not_the_reason() -> None:
     board, slave = os.openpty()
     line = Line("none", os.ttyname(slave), ZERO, 0.01, {}, None)
     line.send(FORCE, has_force=True)
-    read = b""
-    while ZERO not in read:
-        read += os.read(board, 100)
+    assert heard_by(board, len(FORCE + ZERO)) == FORCE + ZERO
     said = "the guardian of the port has written zero force"
     with pytest.raises(DeviceError, match=said):
         line.fail(DeviceError("the device sends what nobody asked for"))
@@ -75,7 +86,8 @@ def test_a_line_that_is_closed_leaves_zero_force() -> None:
     line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None)
     line.send(FORCE, has_force=True)
     line.close()
-    assert os.read(board, 100) == FORCE + ZERO
+    said = FORCE + ZERO
+    assert heard_by(board, len(said)) == said
     os.close(slave)
     os.close(board)
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -58,3 +59,31 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
     assert status["waiting_for"] == ["telemetry"]
     assert status["rejected"]["malformed"] >= 1
     assert sink.flushes >= 1
+
+
+def test_a_recorder_that_is_to_end_with_the_device_has_what_the_device_sends_last(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(realtime, "enter", lambda settings, role: [])
+    monkeypatch.setattr("forcebound.process.recorder.DRAIN_LIMIT_NS", round(PATIENCE * 1e9))
+    device = run_dir / "control-device"
+    device.touch()
+    waits = count()
+    with Stop() as stop, Network() as network:
+        sink = StoppingSink(stop)
+        sender = Sender(network, run_dir, "environment_query")
+
+        def send_late(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
+            if not stop.requested:
+                sender.send(query(1))
+            elif next(waits) > 20 and device.exists():  # after what would be a silence
+                sender.send(query(2))
+            if sink.packets[-1:] == [query(2)]:
+                device.unlink(missing_ok=True)
+            return real_wait(descriptors, timeout_ns)
+
+        real_wait = sockets.wait
+        monkeypatch.setattr(sockets, "wait", send_late)
+        streams = [("environment_query", topic_endpoint(run_dir, "environment_query"))]
+        process.record(sink, "recorder", run_dir, streams, None, stop)
+    assert sink.packets[-1] == query(2)

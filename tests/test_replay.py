@@ -43,14 +43,14 @@ def verified(path: Path) -> Verified:
 def changed(path: Path, change: Mapping[int, Mapping[str, object]], drop: range = range(0)) -> Path:
     """Write a recording with other fields in some ticks, and without others."""
     recording = read(path)
+    packets = list(recording.stream(*TOPICS))
     with Recorder(path, recording.metadata) as recorder:
-        for topic in TOPICS:
-            for packet in recording.packets(topic):
-                is_telemetry = isinstance(packet, Telemetry)
-                if is_telemetry and packet.seq in drop:
-                    continue
-                fields = change.get(packet.seq, {}) if is_telemetry else {}
-                recorder.write(replace(packet, **fields))
+        for packet in packets:
+            is_telemetry = isinstance(packet, Telemetry)
+            if is_telemetry and packet.seq in drop:
+                continue
+            fields = change.get(packet.seq, {}) if is_telemetry else {}
+            recorder.write(replace(packet, **fields))
     return path
 
 

@@ -28,8 +28,8 @@ def runs() -> Runs:
 
 
 @pytest.fixture(scope="session")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
-    return reproduce(SHOWN, tmp_path_factory.mktemp("reproduction"))
+def done(runs: Runs, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
+    return reproduce(SHOWN, tmp_path_factory.mktemp("reproduction"), runs)
 
 
 # --- Table 1 -------------------------------------------------------------------------------------

@@ -30,11 +30,7 @@ if TYPE_CHECKING:
 DEFAULT_PANELS = ("position", "force", "energy", "loop_delay")
 PATH_PANELS = ("path_xy", "path_xz")  # of runs of two axes the first, of more both
 
-CHANGES = (
-    PARAMETERS_SET,
-    LAW_CHANGED,
-    "environment_serves",
-)  # drawn as faults are
+CHANGES = (PARAMETERS_SET, LAW_CHANGED, "environment_serves")  # events that are drawn as faults are
 MARKS = (
     (":", "v"),
     ("--", "o"),

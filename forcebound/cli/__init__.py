@@ -8,6 +8,7 @@ import errno
 import logging
 import os
 import sys
+from itertools import chain
 from typing import Any
 
 import click
@@ -34,45 +35,41 @@ from forcebound.files import printable
 
 __all__ = ["main", "print_table"]
 
-COMMANDS = (
-    run.launch_graph,
-    run.simulate,
-    run.node,
-    run.plot,
-    record.record,
-    recordings.export,
-    recordings.recover,
-    recordings.replay,
-    run.schema,
-    start.new,
-    start.completion,
-    graph.stop,
-    graph.start,
-    graph.param,
-    graph.outage,
-    view.view,
-    look.list_graphs,
-    look.top,
-    look.doctor,
-    topics.echo,
-    topics.hz,
-    topics.bw,
-    topics.draw_graph,
-    topics.delay,
-    topics.log,
-    bridge.bridge,
-    study.bench,
-    study.audit,
-    study.reproduce,
-    study.sweep,
-    study.draw_map,
-    keys.keys_group,
-    check.check,
-    identify.identify,
-    device.device_group,
-    emulate.emulate,
-)
+#: Commands in the order of the help, under what they are for.
+COMMANDS: dict[str, tuple[click.Command, ...]] = {
+    "Run a graph": (run.launch_graph, run.simulate, run.node, start.new),
+    "Look at a running graph": (
+        view.view,
+        look.list_graphs,
+        look.top,
+        topics.draw_graph,
+        topics.echo,
+        topics.hz,
+        topics.bw,
+        topics.delay,
+        topics.log,
+        look.doctor,
+        bridge.bridge,
+    ),
+    "Change a running graph": (graph.param, graph.stop, graph.start, graph.outage),
+    "Recordings": (
+        record.record,
+        run.plot,
+        recordings.export,
+        recordings.replay,
+        recordings.recover,
+    ),
+    "Devices, and parts of your own": (
+        device.device_group,
+        emulate.emulate,
+        identify.identify,
+        check.check,
+    ),
+    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce, study.bench),
+    "This machine": (start.completion, keys.keys_group, run.schema),
+}
 
+LONGEST_HELP = 64  # characters, beside the name of a command on 80
 
 #: What may befall any write, and is nobody's mistake.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -80,6 +77,16 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 class _Group(Group):
     """A group of commands that Ctrl-C ends quietly, wherever it comes, and so does a full disk."""
+
+    def format_commands(self, _: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands under what they are for."""
+        width = max(map(len, self.commands))
+        for purpose, commands in COMMANDS.items():
+            rows = [
+                (f"{one.name:{width}}", one.get_short_help_str(LONGEST_HELP)) for one in commands
+            ]
+            with formatter.section(purpose):
+                formatter.write_dl(rows)
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         try:
@@ -125,6 +132,6 @@ def _keep_lines(command: click.Command) -> None:
         _keep_lines(part)
 
 
-for _command in COMMANDS:
+for _command in chain.from_iterable(COMMANDS.values()):
     main.add_command(_command)
 _keep_lines(main)

@@ -11,7 +11,7 @@ from typing import Any, ParamSpec
 
 import click
 
-from forcebound.cli.complete import graphs, topics
+from forcebound.cli.complete import Offer, graphs, topics
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import RECORDING_SUFFIX, printable
 
@@ -130,6 +130,14 @@ run_option = click.option(
     shell_complete=graphs,
     help="Launch file or run directory of the graph (needed if several run).",
 )
+
+
+def run_argument(name: str, offered: Offer) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Return an argument for a run, which may be left out; ``offered`` completes it."""
+    kind = click.Path(path_type=Path)
+    return click.argument(
+        name, required=False, metavar=f"[{name.upper()}]", type=kind, shell_complete=offered
+    )
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from forcebound.cli.common import (
 )
 
 
-@click.group("device", cls=Group)
+@click.group("device", cls=Group, short_help="List serial ports; go on with a lost device.")
 def device_group() -> None:
     """Look for devices on serial ports; let a graph go on with one that was lost."""
 

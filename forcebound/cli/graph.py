@@ -50,7 +50,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     show(f"{node_name} runs")
 
 
-@click.group(cls=Group)
+@click.group(short_help="Show and change parameters of a running graph.", cls=Group)
 def param() -> None:
     """Show and change the parameters of a running graph, its law included."""
 

@@ -30,7 +30,7 @@ HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
-@click.command("list")
+@click.command("list", short_help="List the graphs that run here, with their nodes.")
 @json_option
 @reports_errors
 def list_graphs(as_json: bool) -> None:
@@ -52,7 +52,7 @@ def list_graphs(as_json: bool) -> None:
         _show_graph(graph)
 
 
-@click.command()
+@click.command(short_help="Show what the nodes of a graph use, each second.")
 @run_option
 @duration_option_for("Time after which it ends. Default: with the graph.")
 @json_lines_option

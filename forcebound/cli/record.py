@@ -12,19 +12,14 @@ from forcebound.cli.common import (
     print_json,
     recording_option,
     reports_errors,
+    run_argument,
     show,
 )
 from forcebound.cli.complete import graphs
 
 
 @click.command(short_help="Record a running graph from now on.")
-@click.argument(
-    "graph",
-    required=False,
-    metavar="[GRAPH]",
-    type=click.Path(path_type=Path),
-    shell_complete=graphs,
-)
+@run_argument("graph", graphs)
 @overwrite_option
 @recording_option(
     "-o", "--output", help="File to write. Default: a new one here, named after graph and time."

@@ -38,8 +38,28 @@ if TYPE_CHECKING:
 
 PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
 
+
+def _named_file(context: click.Context, parameter: click.Parameter, file: str | None) -> str:
+    """Return FILE; who names none is told what there is."""
+    if file is not None:
+        return file
+    from forcebound.config.document import descriptions
+
+    known = descriptions()
+    width = max(map(len, known))
+    listed = "\n".join(f"  {name:{width}}  {words}" for name, words in known.items())
+    message = f"Name one of your own, or one that comes with forcebound:\n\n{listed}"
+    raise click.MissingParameter(message, context, parameter)
+
+
 _OPTIONS = (
-    click.argument("file", shell_complete=complete.launch_files),
+    click.argument(
+        "file",
+        metavar="FILE",
+        required=False,
+        callback=_named_file,
+        shell_complete=complete.launch_files,
+    ),
     click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings),
     duration_option,
     record_option,

@@ -64,7 +64,7 @@ class Zsh(ZshComplete):
 SCRIPTS: dict[str, type[ShellComplete]] = {"bash": Bash, "zsh": Zsh, "fish": FishComplete}
 
 
-@click.command()
+@click.command(short_help="Let the Tab key complete commands and arguments.")
 @click.argument("shell", type=click.Choice(list(PLACES)))
 @click.option("--print", "only_prints", is_flag=True, help="Print the script; install nothing.")
 @reports_errors

@@ -224,8 +224,9 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
     forcebound reproduce -o results/paper
     """
     from forcebound.experiments.reproduce import reproduce, tables
+    from forcebound.experiments.setup import Runs
 
-    done = reproduce(names, out, lambda line: show(line, err=True))
+    done = reproduce(names, out, Runs(lambda line: show(line, err=True)))
     if as_json:
         print_json(done.document)
         return
@@ -279,7 +280,12 @@ def sweep(
         return
     from forcebound.sweep.command import run
 
-    document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    try:
+        document = run(file, arguments, output, workers, cluster, restart, overwrite, as_plot)
+    except KeyboardInterrupt:
+        same = "the same command without --restart" if restart else "the same command"
+        show(f"forcebound: {same} continues with what is left", err=True)
+        raise
     if as_json:
         print_json(document)
     else:

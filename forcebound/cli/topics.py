@@ -20,6 +20,7 @@ from forcebound.cli.common import (
     print_json_line,
     print_rows,
     reports_errors,
+    run_argument,
     run_option,
     show,
     topics_argument,
@@ -138,7 +139,7 @@ def _measuring(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command()
+@click.command(short_help="Measure how often topics are sent.")
 @_measuring
 def hz(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
@@ -288,13 +289,7 @@ def log(
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")
-@click.argument(
-    "run",
-    required=False,
-    metavar="[RUN]",
-    type=click.Path(path_type=Path),
-    shell_complete=complete.runs,
-)
+@run_argument("run", complete.runs)
 @file_option("-o", "--output", metavar="TRACE.csv", help="Write the delays as a trace for a link.")
 @duration_option_for("Measuring time of a running graph. Default: 5s.")
 @click.option("--links", is_flag=True, help="Of each link, too.")

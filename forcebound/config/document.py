@@ -45,17 +45,27 @@ def shipped() -> list[str]:
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))
 
 
+def descriptions() -> dict[str, str]:
+    """Return what each launch file of the package describes, by its name without ending."""
+    trees = {name: read(SHIPPED / name, Problems()) for name in shipped()}
+    return {
+        Path(name).stem: str(tree.entries["description"].content)
+        for name, tree in trees.items()
+        if tree is not None
+    }
+
+
 def missing(path: str | Path, folder: Path = Path()) -> str:
-    """Return the message for a launch file that does not exist: the nearest one, or all shipped."""
+    """Return the message for a launch file that does not exist, with the nearest one."""
     wanted = folder / path
     try:
         beside = [one.name for one in islice(wanted.parent.glob("*.y*ml"), MOST_BESIDE)]
     except (OSError, ValueError):  # a path that no file can have
         beside = []
     guess = nearest_file(wanted.name, [*shipped(), *beside])
-    listed = ", ".join(shipped())
     return (
-        f"there is no launch file {str(path)!r}; {guess}those that come with forcebound: {listed}"
+        f"there is no launch file {str(path)!r}; {guess}"
+        "`forcebound launch` lists those that come with forcebound"
     )
 
 

@@ -169,7 +169,7 @@ def hop_delays(recording: "Recording") -> dict[str, DelayTrace]:
     """
     columns = recording.telemetry
     _, ticks, delay_of = _answered(columns, columns.elapsed > 0.0)
-    hops = Hops.of(recording.packets, LINKS)
+    hops = Hops.of(recording.stream(*LINKS))
     states, queries, replies, commands = (hops.sent_ns[topic] for topic in LINKS)
     if recording.launch.get("remote"):
         replies = commands

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,8 +15,6 @@ from forcebound.experiments.outcome import Outcome, label
 from forcebound.experiments.report import report, show
 from forcebound.experiments.setup import Runs
 
-Progress = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class Reproduction:
@@ -27,17 +25,13 @@ class Reproduction:
     folder: Path
 
 
-def reproduce(
-    names: Sequence[str] = (),
-    out: Path = Path("reproduction"),
-    progress: Progress = lambda line: None,
-) -> Reproduction:
+def reproduce(names: Sequence[str], out: Path, runs: Runs) -> Reproduction:
     """Run experiments and write ``NAME.png``, ``NAME.svg``, ``numbers.json`` and ``report.html``.
 
     Args:
         names: Keys of ``EXPERIMENTS`` or ``ALIASES``; none: all of them.
         out: Folder to write into; made if missing.
-        progress: Called with a line of progress on each run.
+        runs: Of launch files; what is done already is not run again.
 
     Raises:
         ConfigError: If a name is not known or the folder cannot be written.
@@ -47,10 +41,9 @@ def reproduce(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"cannot make the folder {out}: {error.strerror}") from error
-    runs = Runs(progress)
     outcomes: dict[str, Outcome] = {}
     for name in chosen:
-        progress(name)
+        runs.progress(name)
         outcome = outcomes[name] = EXPERIMENTS[name](runs)
         for suffix in ("png", "svg"):
             save(outcome.drawing, out / f"{name}.{suffix}")

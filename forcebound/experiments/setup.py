@@ -200,19 +200,19 @@ class Contact:
 class Runs:
     """Runs launch files in virtual time, each only once.
 
-    Args:
+    Attributes:
         progress: Called with a line of progress on each run.
     """
 
     def __init__(self, progress: Callable[[str], None] = lambda line: None) -> None:
-        self._progress = progress
+        self.progress = progress
         self._done: dict[tuple[str, tuple[str, ...]], Contact] = {}
 
     def contact(self, file: str, *arguments: str) -> Contact:
         """Return the run of a launch file with these arguments."""
         key = (file, arguments)
         if key not in self._done:
-            self._progress(f"  {command(file, *arguments)}")
+            self.progress(f"  {command(file, *arguments)}")
             self._done[key] = Contact(run_virtual(load(file, arguments), DURATION))
         return self._done[key]
 

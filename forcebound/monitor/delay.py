@@ -112,7 +112,7 @@ def _is_recording(run: Path) -> bool:
 def _recorded_hops(file: Path) -> Hops:
     from forcebound.recording import read
 
-    return Hops.of(read(file, HOPS).packets)
+    return Hops.of(read(file).stream(*HOPS))
 
 
 def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> TelemetryColumns:

@@ -308,8 +308,7 @@ def _recorder(seen: Observations) -> Iterator[Finding]:
 
 
 def _law(seen: Observations) -> Iterator[Finding]:
-    # A live page may have changed it since the launch.
-    law = seen.process("device").status("law") or seen.config.device.servo.law
+    law = seen.config.device.servo.law
     if law == "none":
         yield Finding("note", "no_law", "device")
         return

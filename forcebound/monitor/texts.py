@@ -110,7 +110,7 @@ FINDINGS: dict[str, Text] = {
     "recorder_deaf": Text("receives no telemetry ({interval:.1f} s)", "start the run again"),
     "no_law": Text(
         "law none: nothing protects the hand from what environment and network do",
-        "set device.law to certified in the launch file",
+        command="forcebound param set device.law:=certified",
     ),
     "law_limits": Text(
         "law {law} limits the force in {share:.0%} of the ticks with one: "

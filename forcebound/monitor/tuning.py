@@ -232,7 +232,7 @@ def _configure(
     who = " and ".join(silent)
     if LAUNCHER not in here.answers:
         raise RunError(
-            f"{who} did not answer and does not have the change; is it suspended, or just ending?"
+            f"{who} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
     for node in silent:
         ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)

@@ -12,7 +12,7 @@ from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, Packet
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process.endpoints import control_endpoint
+from forcebound.process.endpoints import control_endpoint, has_control
 from forcebound.process.readiness import readiness
 from forcebound.process.stop import Stop
 
@@ -20,7 +20,7 @@ COMPLETE = "complete"  # a complete recording
 RECORDER_PERIOD_NS = 10_000_000  # waking for each packet would cost half a core
 FLUSH_PERIOD_NS = 250_000_000  # a killed recorder loses at most this
 DRAIN_NS = 50_000_000  # silence after a stop request that ends the recording
-DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence
+DRAIN_LIMIT_NS = 1_000_000_000  # longest wait for that silence, and for the device's end
 _logger = logging.getLogger(__name__)
 
 
@@ -80,7 +80,7 @@ def record(
                 inbox.sink.flush()
                 flush_ns = time.monotonic_ns() + FLUSH_PERIOD_NS
         if is_over is None:
-            inbox.drain()
+            inbox.drain(lambda: has_control(run_dir, "device"))
         inbox.sink.flush()
     return inbox.status()
 
@@ -113,12 +113,17 @@ class _Inbox:
                 self.sink.write(packet)
         return any_came
 
-    def drain(self) -> None:
-        """Record what is still on its way, until nothing comes."""
+    def drain(self, has_device: Callable[[], bool]) -> None:
+        """Record what is still on its way, until nothing comes and there is no device.
+
+        A launcher ends the device first. When it is killed, all are to end at once, and a device
+        that gets no processor has its zero force still to write.
+        """
         limit_ns = time.monotonic_ns() + DRAIN_LIMIT_NS
         silent_ns = 0
         while silent_ns < DRAIN_NS and time.monotonic_ns() < limit_ns:
-            silent_ns = 0 if self.take() else silent_ns + RECORDER_PERIOD_NS
+            is_silent = not self.take() and not has_device()
+            silent_ns = silent_ns + RECORDER_PERIOD_NS if is_silent else 0
             sockets.wait((), RECORDER_PERIOD_NS)
 
     def status(self) -> dict[str, Any]:

@@ -29,10 +29,12 @@ from forcebound.errors import ConfigError
 from forcebound.files import content_of
 from forcebound.messages.packets import LINKS, TOPIC_OF, Telemetry
 from forcebound.nodes.servo import ServoSettings
+from forcebound.operators.grip import SoftGrip
 from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
 
 FEEDS = ("hand", "network", "environment")
+_GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
 _COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 
 
@@ -134,7 +136,7 @@ def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
     hand = document.get("operator", {})
     if hand and hand["kind"] != "pointer" and not is_part:
         return
-    kept = {name: hand[name] for name in ("mass", "stiffness", "damping") if name in hand}
+    kept = {name: hand[name] for name in _GRIP if name in hand}
     document["operator"] = {"kind": "trajectory", "file": file, **kept}
 
 

@@ -14,7 +14,7 @@ PATIENCE = 10.0  # s for the end of a recording: there may be much to write to a
 
 
 class PageRecording:
-    """The recordings of one running graph, one after the other; to be closed.
+    """The recordings of one running graph, one after the other; to be ended.
 
     Args:
         run_dir: Of the graph.
@@ -68,8 +68,6 @@ class PageRecording:
             "seconds": time.monotonic() - self._began if is_running else None,
             "said": self._said,
         }
-
-    close = end
 
     def _is_running(self) -> bool:
         if self._process is not None and self._process.poll() is not None:
