@@ -248,7 +248,8 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         [file] = graph.folder.glob("pointer_wall-*.mcap")
         check_part(read(file))
         ended = graph.end()
-    assert [event.data["law"] for event in ended.events("law_changed")] == ["none", "certified"]
+        laws = [event.data["law"] for event in ended.events("law_changed")]
+    assert laws == ["none", "certified"]
     assert ended.summary["law"] == "certified, then none, then certified"
 
 

@@ -136,10 +136,9 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             assert "under none the hand has received" in visitor.text("events")
             assert visitor.errors() == []
         ended = graph.end()
-
-    columns = ended.columns
-    (broken,) = [e for e in ended.events("law_changed") if e.data["law"] == "none"]
-    (safe,) = [e for e in ended.events("law_changed") if e.data["law"] == "certified"]
+        columns = ended.columns
+        (broken,) = [e for e in ended.events("law_changed") if e.data["law"] == "none"]
+        (safe,) = [e for e in ended.events("law_changed") if e.data["law"] == "certified"]
 
     def swing(start_ns: int, end_ns: int) -> float:
         seen = (columns.time_ns > start_ns) & (columns.time_ns < end_ns)
