@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import math
 import signal
 import socket
@@ -28,7 +29,7 @@ from forcebound.cli import main
 from forcebound.errors import ConfigError, RunError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing, runs, streams
-from forcebound.monitor.bridges import frames, serve
+from forcebound.monitor.bridges import PROGRAMS, frames, serve
 from forcebound.monitor.delay import SHARES, Measured
 from forcebound.monitor.streams import Stream, check_fields, topic_named
 from forcebound.network.trace import DelayTrace
@@ -173,6 +174,11 @@ def is_open(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
+def subscription_to(channel: dict[str, Any]) -> str:
+    wanted = {"id": 5, "channelId": channel["id"]}
+    return json.dumps({"op": "subscribe", "subscriptions": [wanted]})
+
+
 async def receive_as_foxglove(port: int) -> tuple[dict[str, Any], dict[str, Any], int, Any]:
     """Subscribe to telemetry; return server, channel, log time in ns, and a message."""
     client = await websocket_connect(
@@ -188,10 +194,7 @@ async def receive_as_foxglove(port: int) -> tuple[dict[str, Any], dict[str, Any]
             server = said if said["op"] == "serverInfo" else server
             if said["op"] == "advertise":
                 (channel,) = (one for one in said["channels"] if one["topic"] == "/telemetry")
-                wanted = {"id": 5, "channelId": channel["id"]}
-                await client.write_message(
-                    json.dumps({"op": "subscribe", "subscriptions": [wanted]})
-                )
+                await client.write_message(subscription_to(channel))
         elif got[0] == 1:
             subscription, log_time = struct.unpack_from("<IQ", got, 1)
             assert subscription == 5
@@ -217,6 +220,33 @@ def check_foxglove(run_dir: Path) -> None:
     rules = json.loads(channel["schema"])
     assert set(rules["required"]) <= set(message) <= set(rules["properties"])
     assert abs(log_time * 1e-9 - time.time()) < PATIENCE
+
+
+async def vanish_as_foxglove(port: int) -> None:
+    """Subscribe to the only channel, take a message, and close as a window that is shut."""
+    client = await websocket_connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"])
+    while True:
+        got = await wait_for(client.read_message(), PATIENCE)
+        if isinstance(got, bytes):
+            assert client.protocol is not None
+            assert client.protocol.stream is not None
+            client.protocol.stream.close()  # no closing handshake
+            client.close()
+            return
+        if got is not None and (said := json.loads(got))["op"] == "advertise":
+            await client.write_message(subscription_to(said["channels"][0]))
+
+
+def test_a_foxglove_window_that_is_shut_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
+    port = free_port()
+    with PROGRAMS["foxglove"](("device_state",), port) as send:
+        window = Thread(target=lambda: asyncio.run(vanish_as_foxglove(port)))
+        window.start()
+        while window.is_alive():
+            send("device_state", state(0, 0), time.time_ns())
+        for _ in range(1000):
+            send("device_state", state(0, 0), time.time_ns())
+    assert [one.getMessage() for one in caplog.records if one.levelno >= logging.WARNING] == []
 
 
 def check_law(graph: LiveGraph, look: Callable[..., Result]) -> None:

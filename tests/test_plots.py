@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 from plotted import WALL, drawn, panel, run_of, slopes, telemetry
 
-from forcebound.analysis.panels import PANELS
+from forcebound.analysis.panels import MOST_POINTS, PANELS, PIECES, extremes
 from forcebound.analysis.plots import DEFAULT_PANELS, figure, save
 from forcebound.errors import ConfigError
 from forcebound.nodes.events import LAW_CHANGED, PHASE_BEGINS, EventLog
@@ -67,6 +67,20 @@ def test_force_over_penetration_shows_the_wall_and_what_was_applied() -> None:
     np.testing.assert_allclose(depth, (run[1].position[:, 0] - WALL) * 1e3)
     np.testing.assert_array_equal(applied.get_ydata(), run[1].applied_force[:, 0])
     assert axes.get_xlabel() == "penetration (mm)"
+
+
+def test_a_long_curve_keeps_its_extremes_and_gaps_with_few_points() -> None:
+    values = np.random.default_rng(1).normal(size=1_000_001)
+    values[[123_456, 654_321]] = 50.0, -50.0
+    values[300_000:400_000] = np.nan
+    chosen = extremes(values)
+    assert chosen.size <= 2 * PIECES
+    assert (np.diff(chosen) > 0).all()
+    assert {123_456, 654_321} <= set(chosen.tolist())
+    kept = np.isnan(values[chosen])
+    assert kept[(chosen >= 300_000) & (chosen < 400_000)].all()
+    assert not kept[(chosen < 299_000) | (chosen > 401_000)].any()
+    assert extremes(values[:MOST_POINTS]).size == MOST_POINTS
 
 
 def test_hardware_has_no_true_lines() -> None:

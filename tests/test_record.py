@@ -40,8 +40,9 @@ def test_any_hand_of_a_later_recording_is_followed_from_its_beginning(tmp_path: 
     hand = load("stiff_wall").operator
     run_virtual(load("stiff_wall"), 0.3, path)
     whole = read(path)
+    later = whole.packets("telemetry")[100:]
     with Recorder(path, whole.metadata) as recorder:
-        for packet in whole.packets("telemetry")[100:]:
+        for packet in later:
             recorder.write(packet)
     part = read(path)
     config = graph_of(part, feeds=("hand",))
@@ -155,8 +156,9 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(
         words = ["record", "phased", "-o", str(with_end), "--json"]
         command = [sys.executable, "-m", "forcebound", *words]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            graph.until(with_end.exists, "a recording")
-            graph.wait(0.3)
+            graph.until(
+                lambda: with_end.exists() and with_end.stat().st_size > 100_000, "some ticks"
+            )
             graph.end()
             out, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode == 0

@@ -1,12 +1,14 @@
 """The page's server: who gets in, what pages are told, and what they may change."""
 
 import asyncio
+import hashlib
 import json
 import os
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import webbrowser
 from collections import deque
@@ -34,7 +36,7 @@ from forcebound.recording import Recording, read
 from forcebound.recordings.rerun import device_of, duration_of, graph_of
 from forcebound.recordings.verification import verify
 from forcebound.view.access import LOOPBACK, Access, hosts_of
-from forcebound.view.coarse import coarse
+from forcebound.view.scene_files import MOST, coarse, content
 from forcebound.view.server import Server
 
 
@@ -298,24 +300,53 @@ def test_a_port_in_use_is_told() -> None:
 
 @pytest.mark.live
 @pytest.mark.xdist_group("processes")
-def test_a_page_waits_for_a_graph_until_ctrl_c_and_says_that_it_ends() -> None:
-    async def visit(address: str, server: "subprocess.Popen[str]") -> None:
+def test_a_page_shows_one_graph_after_the_other_at_one_address_until_ctrl_c(tmp_path: Path) -> None:
+    async def visit(address: str) -> None:
         place = address.replace("http://", "ws://").replace("/?", "/live?")
         page = Page(await tornado.websocket.websocket_connect(place))
-        await page.until("over")
+        await page.until("over")  # there is none yet
+        graphs = set()
+        for name, axes in (("one_axis", 1), ("three_axes", 3)):
+            with live_graph(str(files[name]), variables=variables, is_alone=False) as graph:
+                hello = await page.until("hello")
+                assert (hello["name"], hello["axes"]) == (str(files[name]), axes)
+                graphs.add(hello["graph"])
+                target = [-0.001] * axes
+                await page.send(do="point", target=target, stamp=name)
+                assert (await page.until("taken"))["stamp"] == name
+                pointed = await page.until("frame", lambda frame: frame["pointer"])
+                assert pointed["pointer"] == target  # no more that of the graph before
+                assert len(pointed["position"][0]) == axes
+                if axes == 3:
+                    (mesh,) = (await page.until("scene"))["objects"]
+                    file = address.replace("/?", f"/file/{mesh['digest']}?")
+                    answer = await tornado.httpclient.AsyncHTTPClient().fetch(file)
+                    assert json.loads(answer.body) == content(mesh)
+                graph.process.send_signal(signal.SIGINT)
+                await page.until("over")
+        assert len(graphs) == 2  # a page begins anew
         server.send_signal(signal.SIGINT)
         await page.until("closed")
         await page.close()
 
-    words = ["view", "--no-open", "--wait", "--run", "no_graph_has_this_name"]
-    pipe = subprocess.PIPE
+    files = {name: tmp_path / name / "shown_in_turn.yaml" for name in ("one_axis", "three_axes")}
+    for name, base in (("one_axis", "pointer_wall"), ("three_axes", "pointer_touch")):
+        files[name].parent.mkdir()
+        files[name].write_text(f"forcebound: 1\ndescription: Shown.\ninclude: {base}.yaml\n")
+    variables = {"XDG_RUNTIME_DIR": tempfile.mkdtemp(prefix="fb-", dir=tmp_path)}
+    words = ["view", "--no-open", "--wait", "--run", "shown_in_turn"]
+    pipe, environment = subprocess.PIPE, {**os.environ, **variables}
     with subprocess.Popen(
-        [sys.executable, "-u", "-m", "forcebound", *words], stdout=pipe, stderr=pipe, text=True
+        [sys.executable, "-u", "-m", "forcebound", *words],
+        env=environment,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
     ) as server:
         assert server.stdout is not None
         address, _, waiting = (server.stdout.readline().rstrip() for _ in range(3))
         assert waiting == "waiting for a graph; Ctrl-C ends the page"
-        asyncio.run(visit(address.split()[-1], server))
+        asyncio.run(visit(address.split()[-1]))
         _, err = server.communicate(timeout=PATIENCE)
     assert (server.returncode, err) == (130, "forcebound: interrupted\n")
 
@@ -359,3 +390,17 @@ def test_a_coarse_mesh_has_few_triangles_in_the_same_place() -> None:
     ):
         assert seen == pytest.approx(whole, abs=0.1 * size)
     assert np.array_equal(coarse(mesh, len(mesh.faces)), mesh.corners)
+
+
+def test_a_page_draws_a_part_of_a_large_cloud_and_nothing_of_a_file_that_has_changed(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "cloud.npy"
+    points = np.random.default_rng(5).uniform(-1.0, 1.0, (2 * MOST + 1, 3))
+    np.save(file, points)
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    cloud = {"shape": "points", "file": str(file), "size": [0.1], "digest": digest}
+    drawn = content(cloud)
+    assert drawn is not None
+    assert np.array(drawn["points"]) == pytest.approx(0.1 * points[::3])
+    assert content({**cloud, "digest": "0" * 64}) is None

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forcebound.analysis.colours import AXIS_COLOURS, COMMANDED, ESTIMATED, NEUTRAL, PHYSICAL
 from forcebound.analysis.energy import largest_fall
@@ -30,6 +31,8 @@ LONGEST_NAME = 60  # characters
 MOST_SLOPES = 3  # a wall may change its stiffness all the time
 AROUND_CONTACT = (-20.0, 150.0)  # ms about the first contact, range of the panel "contact"
 AXIS_NAMES = ("x", "y", "z", "axis 4", "axis 5", "axis 6")
+MOST_POINTS = 20_000  # of a curve over time; of more the extremes are drawn, in as many pieces
+PIECES = 5_000  # 8 for each pixel of a PNG
 LARGEST = 1e100  # in a panel's unit; matplotlib cannot scale to what is near the largest float
 
 
@@ -100,6 +103,30 @@ def _line(axes: Axes, x: Floats, y: Floats, label: str, **style: Any) -> None:
         axes.plot(x, np.where(drawn, y, np.nan), label=label, **style)
 
 
+def _over_time(axes: Axes, view: View, y: Floats, label: str, **style: Any) -> None:
+    """Draw a curve over time, see :func:`extremes`."""
+    chosen = extremes(y)
+    _line(axes, view.time[chosen], y[chosen], label, **style)
+
+
+def extremes(values: Floats) -> NDArray[np.intp]:
+    """Return the samples that are enough to draw a curve over time, oldest first.
+
+    All; or the least and the largest of each of many pieces, which look the same: a pixel of an
+    hour stands for thousands of samples. A piece without a number stays a gap.
+    """
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    width = -(-values.size // PIECES)
+    padding = (0, -values.size % width)
+    pieces = np.pad(values, padding, constant_values=np.nan).reshape(-1, width)
+    is_drawn = np.abs(pieces) <= LARGEST
+    lowest = np.where(is_drawn, pieces, np.inf).argmin(axis=1)
+    highest = np.where(is_drawn, pieces, -np.inf).argmax(axis=1)
+    starts = width * np.arange(len(pieces))
+    return np.unique(np.concatenate((starts + lowest, starts + highest)))
+
+
 def _draw_position(axes: Axes, view: View) -> None:
     columns, shown = view.columns, view.shown
     if view.wall is not None:
@@ -109,42 +136,44 @@ def _draw_position(axes: Axes, view: View) -> None:
         if np.unique(wall).size == 1 and abs(wall[0]) <= LARGEST:
             axes.axhline(float(wall[0]), label=label, **style)
         else:
-            _line(axes, view.time, wall, label, drawstyle="steps-post", **style)
+            _over_time(axes, view, wall, label, drawstyle="steps-post", **style)
     true_position, position = (
         one[shown] * 1e3 for one in (columns.true_position, columns.position)
     )
     if view.axes == 1:
         true = {"color": PHYSICAL, "linewidth": 2.2, "alpha": 0.45}
-        _line(axes, view.time, true_position[:, 0], "true", **true)
-        _line(axes, view.time, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
-        _line(axes, view.time, position[:, 0], "reading", color="black", linewidth=0.6)
+        _over_time(axes, view, true_position[:, 0], "true", **true)
+        _over_time(axes, view, view.proxy[:, 0] * 1e3, "proxy", color=NEUTRAL, linewidth=1.4)
+        _over_time(axes, view, position[:, 0], "reading", color="black", linewidth=0.6)
         return
     for axis in range(view.axes):
         colour, name = AXIS_COLOURS[axis], AXIS_NAMES[axis]
-        _line(axes, view.time, position[:, axis], name, color=colour, linewidth=0.9)
+        _over_time(axes, view, position[:, axis], name, color=colour, linewidth=0.9)
         proxy = view.proxy[:, axis] * 1e3
-        _line(axes, view.time, proxy, f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35)
+        _over_time(axes, view, proxy, f"{name}, proxy", color=colour, linewidth=2.2, alpha=0.35)
 
 
 def _draw_force(axes: Axes, view: View) -> None:
     columns = view.columns
     limit = np.clip(columns.force_limit[view.shown], 0.0, LARGEST)
     label = "limit force" if view.axes == 1 else "limit of the\nwhole vector"
+    chosen = extremes(limit)
+    band = limit[chosen]
     axes.fill_between(
-        view.time, -limit, limit, label=label, color=NEUTRAL, alpha=0.25, linewidth=0.0
+        view.time[chosen], -band, band, label=label, color=NEUTRAL, alpha=0.25, linewidth=0.0
     )
     commanded = view.along(columns.commanded_force)
-    _line(axes, view.time, commanded, "commanded", color=COMMANDED, linewidth=0.8)
+    _over_time(axes, view, commanded, "commanded", color=COMMANDED, linewidth=0.8)
     applied = view.along(columns.applied_force)
-    _line(axes, view.time, applied, "applied", color=PHYSICAL, linewidth=1.1)
+    _over_time(axes, view, applied, "applied", color=PHYSICAL, linewidth=1.1)
 
 
 def _draw_energy(axes: Axes, view: View) -> None:
     axes.axhline(0.0, color=NEUTRAL, linewidth=0.8)
     estimated = view.columns.estimated_energy[view.shown] * 1e3
-    _line(axes, view.time, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
+    _over_time(axes, view, estimated, "estimated", color=ESTIMATED, linewidth=1.0)
     true = view.columns.true_energy[view.shown] * 1e3
-    _line(axes, view.time, true, "true", color=PHYSICAL, linewidth=1.4)
+    _over_time(axes, view, true, "true", color=PHYSICAL, linewidth=1.4)
     fall = largest_fall(view.time, true)
     if fall is not None:
         text = f"minimum {true.min() + 0.0:.2f} mJ, largest fall {fall.energy:.2f} mJ"
@@ -154,7 +183,7 @@ def _draw_energy(axes: Axes, view: View) -> None:
 
 def _draw_delay(axes: Axes, view: View) -> None:
     delay = view.columns.loop_delay[view.shown] * 1e3
-    _line(axes, view.time, delay, "state\nto force", color=PHYSICAL, linewidth=0.6)
+    _over_time(axes, view, delay, "state\nto force", color=PHYSICAL, linewidth=0.6)
 
 
 def _draw_force_over_penetration(axes: Axes, view: View) -> None:

@@ -45,7 +45,7 @@ def plotjuggler(
 ) -> None:
     r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
 
-    In PlotJuggler: Streaming, ZMQ Subscriber, connect to tcp:// localhost, port 9872, JSON.
+    In PlotJuggler: Streaming, ZMQ Subscriber, Start; connect to tcp:// localhost, port 9872, json.
 
     \b
     forcebound bridge plotjuggler
@@ -77,8 +77,8 @@ def foxglove(
 ) -> None:
     r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
 
-    In Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the extra
-    `foxglove`. Every program and every page in a browser of this machine can read there.
+    In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the
+    extra `foxglove`. Every program and every page in a browser of this machine can read there.
 
     \b
     forcebound bridge foxglove

@@ -12,6 +12,7 @@ take.
 """
 
 import json
+import logging
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -85,6 +86,8 @@ def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
     except ImportError as missing:
         needed = "this bridge needs Foxglove's SDK: pip install 'forcebound[foxglove]'"
         raise ConfigError(needed) from missing
+    # It calls each packet an error that a closed window no longer takes: thousands of lines.
+    logging.getLogger("foxglove.websocket.connected_client.poller").setLevel(logging.CRITICAL)
     context = foxglove.Context()
     channels = {}
     for topic in topics:

@@ -11,7 +11,7 @@ law it shows how they would answer somebody who pulls towards where that person 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -57,21 +57,21 @@ def read_recording(file: Path) -> tuple[tuple[float, ...], tuple[Vector, ...]]:
             elif content.name == mcap_file.METADATA_NAME:
                 launch = msgspec.json.decode(content.metadata.get("launch", "{}"), type=_Launch)
                 hand = launch.operator or hand
-    start = began(ticks)
+    start = began(iter(ticks))
     path = {time - start: place for time, place in _path(_engaged(ticks), hand)}
     if not path:
         raise ConfigError(f"{file} has no tick with an engaged force: no path to follow")
     return tuple(path), tuple(path.values())
 
 
-def began(ticks: Sequence[_Tick | Telemetry]) -> float:
+def began(ticks: Iterator[_Tick | Telemetry]) -> float:
     """Return when recorded ticks begin, in s since the force engaged; 0: with the run, or before.
 
-    A run begins with its first tick, the elapsed time of which is up to a period.
+    A run begins with its first tick, the elapsed time of which is up to a period. Only the first is
+    taken.
     """
-    if not ticks or ticks[0].seq == ticks[0].deadline_misses:
-        return 0.0
-    return ticks[0].elapsed
+    first = next(ticks, None)
+    return 0.0 if first is None or first.seq == first.deadline_misses else first.elapsed
 
 
 def _engaged(ticks: list[_Tick]) -> Iterator[_Tick]:

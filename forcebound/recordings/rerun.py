@@ -14,7 +14,7 @@ What can be fed from the recording in place of the graph's own:
 import dataclasses
 import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -93,14 +93,14 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
     """Return for how long the force was engaged in a recording, in s."""
-    ticks = _ticks(recording)
-    longest = max((tick.elapsed for tick in ticks), default=0.0) - began(ticks)
+    longest = max((tick.elapsed for tick in _ticks(recording)), default=0.0)
+    longest -= began(_ticks(recording))
     period = config.device.servo.period_ns * 1e-9
     return (longest // period + 1.0) * period
 
 
-def _ticks(recording: Recording) -> list[Telemetry]:
-    return cast("list[Telemetry]", recording.packets(TOPIC_OF[Telemetry]))
+def _ticks(recording: Recording) -> Iterator[Telemetry]:
+    return cast("Iterator[Telemetry]", recording.stream(TOPIC_OF[Telemetry]))
 
 
 def _document(recording: Recording) -> dict[str, Any]:

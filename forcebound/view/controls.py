@@ -7,6 +7,8 @@ from typing import Any
 
 from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import takeable_laws
+from forcebound.environments import StatefulEnvironment
+from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import LINKS
@@ -70,9 +72,7 @@ class Controls:
             "axes": model.axes,
             "laws": takeable_laws(),
             "links": list(LINKS),
-            "age_limit": servo.age_limit,
             "period": servo.period_ns * 1e-9,
-            "saturation": getattr(model, "saturation", None),
             "hand": _hand(config),
             "workspace": getattr(model, "workspace", None),
         }
@@ -126,6 +126,7 @@ class Pointer:
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
+        place: Where the device has it, in m; None: nobody has pointed.
     """
 
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
@@ -133,6 +134,7 @@ class Pointer:
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
         self.descriptor = self._client.descriptor
+        self.place: list[float] | None = None
         self._newest: tuple[list[float], Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
@@ -150,6 +152,7 @@ class Pointer:
             if answer is not None:
                 self._asked = None
                 if "error" not in answer:
+                    self.place = answer["target"]
                     self._taken(stamp, answer["time_ns"])
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
@@ -164,8 +167,11 @@ class Pointer:
 
 
 def _wall(config: GraphConfig) -> float | None:
-    """Where the surface of a one-axis wall is, in m; None: the scene says what there is."""
-    place = getattr(config.environment.model, "position", None)
+    """Where the surface of a wall is, in m; None: the environment itself says what there is."""
+    model = config.environment.model
+    if isinstance(model, WithFixtures):
+        model = model.model
+    place = None if isinstance(model, StatefulEnvironment) else getattr(model, "position", None)
     return place if isinstance(place, float) else None
 
 

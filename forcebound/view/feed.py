@@ -15,12 +15,11 @@ import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError, PacketError
-from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument, recorded_streams
 from forcebound.messages.codec import decode
 from forcebound.messages.packets import TOPICS, EnvironmentReply, Event, Packet, Scene, Telemetry
 from forcebound.network.sockets import Network
-from forcebound.view.coarse import coarse
+from forcebound.view.scene_files import content
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
@@ -30,7 +29,6 @@ SAMPLES = {
     "limit": "force_limit",
     "energy": "estimated_energy",
     "true_energy": "true_energy",
-    "hand_force": "hand_force",
 }
 
 
@@ -66,17 +64,15 @@ class Feed:
             messages.append(_frame(samples, contact))
         return messages
 
-    def triangles(self, digest: str) -> list[Any] | None:
-        """Return the corners of a mesh of the scene, in m, shape (n, 3, 3); None: not here.
+    def file(self, digest: str) -> dict[str, Any] | None:
+        """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
 
-        Large ones are made coarser; it may take seconds.
+        It may take seconds.
         """
         for thing in (self.scene or {}).get("objects", ()):
             if thing.get("digest") == digest and thing.get("file"):
                 with suppress(ConfigError):
-                    scale = thing["size"][0] if thing.get("size") else None
-                    mesh = read_mesh(Path(thing["file"]), scale, may_be_open=True)
-                    return coarse(mesh).tolist() if mesh.digest == digest else None
+                    return content(thing)
         return None
 
     def close(self) -> None:
@@ -114,7 +110,6 @@ def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> di
         "misses": samples[-1].deadline_misses,
         "tip": samples[-1].true_position or samples[-1].position,
         "proxy": None if contact is None else contact.proxy,
-        "normal": None if contact is None else contact.normal,
     }
     for name, field in SAMPLES.items():
         frame[name] = [_finite(getattr(sample, field)) for sample in samples]

@@ -70,7 +70,7 @@ class Server:
         routes = [
             (r"/", _Index, own),
             (r"/live", _Page, own),
-            (r"/mesh/([0-9a-f]{64})", _Mesh, own),
+            (r"/file/([0-9a-f]{64})", _SceneFile, own),
             (r"/([a-z]+\.(?:js|css|svg))", _File, own),
         ]
         application = tornado.web.Application(
@@ -112,7 +112,7 @@ class Server:
         try:
             while not (graph.watch.is_over or self.is_stopped):
                 started = time.monotonic()
-                for message in graph.feed.look():
+                for message in graph.look():
                     self._note(message)
                     self.tell(message)
                 graph.pointer.send()
@@ -204,6 +204,7 @@ class _Graph:
         self, run_dir: Path, controls: Controls, taken: Callable[[Any, int], None]
     ) -> None:
         self.run_dir = run_dir
+        self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
         self.feed = Feed(run_dir)  # first: the graph may have ended
@@ -212,7 +213,16 @@ class _Graph:
     def describe(self) -> list[dict[str, Any]]:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
-        return [controls.describe(), controls.parameters(), *([scene] if scene else [])]
+        hello = {**controls.describe(), "graph": self._shown_since}
+        return [hello, controls.parameters(), *([scene] if scene else [])]
+
+    def look(self) -> list[dict[str, Any]]:
+        """Return the messages to the pages about what has come since the last look."""
+        messages = self.feed.look()
+        for message in messages:
+            if message["type"] == "frame":
+                message["pointer"] = self.pointer.place  # whoever has moved it
+        return messages
 
     def close(self) -> None:
         """Close what comes from the graph."""
@@ -268,19 +278,19 @@ class _File(_Handler):
         self.write(file.read_bytes())
 
 
-class _Mesh(_Handler):
-    """Triangles of a mesh of the scene."""
+class _SceneFile(_Handler):
+    """Triangles of a mesh of the scene, or points of a cloud."""
 
     async def get(self, digest: str) -> None:
         if not self.server.access.may_look(self.get_query_argument("token", "")):
             raise tornado.web.HTTPError(403, "no token")
         loop, graph = asyncio.get_running_loop(), self.server.graph
-        corners = None
-        if graph is not None:
-            corners = await loop.run_in_executor(self.server.workers, graph.feed.triangles, digest)
-        if corners is None:
+        content = None
+        if graph is not None:  # a change need not wait for it
+            content = await loop.run_in_executor(None, graph.feed.file, digest)
+        if content is None:
             raise tornado.web.HTTPError(404)
-        self.write({"corners": corners})
+        self.write(content)
 
 
 class _Page(tornado.websocket.WebSocketHandler):

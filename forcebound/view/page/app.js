@@ -1,19 +1,21 @@
 // The page of a running graph: one WebSocket in, requests out, everything drawn from what came.
 
+import { text } from "./canvas.js";
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
-import { Histogram, Plot, Samples, Window, text } from "./plots.js";
+import { Figures, magnitude } from "./figures.js";
+import { Histogram, Plot } from "./plots.js";
+import { Samples, Window } from "./samples.js";
 import { Scene } from "./scene.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const samples = new Samples();
 const shown = new Window(samples);
-const magnitude = (vector) => (vector.length === 1 ? vector[0] : Math.hypot(...vector));
 
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
-const READABLE = 200; // ms between two values of a figure
+const COUNTED = 200; // ms between two pictures of the histogram
 const AGAIN = 1000; // ms until the next attempt to connect
 const MOST_EVENTS = 200;
 
@@ -34,7 +36,9 @@ const clock = new Clock();
 const scene = new Scene($("scene"), (target, at) => send({ do: "point", target, stamp: [at, performance.now()] }));
 const controls = new Controls(send);
 
-const AXES = [["x", "true"], ["y", "commanded"], ["z", "energy"]];
+const figures = new Figures($("figures"));
+
+const AXES = [["x", "true"], ["y", "second"], ["z", "energy"]];
 const position = new Plot($("position"), shown, "Position", "mm", 1e3, []);
 const plots = [
   position,
@@ -57,34 +61,35 @@ const takes = {
   hello(message) {
     mayChange = message.may_change;
     isOver = false;
-    Object.assign(latest, { period: message.period, before: NaN, since: 0 });
+    figures.begin(message.period);
     heard = performance.now();
     $("name").textContent = `forcebound: ${message.name}`;
     document.title = message.name;
-    samples.push(samples.newest, {}); // a gap where nothing was heard
+    samples.push(samples.newest, {}); // a gap: it may be another graph
+    asked.clear();
     scene.describe(message);
     position.lines = AXES.slice(0, message.axes).map(([label, colour], i) => ({ name: `p${i}`, label, colour }));
-    $("hint").textContent = hintOf(message);
+    $("hint").textContent = `${message.description} ${hintOf(message)}`;
     controls.describe(message);
   },
   frame(message) {
     heard = performance.now();
     if (message.time[0] < samples.newest - 1) samples.clear(); // another clock
+    if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
     message.time.forEach((time, i) => {
       const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
         delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
       message.position[i].forEach((x, axis) => { values[`p${axis}`] = x; });
       samples.push(time, values);
     });
-    const last = message.time.length - 1;
-    latest.take(message.time);
-    scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded[last], applied: message.applied[last] };
-    if (heard - figured > READABLE) showFigures(message, last);
-    say(message.engagement < 1 ? `force engages: ${Math.round(100 * message.engagement)} %` : "running", true);
+    figures.take(message, heard);
+    scene.follow(message.pointer);
+    scene.state = { tip: message.tip, proxy: message.proxy, commanded: message.commanded.at(-1), applied: message.applied.at(-1) };
+    say(forceOf(message), true);
   },
   scene(message) {
     scene.objects = message.objects;
-    for (const object of message.objects) if (object.shape === "mesh") fetchMesh(object.digest);
+    for (const object of message.objects) if (object.digest) fetchFile(object.digest);
   },
   event(message) {
     const entry = document.createElement("li"), time = document.createElement("time");
@@ -98,8 +103,8 @@ const takes = {
     const back = performance.now();
     clock.note(sent, 1e3 * heard, 1e3 * told, back);
     const passed = { there: 1e3 * device - clock.ahead - at, back: back - at };
-    figure("pointer to device", `${text(passed.there)} ms`);
-    figure("and back", `${text(passed.back)} ms`);
+    figures.show("pointer to device", `${text(passed.there)} ms`);
+    figures.show("and back", `${text(passed.back)} ms`);
     document.dispatchEvent(new CustomEvent("taken", { detail: passed }));
   },
   nodes(message) { controls.nodes(message); },
@@ -120,6 +125,12 @@ const takes = {
   },
 };
 
+/** How the force stands, in words. */
+function forceOf({ delay, engagement }) {
+  if (delay.at(-1) === null) return "no force: controller or environment does not answer";
+  return engagement < 1 ? `force engages: ${Math.round(100 * engagement)} %` : "running";
+}
+
 function hintOf({ may_change, hand, axes }) {
   const turn = axes > 2 ? "; Shift, or two fingers, to turn" : "";
   if (!may_change) return `This page may only look${axes > 2 ? ": drag to turn" : ""}.`;
@@ -135,50 +146,13 @@ function say(words, isWell) {
   for (const part of document.querySelectorAll(".changes")) if (part.disabled !== isOff) part.disabled = isOff;
 }
 
-/** By how much the latest tick of the last second was late, in s. */
-const latest = {
-  period: 0, before: NaN, worst: 0, since: 0, shown: NaN,
-  take(times) {
-    for (const time of times) {
-      this.worst = Math.max(this.worst, time - this.before - this.period || 0);
-      this.before = time;
-    }
-    if (this.before - this.since < 1) return;
-    Object.assign(this, { shown: this.worst, worst: 0, since: this.before });
-  },
-};
-
-const figures = new Map(); // name -> where its value stands
-function figure(name, words) {
-  if (!figures.has(name)) {
-    const pair = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
-    dt.textContent = name;
-    pair.append(dt, dd);
-    $("figures").append(pair);
-    figures.set(name, dd);
-  }
-  if (figures.get(name).textContent !== words) figures.get(name).textContent = words;
-}
-
-let figured = 0; // ms, when the figures were shown last
-function showFigures(message, last) {
-  figured = performance.now();
-  figure("position", `${text(1e3 * message.position[last][0])} mm`);
-  figure("commanded", `${text(magnitude(message.commanded[last]))} N`);
-  figure("applied", `${text(magnitude(message.applied[last]))} N`);
-  figure("limit", `${text(message.limit[last])} N`);
-  figure("true energy", `${text(1e3 * (message.true_energy[last] ?? NaN))} mJ`);
-  figure("loop delay", `${text(1e3 * (message.delay[last] ?? NaN))} ms`);
-  figure("latest tick", `${text(1e3 * latest.shown)} ms`);
-  figure("missed ticks", String(message.misses));
-}
-
 const asked = new Set();
-async function fetchMesh(digest) {
-  if (asked.has(digest)) return;
+/** Fetch what a mesh or a cloud has, once for each connection: one that is lost may have cost the answer. */
+async function fetchFile(digest) {
+  if (scene.files.has(digest) || asked.has(digest)) return;
   asked.add(digest);
-  const answer = await fetch(`mesh/${digest}?token=${encodeURIComponent(token)}`);
-  if (answer.ok) scene.meshes.set(digest, await answer.json());
+  const answer = await fetch(`file/${digest}?token=${encodeURIComponent(token)}`).catch(() => null);
+  if (answer?.ok) scene.files.set(digest, await answer.json());
 }
 
 // --- What one does -------------------------------------------------------------------------------
@@ -188,12 +162,13 @@ $("nearer").addEventListener("click", () => scene.zoom(0.8));
 $("farther").addEventListener("click", () => scene.zoom(1.25));
 $("centre").addEventListener("click", () => scene.centreOn());
 $("pause").addEventListener("click", () => {
-  const isPaused = shown.end === null;
+  const isPaused = !shown.isPaused;
   shown.pause(isPaused);
   $("pause").setAttribute("aria-pressed", String(isPaused));
   $("pause").textContent = isPaused ? "Go on" : "Pause plots";
 });
 $("plots").addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return; // these are the browser's
   const step = shown.seconds / 50;
   if (event.key === "+" || event.key === "=") shown.zoom(0.8);
   else if (event.key === "-") shown.zoom(1.25);
@@ -201,6 +176,7 @@ $("plots").addEventListener("keydown", (event) => {
   else if (event.key === "Escape") shown.age = null;
   else return;
   event.preventDefault();
+  $("readings").textContent = shown.age === null ? "" : `At ${text(-shown.age)} s. ${plots.map((plot) => plot.said).join(". ")}`;
 });
 
 // --- Connection ----------------------------------------------------------------------------------
@@ -211,10 +187,13 @@ function connect() {
     const message = JSON.parse(event.data);
     takes[message.type]?.(message);
   });
-  socket.addEventListener("close", () => {
+  socket.addEventListener("close", async () => {
     if (isClosed) return;
     say("not connected; trying again", false);
-    setTimeout(connect, AGAIN);
+    const answer = await fetch(location.href).catch(() => null);
+    isClosed = answer?.status === 403; // this token is of a server before
+    if (isClosed) say("another page is here now; open the address that its command has printed", false);
+    else setTimeout(connect, AGAIN);
   });
 }
 
@@ -229,7 +208,7 @@ function draw(now) {
   }
   scene.draw();
   for (const plot of plots) plot.draw();
-  if (now - counted < READABLE) return;
+  if (now - counted < COUNTED) return;
   counted = now;
   histogram.draw();
 }

@@ -30,6 +30,9 @@ export class Controls {
     this.rows = new Map(); // node -> cells of its row
     this.law = make("select", { id: "law" });
     this.law.addEventListener("change", () => this.ask({ do: "set", settings: { [LAW]: this.law.value } }, this.law));
+    this.record = make("button", { type: "button", id: "record", textContent: RECORD });
+    this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
+    this.recorded = make("small", { id: "recorded", role: "status" });
     this.shows = { none: document.getElementById("break"), certified: document.getElementById("safe") };
     this.shows.none.addEventListener("click", () => this.ask({ do: "break" }, this.shows.none));
     this.shows.certified.addEventListener("click", () => this.ask({ do: "safe" }, this.shows.certified));
@@ -46,20 +49,18 @@ export class Controls {
   }
 
   answer({ id, error }) {
-    this.pending.get(id)?.(error);
+    const answered = this.pending.get(id);
     this.pending.delete(id);
+    answered?.(error);
   }
 
   /** Build what the graph has; its values come with `parameters`. */
   describe(hello) {
     this.links = hello.links;
+    for (const id of [...this.pending.keys()]) this.answer({ id, error: "no answer: the connection was lost" });
     this.fields.clear();
-    this.pending.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
     this.rows.clear();
-    this.record = make("button", { type: "button", id: "record", textContent: RECORD });
-    this.record.addEventListener("click", () => this.ask({ do: this.record.textContent === RECORD ? "record" : "end_recording" }, this.record));
-    this.recorded = make("small", { id: "recorded", role: "status" });
     const outage = make("button", { type: "button", id: "outage", textContent: "lose all for 0.5 s" });
     outage.addEventListener("click", () => this.ask({ do: "outage", time: "500 ms" }, outage));
     this.own = make("div");
@@ -75,19 +76,27 @@ export class Controls {
   }
 
   buildLinks() {
-    const head = make("tr", {}, ...["link", ...OF_LINKS].map((name) => make("th", { textContent: name, scope: "col" })));
+    const ranges = new Map(OF_LINKS.map((name) => [name, make("small", { id: `r-${name}` })]));
+    const head = make("tr", {}, make("th", { textContent: "link", scope: "col" }),
+      ...OF_LINKS.map((name) => make("th", { scope: "col" }, name, ranges.get(name))));
+    const cell = (link, name) => {
+      const input = this.input(`links.${link}.${name}`, ranges.get(name));
+      input.setAttribute("aria-label", input.name); // the others have a label
+      return make("td", {}, input);
+    };
     const rows = this.links.map((link) => make("tr", {}, make("th", { textContent: link.replace("_", " "), scope: "row" }),
-      ...OF_LINKS.map((name) => make("td", {}, this.input(`links.${link}.${name}`)))));
+      ...OF_LINKS.map((name) => cell(link, name))));
     this.faults = make("div");
     return make("div", { className: "links" }, make("table", {}, head, ...rows), this.faults);
   }
 
-  input(name) {
+  /** A field for a parameter, whose range `range` will tell. */
+  input(name, range) {
     const input = make("input", { name, id: `p-${name}`, autocomplete: "off", spellcheck: false });
     const fault = make("small", { className: "fault", id: `f-${name}` });
-    input.setAttribute("aria-describedby", fault.id);
-    input.setAttribute("aria-label", name);
-    const field = { input, fault, value: "" };
+    input.title = name;
+    input.setAttribute("aria-describedby", `${range.id} ${fault.id}`);
+    const field = { input, range, fault, value: "" };
     this.fields.set(name, field);
     input.addEventListener("change", () => this.ask({ do: "set", settings: { [name]: input.value } }, input, (error) => {
       this.showFault(field, error);
@@ -112,25 +121,24 @@ export class Controls {
     this.present = values[LAW];
     for (const [name, value] of Object.entries(values)) {
       if (name === LAW) continue; // it is chosen from a list
-      if (!this.fields.has(name)) this.addField(name, value, ranges[name] ?? "");
+      if (!this.fields.has(name)) this.addField(name, value);
       const field = this.fields.get(name);
       field.value = readable(value);
-      field.input.title = `${name}${ranges[name] ? `: ${ranges[name]}` : ""}`;
+      field.range.textContent = ranges[name] ?? "";
       const isOwn = document.activeElement === field.input || field.input.getAttribute("aria-invalid") === "true";
       if (!isOwn) field.input.value = field.value;
     }
     this.showLaw();
   }
 
-  addField(name, value, range) {
+  addField(name, value) {
     const [section, ...rest] = name.split(".");
     const label = make("label", { htmlFor: `p-${name}` });
     name.split(/(?<=[._])/).forEach((part) => label.append(part, document.createElement("wbr")));
     const isFirst = section === "environment" && rest.length === 1 && /^-?[\d.]/.test(value) && !REFINED.test(name);
     if (isFirst) label.textContent = rest[0].replaceAll("_", " ");
-    const input = this.input(name);
-    (isFirst ? this.own : this.other).append(
-      make("div", { className: "field" }, label, input, make("small", { textContent: range }), this.fields.get(name).fault));
+    const range = make("small", { id: `r-${name}` }), input = this.input(name, range);
+    (isFirst ? this.own : this.other).append(make("div", { className: "field" }, label, input, range, this.fields.get(name).fault));
   }
 
   /** Show what is recorded, or what came of it. */
@@ -164,7 +172,9 @@ export class Controls {
       const texts = [one.node, one.state, rate >= 0 ? String(Math.round(rate)) : "–", one.processor === null ? "–" : `${Math.round(100 * one.processor)} %`,
         one.memory === null ? "–" : `${Math.round(one.memory / 1e6)} MB`, one.restarts];
       texts.forEach((text, i) => { cells[i].textContent = text; });
-      if (button) button.textContent = one.state === "stopped" ? "start" : "stop";
+      if (!button) continue;
+      button.textContent = one.state === "stopped" ? "start" : "stop";
+      button.setAttribute("aria-label", `${button.textContent} ${one.node}`);
     }
   }
 

@@ -32,13 +32,14 @@ export function listen(scene) {
   };
   canvas.addEventListener("pointermove", moved);
   canvas.addEventListener("pointerrawupdate", moved); // where there is one, it does not wait for the next picture
-  for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => down.delete(event.pointerId));
+  canvas.addEventListener("lostpointercapture", (event) => down.delete(event.pointerId)); // however it has ended
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    scene.zoom(event.deltaY > 0 ? 1.1 : 0.9);
+    scene.zoom(1.1 ** Math.sign(event.deltaY));
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) return; // these are the browser's
     const way = WAYS[event.key];
     if (event.key === "+" || event.key === "=") scene.zoom(0.8);
     else if (event.key === "-") scene.zoom(1.25);

@@ -1,88 +1,10 @@
 // Plots of the last seconds, on canvases. All of them share one window of time.
 
-const SECONDS = 10;
+import { colour, fit, text } from "./canvas.js";
+
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 52, right: 8, top: 18, bottom: 18 };
-
-const colours = new Map(); // reading a style makes the browser compute all that has changed
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
-
-/** A colour of the style sheet. */
-export function colour(name) {
-  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
-  return colours.get(name);
-}
-
-/** Samples of the last seconds: a ring of times and of named values. */
-export class Samples {
-  constructor(capacity = 60000) {
-    this.capacity = capacity;
-    this.time = new Float64Array(capacity);
-    this.values = new Map();
-    this.count = 0; // ever pushed
-  }
-
-  push(time, values) {
-    const at = this.count % this.capacity;
-    this.time[at] = time;
-    for (const column of this.values.values()) column[at] = NaN; // of what has no value now
-    for (const [name, value] of Object.entries(values)) {
-      if (!this.values.has(name)) this.values.set(name, new Float64Array(this.capacity).fill(NaN));
-      this.values.get(name)[at] = value === null || value === undefined ? NaN : value;
-    }
-    this.count += 1;
-  }
-
-  get newest() {
-    return this.count ? this.time[(this.count - 1) % this.capacity] : 0;
-  }
-
-  /** First sample, counted from the beginning, that is not before `time`. */
-  first(time) {
-    let low = Math.max(0, this.count - this.capacity);
-    let high = this.count;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (this.time[middle % this.capacity] < time) low = middle + 1;
-      else high = middle;
-    }
-    return low;
-  }
-
-  clear() { this.count = 0; }
-}
-
-/** The window of time that all plots show; paused, zoomed and pointed at together. */
-export class Window {
-  constructor(samples) {
-    this.samples = samples;
-    this.seconds = SECONDS;
-    this.end = null; // null: now
-    this.age = null; // s before the right end, of the cursor; null: there is none
-  }
-
-  get to() { return this.end ?? this.samples.newest; }
-  get from() { return this.to - this.seconds; }
-  get cursor() { return this.age === null ? null : this.to - this.age; }
-  step(seconds) { this.age = Math.min(Math.max((this.age ?? this.seconds / 2) - seconds, 0), this.seconds); }
-  pause(isPaused) { this.end = isPaused ? this.samples.newest : null; }
-  zoom(factor) { this.seconds = Math.min(Math.max(this.seconds * factor, 0.05), 60); }
-}
-
-/** Clear a canvas and give it the size that `shown`, an element of the page, has. */
-export function fit(canvas, shown = canvas) {
-  const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = shown;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  context.font = "12px system-ui, sans-serif";
-  return { context, width, height };
-}
+const BINS = 40; // of the histogram
 
 function ticks(low, high, wanted) {
   const rough = (high - low) / wanted;
@@ -93,9 +15,6 @@ function ticks(low, high, wanted) {
   return found;
 }
 
-export const text = (value) =>
-  Number.isFinite(value) ? String(Number(value.toPrecision(3))) : "–";
-
 /** Lines over time. */
 export class Plot {
   /**
@@ -104,14 +23,14 @@ export class Plot {
    */
   constructor(canvas, shown, title, unit, scale, lines) {
     Object.assign(this, { canvas, shown, title, unit, scale, lines });
-    canvas.addEventListener("pointermove", (event) => {
+    for (const kind of ["pointermove", "pointerdown"]) canvas.addEventListener(kind, (event) => { // a finger only taps
       const share = (event.offsetX - MARGIN.left) / (canvas.clientWidth - MARGIN.left - MARGIN.right);
       shown.age = share >= 0 && share <= 1 ? (1 - share) * shown.seconds : null;
     });
-    canvas.addEventListener("pointerleave", () => { shown.age = null; });
+    canvas.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") shown.age = null; });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
-      shown.zoom(event.deltaY > 0 ? 1.25 : 0.8);
+      shown.zoom(1.25 ** Math.sign(event.deltaY));
     }, { passive: false });
   }
 
@@ -152,7 +71,7 @@ export class Plot {
       context.moveTo(MARGIN.left, y(tick));
       context.lineTo(right, y(tick));
       context.stroke();
-      if (y(tick) < bottom - 5) context.fillText(text(tick), MARGIN.left - 5, y(tick));
+      if (y(tick) < bottom - 5 && y(tick) > MARGIN.top + 5) context.fillText(text(tick), MARGIN.left - 5, y(tick)); // not over others
     }
     context.textAlign = "center";
     context.textBaseline = "top";
@@ -192,20 +111,26 @@ export class Plot {
     if (line.isArea) context.fill(); else context.stroke();
   }
 
+  /** What each line has at the cursor, or now. */
+  get readings() {
+    const { samples, cursor, to } = this.shown;
+    const index = Math.min(samples.first(cursor ?? to), samples.count - 1);
+    return this.lines.filter((line) => samples.values.has(line.name) && index >= 0).map((line) => (
+      { line, words: `${line.label} ${text(samples.values.get(line.name)[index % samples.capacity] * this.scale)}` }));
+  }
+
+  /** The same in words, for those who do not see it. */
+  get said() { return `${this.title}, ${this.unit}: ${this.readings.map(({ words }) => words).join(", ")}`; }
+
   drawKey(context, right) {
-    const { samples, cursor, from, to } = this.shown;
-    const at = cursor ?? to;
-    const index = Math.min(samples.first(at), samples.count - 1);
+    const { cursor, from, to } = this.shown;
     context.textBaseline = "top";
     context.textAlign = "left";
     context.fillStyle = colour("text");
-    context.fillText(`${this.title} (${this.unit})`, 4, 3);
+    context.fillText(`${this.title} (${this.unit})${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, 4, 3);
     context.textAlign = "right";
     let place = right;
-    for (const line of [...this.lines].reverse()) {
-      const values = samples.values.get(line.name);
-      if (!values || index < 0) continue;
-      const words = `${line.label} ${text(values[index % samples.capacity] * this.scale)}`;
+    for (const { line, words } of this.readings.reverse()) {
       context.fillStyle = colour("text");
       context.fillText(words, place, 3);
       place -= context.measureText(words).width + 4;
@@ -238,10 +163,10 @@ export class Histogram {
       .filter((value) => !Number.isNaN(value)).sort();
     const at = (share) => known[Math.min(known.length - 1, Math.floor(share * known.length))];
     const high = Math.max(known.length ? at(0.999) * 1.1 : 1, 1e-3);
-    const bins = new Array(40).fill(0);
-    for (const value of known) bins[Math.min(bins.length - 1, Math.floor((value / high) * bins.length))] += 1;
+    const bins = new Array(BINS).fill(0);
+    for (const value of known) bins[Math.min(BINS - 1, Math.floor((value / high) * BINS))] += 1;
     const most = Math.max(...bins, 1), right = width - MARGIN.right, bottom = height - MARGIN.bottom;
-    const step = (right - MARGIN.left) / bins.length;
+    const step = (right - MARGIN.left) / BINS;
     context.fillStyle = colour("true");
     bins.forEach((count, i) => {
       const tall = (count / most) * (bottom - MARGIN.top);

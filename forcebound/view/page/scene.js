@@ -1,95 +1,46 @@
 // The scene: the tip, its proxy, the forces, and what the environment says there is to draw.
 
-import { colour, fit } from "./plots.js";
+import { colour, fit } from "./canvas.js";
 import { listen } from "./hand.js";
+import { BOX_EDGES, add, boxCorners, cross, dot, facesOf, pad, pointsOf, scaled, sub } from "./shapes.js";
 
 const FORCE = 0.004; // m that an arrow is long for each N
 const NEAR = 0.08; // m, half of what is seen at first
-const LIGHT = [0.4, -0.5, 0.77]; // from where it comes
-
-const add = (a, b) => a.map((x, i) => x + b[i]);
-const sub = (a, b) => a.map((x, i) => x - b[i]);
-const scaled = (a, f) => a.map((x) => x * f);
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const pad = (a) => [a?.[0] ?? 0, a?.[1] ?? 0, a?.[2] ?? 0];
-
-function turned([w, x, y, z], a) {
-  const axis = [x, y, z], twice = scaled(cross(axis, a), 2);
-  return add(add(a, scaled(twice, w)), cross(axis, twice));
-}
-
-const BOX = [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => [x / 2, y / 2, z / 2])));
-const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
-const BOX_FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
-
-function round(count, at) {
-  return Array.from({ length: count }, (_, i) => at((2 * Math.PI * i) / count));
-}
-
-/** Faces of an object in the world, each a list of points. */
-function facesOf(object, meshes) {
-  const place = (a) => add(object.position ?? [0, 0, 0], turned(object.orientation ?? [1, 0, 0, 0], a));
-  const size = object.size ?? [];
-  if (object.shape === "plane") {
-    const half = 0.1;
-    return [[[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]].map(place)];
-  }
-  if (object.shape === "box") {
-    const corners = BOX.map((c) => place(c.map((x, i) => x * size[i])));
-    return BOX_FACES.map((face) => face.map((i) => corners[i]));
-  }
-  if (object.shape === "cylinder") {
-    const [radius, length] = size;
-    const rim = (z) => round(24, (t) => place([radius * Math.cos(t), radius * Math.sin(t), z]));
-    const low = rim(-length / 2), high = rim(length / 2);
-    return [low, high, ...low.map((p, i) => [p, low[(i + 1) % 24], high[(i + 1) % 24], high[i]])];
-  }
-  if (object.shape === "sphere") {
-    const [radius] = size, faces = [], rows = 8, count = 16;
-    const at = (i, t) => place([radius * Math.sin((Math.PI * i) / rows) * Math.cos(t),
-      radius * Math.sin((Math.PI * i) / rows) * Math.sin(t), radius * Math.cos((Math.PI * i) / rows)]);
-    for (let i = 0; i < rows; i += 1) {
-      round(count, (t) => faces.push([at(i, t), at(i + 1, t), at(i + 1, t + (2 * Math.PI) / count), at(i, t + (2 * Math.PI) / count)]));
-    }
-    return faces;
-  }
-  const mesh = meshes.get(object.digest);
-  if (object.shape === "mesh" && mesh) return mesh.corners.map((face) => face.map(place));
-  return [];
-}
-
-/** A face with its normal and how bright it is. */
-function lit(points) {
-  const normal = cross(sub(points[1], points[0]), sub(points[2], points[0]));
-  return { points, normal, light: Math.abs(dot(normal, LIGHT)) / (Math.hypot(...normal) || 1) };
-}
+const ABOUT = 0.03; // m about a wall that is seen
+const OWN = 500; // ms that the pointer of this page is its own after a move
+const OPEN = ["plane", "path"]; // shapes that one need not see whole
+const FACING = [Math.SQRT1_2, 0, -Math.SQRT1_2, 0]; // w x y z; turns z to -x, out of a wall
 
 export class Scene {
   constructor(canvas, point) {
     Object.assign(this, { canvas, point });
-    this.axes = 1;
-    this.objects = [];
-    this.meshes = new Map();
-    this.centre = [0, 0, 0];
-    this.half = NEAR;
-    this.yaw = -0.5;
-    this.pitch = 0.45;
-    this.state = {};
-    this.target = null; // m, where the pointer is; null: nobody points
-    this.hand = null;
-    this.isCentred = false;
+    this.files = new Map(); // digest -> corners of a mesh, or points of a cloud
     this.placed = new Map(); // of meshes, faces in the world
     this.layer = document.createElement("canvas"); // the objects alone
-    this.shown = null; // what the layer shows
+    this.begin({ axes: 1 });
     listen(this);
   }
 
+  /** Show a graph of which nothing is known yet. */
+  begin({ graph, axes, workspace }) {
+    Object.assign(this, { graph, axes, workspace });
+    this.state = {};
+    this.objects = [];
+    this.wall = undefined; // m, where its surface is; null: there is none; undefined: not known yet
+    this.target = null; // m, where the pointer is; null: nobody points
+    this.moved = -Infinity; // ms, when this page moved it last
+    this.hand = null;
+    this.centre = [0, 0, 0];
+    this.half = NEAR;
+    this.isCentred = false;
+    [this.yaw, this.pitch] = axes < 3 ? [0, Math.PI / 2] : [-0.5, 0.45];
+    this.shown = null; // what the layer shows
+  }
+
+  /** Show a graph; of the same one as before the view stays. */
   describe(hello) {
-    this.axes = hello.axes;
-    this.workspace = hello.workspace;
+    if (hello.graph !== this.graph) this.begin(hello);
     this.hand = hello.may_change ? hello.hand : null;
-    if (this.axes < 3) { this.yaw = 0; this.pitch = Math.PI / 2; }
   }
 
   get basis() {
@@ -118,49 +69,71 @@ export class Scene {
   /** Let the pointer begin where the hand is. */
   grasp() { this.target ??= pad(this.state.tip); }
 
+  /** Take over where the pointer is, since another page may have moved it. */
+  follow(pointer) {
+    if (pointer && performance.now() - this.moved > OWN) this.target = pad(pointer);
+  }
+
   /** Move the pointer by a way to the right, up and away on the screen, in m; `at`: when, by the event. */
   move([right, up, away], at) {
-    const { basis, hand } = this;
+    const { basis, reaches } = this;
     const way = add(add(scaled(basis.right, right), scaled(basis.up, up)), scaled(basis.forward, away));
-    const start = pad(hand.start);
-    this.target = add(this.target, way).map((x, i) => Math.min(Math.max(x, start[i] - hand.reach), start[i] + hand.reach));
+    const start = pad(this.hand.start);
+    this.target = add(this.target, way).map((x, i) => Math.min(Math.max(x, start[i] - reaches[i]), start[i] + reaches[i]));
+    this.moved = performance.now();
     this.point(this.target.slice(0, this.axes), at);
+  }
+
+  /** How far the pointer can go from its start on each axis, in m. */
+  get reaches() { return [0, 1, 2].map((axis) => (axis < this.axes ? this.hand.reach : 0)); }
+
+  /** Whether all that the view is to show at first is here. */
+  get isWhole() {
+    return this.state.tip && this.wall !== undefined && (this.wall !== null || this.objects.length)
+      && this.objects.every((object) => !object.digest || this.files.has(object.digest));
   }
 
   /** Look at all that there is. */
   centreOn() {
-    const points = [pad(this.state.tip), ...this.bounded.flatMap((object) => this.faces(object).flatMap((face) => face.points))];
-    if (this.axes === 1) points.push([(this.wall ?? 0) - 0.03, 0, 0], [(this.wall ?? 0) + 0.03, 0, 0]);
+    const seen = this.objects.filter((object) => !OPEN.includes(object.shape));
+    const points = [pad(this.state.tip), ...seen.flatMap((object) => this.pointsOf(object))];
+    if (this.hasWall) points.push([this.wall - ABOUT, 0, 0], [this.wall + ABOUT, 0, 0]);
+    if (this.hand && this.axes < 3) points.push(...boxCorners(pad(this.hand.start), scaled(this.reaches, 2)));
     const low = [0, 1, 2].map((i) => points.reduce((least, p) => Math.min(least, p[i]), Infinity));
     const high = [0, 1, 2].map((i) => points.reduce((most, p) => Math.max(most, p[i]), -Infinity));
     this.centre = scaled(add(low, high), 0.5);
     this.half = Math.max(0.02, 0.6 * Math.hypot(...sub(high, low)));
   }
 
-  get bounded() { return this.objects.filter((object) => object.shape !== "plane" && object.shape !== "path"); }
+  get hasWall() { return Number.isFinite(this.wall); }
+
+  /** Points of an object in the world: of a cloud or a path, or the corners of its faces. */
+  pointsOf(object) {
+    return [...pointsOf(object, this.files.get(object.digest)), ...this.facesOf(object).flatMap((face) => face.points)];
+  }
 
   /** Faces of an object in the world; those of a mesh are placed once. */
-  faces(object) {
-    if (object.shape !== "mesh") return facesOf(object, this.meshes).map(lit);
+  facesOf(object) {
+    const file = this.files.get(object.digest);
+    if (object.shape !== "mesh" || !file) return facesOf(object, file);
     const key = JSON.stringify([object.digest, object.position, object.orientation]);
-    if (!this.placed.has(key) && this.meshes.has(object.digest)) {
+    if (!this.placed.has(key)) {
       this.placed.clear();
-      this.placed.set(key, facesOf(object, this.meshes).map(lit));
+      this.placed.set(key, facesOf(object, file));
     }
-    return this.placed.get(key) ?? [];
+    return this.placed.get(key);
   }
 
   draw() {
     const { context, width, height } = fit(this.canvas);
-    const isWhole = this.bounded.every((object) => object.shape !== "mesh" || this.meshes.has(object.digest));
-    if (!this.isCentred && this.state.tip && (this.axes === 1 ? this.wall !== undefined : this.bounded.length) && isWhole) {
+    if (!this.isCentred && this.isWhole) {
       this.isCentred = true;
       this.centreOn();
     }
     this.view = { ...this.basis, scale: this.scale, x: width / 2, y: height / 2 };
-    if (this.hand) this.drawBox(context, pad(this.hand.start), [0, 1, 2].map((i) => (i < this.axes ? this.hand.reach : 0)));
-    if (this.workspace) this.drawBox(context, [0, 0, 0], this.workspace.map((edge) => edge / 2));
-    if (this.axes === 1) this.drawWall(context, width, height);
+    if (this.hand) this.drawBox(context, pad(this.hand.start), scaled(this.reaches, 2));
+    if (this.workspace) this.drawBox(context, [0, 0, 0], this.workspace);
+    if (this.axes < 3) this.drawGround(context, width, height);
     this.drawLayer(context, width, height);
     const tip = pad(this.state.tip);
     if (this.state.proxy) {
@@ -174,20 +147,22 @@ export class Scene {
   }
 
   /** The edges of a box: how far the pointer can go, or the workspace. */
-  drawBox(context, middle, halves) {
-    const corner = (i) => middle.map((x, axis) => x + ((i >> axis) & 1 ? halves[axis] : -halves[axis]));
-    for (const ends of EDGES) this.line(context, ends.map(corner), colour("line"), 1);
+  drawBox(context, middle, size) {
+    const corners = boxCorners(middle, size);
+    for (const ends of BOX_EDGES) this.line(context, ends.map((i) => corners[i]), colour("line"), 1);
     if (this.axes > 1) return;
-    for (const x of [-halves[0], halves[0]]) {
+    for (const x of [-size[0] / 2, size[0] / 2]) {
       const [at, level] = this.project([middle[0] + x, 0, 0]);
       context.strokeRect(at, level - 8, 0, 16);
     }
   }
 
-  drawWall(context, width, height) {
-    const [x] = this.project([this.wall ?? 1e3, 0, 0]), [, y] = this.project([0, 0, 0]);
+  /** What lies in the plane of the screen: the wall, and the only axis. */
+  drawGround(context, width, height) {
+    const [x, y] = this.project([this.wall ?? 0, 0, 0]);
     context.fillStyle = colour("limit");
-    if (this.wall !== null && this.wall !== undefined && !this.objects.length) context.fillRect(x, 0, width - x, height);
+    if (this.hasWall) context.fillRect(x, 0, Math.max(0, width - x), height);
+    if (this.axes > 1) return;
     context.strokeStyle = colour("line");
     context.beginPath();
     context.moveTo(0, y);
@@ -195,44 +170,57 @@ export class Scene {
     context.stroke();
   }
 
+  /** All that stands in space. */
+  get solids() {
+    if (this.axes < 3 || !this.hasWall) return this.objects;
+    return [...this.objects, { shape: "plane", position: [this.wall, 0, 0], orientation: FACING }];
+  }
+
   /** The objects, from a canvas of their own, which is drawn anew when they or the view have changed. */
   drawLayer(context, width, height) {
-    if (!this.objects.length) return;
-    const shown = JSON.stringify([this.objects, this.meshes.size, this.centre, this.view, colour("line")]);
+    const { solids } = this;
+    if (!solids.length) return;
+    const shown = JSON.stringify([solids, this.files.size, this.centre, this.view, colour("line")]);
     if (shown !== this.shown) {
       this.shown = shown;
-      this.drawObjects(fit(this.layer, this.canvas).context);
+      this.drawObjects(fit(this.layer, this.canvas).context, solids);
     }
     context.drawImage(this.layer, 0, 0, width, height);
   }
 
-  drawObjects(context) {
-    const { forward } = this.view, drawn = [];
-    for (const object of this.objects) {
-      if (object.shape === "path") { this.line(context, object.points, colour("soft"), 2); continue; }
-      for (const face of this.faces(object)) {
-        if (object.is_closed && dot(face.normal, forward) > 0) continue; // seen from behind
-        drawn.push({ face, depth: dot(face.points[0], forward) + dot(face.points[2], forward), object });
-      }
+  drawObjects(context, solids) {
+    const { forward } = this.view;
+    const faces = solids.flatMap((object) => this.facesOf(object).map((face) => (
+      { ...face, object, depth: dot(face.points[0], forward) + dot(face.points[2], forward) })));
+    faces.sort((a, b) => b.depth - a.depth);
+    for (const face of faces) this.drawFace(context, face);
+    for (const object of solids) {
+      const points = pointsOf(object, this.files.get(object.digest));
+      if (object.shape === "path" && points.length) this.line(context, points, colour("soft"), 2);
+      if (object.shape === "points") this.drawCloud(context, points);
     }
-    drawn.sort((a, b) => b.depth - a.depth);
-    const lines = colour("line");
+  }
+
+  drawFace(context, { points, light, object }) {
     context.lineWidth = 0.5;
-    for (const { face, object } of drawn) {
-      context.beginPath();
-      face.points.forEach((point, i) => { const at = this.project(point); if (i) context.lineTo(...at); else context.moveTo(...at); });
-      context.closePath();
-      if (object.is_removed) {
-        context.strokeStyle = lines;
-        context.stroke();
-        continue;
-      }
-      const grey = Math.round(110 + 110 * face.light);
-      const fill = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgb(${grey},${grey},${grey + 10})`;
-      context.fillStyle = fill;
+    context.beginPath();
+    for (const point of points) context.lineTo(...this.project(point));
+    context.closePath();
+    context.strokeStyle = colour("line");
+    if (!object.is_removed) {
+      const grey = Math.round(110 + 110 * light);
+      context.fillStyle = object.shape === "plane" ? "rgba(128,128,128,.15)" : `rgb(${grey},${grey},${grey + 10})`;
       context.fill();
-      context.strokeStyle = object.shape === "mesh" ? fill : lines; // no gaps between its triangles
-      context.stroke();
+      if (object.shape === "mesh") context.strokeStyle = context.fillStyle; // no gaps between its triangles
+    }
+    context.stroke();
+  }
+
+  drawCloud(context, points) {
+    context.fillStyle = colour("soft");
+    for (const point of points) {
+      const [x, y] = this.project(point);
+      context.fillRect(x - 1, y - 1, 2, 2);
     }
   }
 
@@ -240,7 +228,7 @@ export class Scene {
     context.strokeStyle = stroke;
     context.lineWidth = width;
     context.beginPath();
-    points.forEach((point, i) => { const at = this.project(point); if (i) context.lineTo(...at); else context.moveTo(...at); });
+    for (const point of points) context.lineTo(...this.project(point)); // the first one only begins
     context.stroke();
   }
 
