@@ -60,6 +60,7 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
         ({"remote.port": 7000}, "remote.port is fixed"),
         ({"seed": 2}, "seed is fixed"),
         ({"stiffness": 2}, "did you mean 'environment.stiffness'"),
+        ({"delay": 0.1}, "'links.device_state.delay' or 'links.environment_query.delay' or"),
         (
             {"xyzzy": 1},
             "'xyzzy'; what can be changed is in device.law, links.*state, .* and environment$",
