@@ -62,8 +62,8 @@ phases:
 """
     + 100
     * """\
-  - {name: hard, duration: 0.3 s}
-  - {name: soft, duration: 0.3 s, set: {environment.stiffness: 8 N/mm}}
+  - {name: hard, duration: 0.5 s}
+  - {name: soft, duration: 0.5 s, set: {environment.stiffness: 8 N/mm}}
 """
 )
 
@@ -75,8 +75,9 @@ def interrupted(graph: LiveGraph, file: Path) -> tuple[int, str]:
     with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True) as process:
         assert process.stdout is not None
         begun = process.stdout.readline()
-        begun_phases = graph.log.count(": phase soft")
-        graph.until(lambda: graph.log.count(": phase soft") > begun_phases + 1, "two phases")
+        change = "changed: environment.stiffness"
+        before = graph.log.count(change)
+        graph.until(lambda: graph.log.count(change) > before + 2, "three changes by phases")
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=PATIENCE)
     return process.returncode, begun + out
