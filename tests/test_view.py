@@ -1,7 +1,6 @@
 """The page's server: who gets in, what pages are told, and what they may change."""
 
 import asyncio
-import hashlib
 import json
 import os
 import signal
@@ -29,14 +28,13 @@ from waiting import PATIENCE
 from forcebound.cli import main
 from forcebound.cli.view import open_browser
 from forcebound.errors import ConfigError
-from forcebound.geometry.mesh_file import read_mesh
 from forcebound.launch.run_directory import RunDocument
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.recording import Recording, read
 from forcebound.recordings.rerun import device_of, duration_of, graph_of
 from forcebound.recordings.verification import verify
 from forcebound.view.access import LOOPBACK, Access, hosts_of
-from forcebound.view.scene_files import MOST, coarse, content
+from forcebound.view.scene_files import content
 from forcebound.view.server import Server
 
 
@@ -80,9 +78,6 @@ def test_the_watching_token_may_look_and_not_change() -> None:
 )
 def test_hosts_of_an_address(listen: str, hosts: tuple[str, ...]) -> None:
     assert hosts_of(listen) == hosts
-
-
-LAUNCH = Path(__file__).parent.parent / "launch"
 
 
 @contextmanager
@@ -380,32 +375,3 @@ def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None
         assert result.output == (
             "forcebound: the page needs tornado: pip install 'forcebound[view]'\n"
         )
-
-
-def test_a_coarse_mesh_has_few_triangles_in_the_same_place() -> None:
-    mesh = read_mesh(LAUNCH / "rabbit.ply")
-    assert len(mesh.faces) > 2 * 500
-    corners = coarse(mesh, 500)
-    assert 100 < len(corners) <= 500
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    for whole, seen in zip(
-        (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)),
-        (corners.min(axis=(0, 1)), corners.max(axis=(0, 1))),
-        strict=True,
-    ):
-        assert seen == pytest.approx(whole, abs=0.1 * size)
-    assert np.array_equal(coarse(mesh, len(mesh.faces)), mesh.corners)
-
-
-def test_a_page_draws_a_part_of_a_large_cloud_and_nothing_of_a_file_that_has_changed(
-    tmp_path: Path,
-) -> None:
-    file = tmp_path / "cloud.npy"
-    points = np.random.default_rng(5).uniform(-1.0, 1.0, (2 * MOST + 1, 3))
-    np.save(file, points)
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    cloud = {"shape": "points", "file": str(file), "size": [0.1], "digest": digest}
-    drawn = content(cloud)
-    assert drawn is not None
-    assert np.array(drawn["points"]) == pytest.approx(0.1 * points[::3])
-    assert content({**cloud, "digest": "0" * 64}) is None
