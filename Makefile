@@ -97,9 +97,9 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo "Python's venv module is missing; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
-	@echo "Installing into $(VENV), about a minute without a word."
+	@echo "Installing into $(VENV): a minute or more."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	$(BIN)/python -m pip install --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[dev]'
 	@touch $(STAMP)
 

@@ -82,6 +82,7 @@ class DeviceNode(Node):
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
         self._next_law: str | None = None  # to be taken as soon as no force is held
+        self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
         is_arm = getattr(device, "kinematics", None) is not None
@@ -138,14 +139,18 @@ class DeviceNode(Node):
         self._chain.reject(reason)
 
     def status(self) -> dict[str, Any]:
-        """Return ``engaged``, ``law``, ``deadline_misses``, ``rejected`` and ``bounder``.
+        """Return what a device adds to its status.
 
-        The last is :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
+        It is ``rejected``, ``engaged``, ``law``, ``energy_before``, ``deadline_misses`` and
+        ``bounder``, :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
+        ``energy_before``: of a simulated device, the true energy when its law began, less what its
+        motion held then, in J; under a certified law it does not fall below.
         """
         return {
             "rejected": dict(self._chain.rejected),
             "engaged": self.is_engaged,
             "law": self._bounded.law,
+            "energy_before": self._energy_before,
             "deadline_misses": self.deadline_misses,
             "bounder": self._bounded.report(),
         }
@@ -293,9 +298,15 @@ class DeviceNode(Node):
 
     def _change_law(self, law: str, time_ns: int) -> Event:
         """Begin a new ledger under another law; no force is held."""
-        self._next_law = None
+        self._next_law, former = None, self._bounded.law
         self._bounded.change_law(law)
-        return self._tells.tell_law(time_ns, law)
+        truth = self._device.truth()
+        if truth is None:
+            return self._tells.tell_law(time_ns, law)
+        given = truth.energy - self._energy_before
+        held = getattr(self._device, "kinetic_energy", None)
+        self._energy_before = truth.energy - (0.0 if held is None else held())
+        return self._tells.tell_law(time_ns, law, (former, given, self._energy_before))
 
     def _begin_next_tick(self, time_ns: int) -> None:
         """Skip the ticks whose writes are overdue: two writes at once would serve nothing."""

@@ -49,10 +49,25 @@ class DeviceEvents:
             events.append(self._log.emit(time_ns, "ticks_missed", warning, is_fault=True))
         return events
 
-    def tell_law(self, time_ns: int, law: str) -> Event:
-        """Return the event of another law; the ticks that its loading has cost are no news."""
+    def tell_law(
+        self, time_ns: int, law: str, before: tuple[str, float, float] | None = None
+    ) -> Event:
+        """Return the event of another law; the ticks that its loading has cost are no news.
+
+        Args:
+            time_ns: Now, in ns.
+            law: From now on.
+            before: Of a simulated device: the law before, the true energy under it, and
+                ``energy_before`` of the status, in J.
+        """
         self._overload = Overload(self._period_ns)
-        return self._log.emit(time_ns, LAW_CHANGED, f"law: {law} from now on", {"law": law})
+        message, data = f"law: {law} from now on", {"law": law}
+        if before is not None:
+            former, given, energy = before
+            has = "has put in" if given >= 0.0 else "has received"
+            message += f"; under {former} the hand {has} {1e3 * abs(given):.1f} mJ"
+            data["energy_before"] = repr(energy)
+        return self._log.emit(time_ns, LAW_CHANGED, message, data)
 
     def tell_bounder(self, time_ns: int, report: Mapping[str, Any]) -> Event:
         """Return the event of a :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from leaks import no_leaks
-from measured import measure_begins_of_runs
+from measured import measure_begins_of_runs, measure_no_compilation
 
 from forcebound.network.sockets import Network
 
@@ -35,10 +35,11 @@ def runtime_folder() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def measured_begins() -> Iterator[None]:
-    """Coverage measures the begin of each run in virtual time, not the rest."""
+def measured_parts() -> Iterator[None]:
+    """Coverage measures the begin of each run in virtual time, and no compilation."""
     with pytest.MonkeyPatch.context() as patch:
         measure_begins_of_runs(patch)
+        measure_no_compilation(patch)
         yield
 
 

@@ -113,10 +113,19 @@ class LiveGraph:
         """Send a signal to one process of the graph."""
         os.kill(self.node(name)["pid"], number)
 
-    def wait_until_in_contact(self) -> None:
-        """Wait until the hand presses into a wall whose force is wholly engaged."""
+    def wait_until_engaged(self) -> None:
+        """Wait until the launcher says that the force is engaged."""
         self.until(lambda: list(self.runtime.glob("forcebound-*/control-launcher")), "the launcher")
         self.until(lambda: self.status()["phase"] == "running", "an engaged force")
+
+    def wait_until_forced(self) -> None:
+        """Wait until the device has been asked for a force."""
+        self.wait_until_engaged()
+        self.wait_for_telemetry(lambda t: any(t.commanded_force), "a force")
+
+    def wait_until_in_contact(self) -> None:
+        """Wait until the hand presses into a wall whose force is wholly engaged."""
+        self.wait_until_engaged()
         self.wait_for_telemetry(
             lambda t: t.engagement == 1.0 and abs(t.commanded_force[0]) > HARD, "contact"
         )
@@ -215,6 +224,7 @@ def live_graph(
             children = children_of(graph.process.pid)
             graph.process.kill()  # the others die with it
             graph.process.communicate()
+            sys.stderr.write(graph.log)  # which pytest shows if the test fails
             for pid in children:
                 with suppress(ProcessLookupError):  # what stands still must go on to end
                     os.kill(pid, signal.SIGCONT)

@@ -26,7 +26,6 @@ def pages_of(runtime: str) -> Iterator[tuple[str, str]]:
 def pointed() -> Iterator[tuple[LiveGraph, tuple[str, str]]]:
     """A graph whose hand follows a pointer, engaged, and its addresses."""
     with live_graph("pointer_wall", is_alone=False) as graph:
-        graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
-        graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
+        graph.wait_until_engaged()
         with pages_of(str(graph.runtime)) as addresses:
             yield graph, addresses

@@ -16,6 +16,7 @@ from forcebound.errors import ConfigError
 GONE_WRONG = ("exploding_body", "holed_wall", "jumping_proxy")
 
 
+@pytest.mark.no_cover  # runs too short to be measured only at their begin, as all others are
 @pytest.mark.parametrize(
     ("law", "controllers"),
     [("certified", sorted(CONTROLLERS)), ("certified_memoryless", ["direct"])],

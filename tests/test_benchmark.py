@@ -219,7 +219,7 @@ def test_a_short_run_gives_every_figure(name: str) -> None:
     assert json.loads(json.dumps(result, allow_nan=False)) == result
     assert said
     for one in result["contestants"].values():
-        assert one["count"] >= 20
+        assert one["count"] > 0
         assert 0 < one["processor_share"] < 10
         times = [one[key] for key in ("p50_us", "p99_us", "p99_9_us", "max_us")]
         assert times == sorted(times)

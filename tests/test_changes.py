@@ -60,6 +60,7 @@ def test_a_change_takes_units_and_changes_nothing_else(config: GraphConfig) -> N
         ({"remote.port": 7000}, "remote.port is fixed"),
         ({"seed": 2}, "seed is fixed"),
         ({"stiffness": 2}, "did you mean 'environment.stiffness'"),
+        ({"delay": 0.1}, "'links.device_state.delay' or 'links.environment_query.delay' or"),
         (
             {"xyzzy": 1},
             "'xyzzy'; what can be changed is in device.law, links.*state, .* and environment$",
@@ -179,7 +180,7 @@ def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> 
     assert Tuner(config)(Mock(nodes=[EnvironmentNode(config.environment.model)]), settings) == {}
     assert Tuner(config)(Mock(nodes=[device]), settings) == {}  # it tells when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
-    assert [packet.data for packet in packets if isinstance(packet, Event)] == [{"law": "none"}]
+    assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
         settings["parameters"][LAW] = damaged
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):

@@ -98,6 +98,7 @@ def test_a_pushed_mass_accelerates_by_force_over_mass() -> None:
     run(device, [-2.0] * 100)
     truth = device.truth()
     assert truth.velocity[0] == pytest.approx(2.0 / 0.4 * 0.1)
+    assert device.kinetic_energy() == pytest.approx(0.5 * 0.1 * truth.velocity[0] ** 2)
     assert truth.position[0] == pytest.approx(0.5 * 2.0 / 0.4 * 0.1**2)
 
 

@@ -346,3 +346,4 @@ def test_the_energy_balance_holds_to_rounding(
     stored = sum(0.5 * friction / (presliding or 1.0) * z * z for z in bristles)
     kinetic = 0.5 * inertia * dot(speeds, speeds)
     assert device.truth().energy == pytest.approx(kinetic + stored + spent, rel=1e-9, abs=1e-13)
+    assert device.kinetic_energy() == pytest.approx(kinetic, rel=1e-9, abs=1e-13)

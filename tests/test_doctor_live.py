@@ -17,7 +17,14 @@ from waiting import PATIENCE
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 
-OF_TIME = {"ticks_lost", "late_loop", "delay_near_age_limit", "force_gaps", "rejected_too_old"}
+OF_TIME = {
+    "ticks_lost",
+    "late_loop",
+    "delay_near_age_limit",
+    "force_gaps",
+    "rejected_too_old",
+    "no_answer",
+}
 
 
 @pytest.fixture

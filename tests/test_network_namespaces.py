@@ -15,11 +15,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from live_graph import PROCESSES_OF_THEIR_OWN, check_always, check_return, check_silence, live_graph
+from live_graph import (
+    AGE_LIMIT,
+    PROCESSES_OF_THEIR_OWN,
+    SLACK,
+    Ended,
+    check_always,
+    check_return,
+    check_silence,
+    live_graph,
+)
 from remote_environment import key_folders, serving, write_launch_file
 from waiting import PATIENCE
-
-from forcebound.messages.packets import Telemetry
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 
@@ -132,9 +139,7 @@ def test_delay_loss_and_an_outage_far_away_are_stable_and_told(
         "arguments: { delay: 20 ms }\n"
         "links:\n"
         "  environment_query: { loss: 10 % }\n"
-        "  environment_reply:\n"
-        "    loss: 10 %\n"
-        "    outages: [{ start: 8 s, duration: 1 s }]\n",
+        "  environment_reply: { loss: 10 % }\n",
         "delayed_wall.yaml",
     )
     variables = {"FORCEBOUND_KEYS": str(keys["device-lab"])}
@@ -143,24 +148,20 @@ def test_delay_loss_and_an_outage_far_away_are_stable_and_told(
         live_graph(str(file), prefix=machines.at(machines.graph), variables=variables) as graph,
     ):
         graph.wait(1.0)
-        before_ns = time.monotonic_ns()
-        answered_ns: list[int] = []
-
-        def is_outage(telemetry: Telemetry) -> bool:  # and no moment in which this machine was busy
-            if telemetry.device_seq is not None or not answered_ns:
-                answered_ns[:] = [telemetry.time_ns]
-            return telemetry.time_ns - answered_ns[0] > 0.5e9
-
-        graph.wait_for_telemetry(is_outage, "the outage")
+        cut = graph.order("outage", "1 s", "environment_reply", "--run", str(graph.run_dir))
+        assert cut.returncode == 0, cut.stderr
+        graph.wait(1.0)
         graph.wait_until_in_contact()
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     columns = ended.columns
     check_always(columns)
-    since = columns.time_ns > before_ns
-    silent = columns.time_ns[since & (columns.device_seq < 0)]
-    longest = 0.0 if silent.size == 0 else float(silent[-1] - silent[0]) * 1e-9
-    assert longest > 0.8, "the outage of 1 s, without the age limit and the delay"
+    cut_ns = ended.events("parameter_set")[-1].time_ns
+    begin_ns, end_ns = cut_ns + round((AGE_LIMIT + SLACK) * 1e9), cut_ns + 1_000_000_000
+    during = (columns.time_ns > begin_ns) & (columns.time_ns < end_ns)
+    assert during.any()
+    assert not columns.applied_force[during].any()
+    assert columns.applied_force[columns.time_ns > end_ns].any()
     assert ended.summary["loop_delay_ms"]["p50"] >= 40.0
     counts = ended.summary["links"]["environment_reply"]
     assert counts["lost"] / counts["sent"] > 0.05
@@ -179,7 +180,10 @@ def test_a_wire_pulled_in_contact_leaves_no_force_until_it_is_back(
     ):
         machines.plug("down")
         harm_ns = time.monotonic_ns()
-        graph.wait(2.0)
+        graph.until(lambda: "silent for 300 ms" in graph.log, "the graph to notice")
+        graph.until(lambda: "silent for 300 ms" in environment.log, "the other side to notice")
+        graph.until(lambda: "has been silent for" in graph.log, "the end of the lease")
+        plugged_ns = time.monotonic_ns()
         machines.plug("up")
         graph.wait_until_in_contact()
         assert graph.node("controller")["restarts"] == 0
@@ -188,13 +192,23 @@ def test_a_wire_pulled_in_contact_leaves_no_force_until_it_is_back(
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
     gap = check_silence(ended.columns, harm_ns)
-    assert ended.columns.time_ns[gap[-1]] - ended.columns.time_ns[gap[0]] > 1.7e9
+    assert ended.columns.time_ns[gap[-1] + 1] > plugged_ns
     check_return(ended.columns, gap)
     assert ended.faults["force_released"] >= 1
-    assert ended.faults["environment_lost"] == 1
+    assert ended.faults["environment_lost"] >= 1
     assert "process_ended" not in ended.faults
-    assert "silent for 300 ms" in ended.log  # both sides have noticed
-    assert "silent for 300 ms" in environment.log
+
+
+def check_no_force_without_environment(ended: Ended) -> None:
+    """Check that there is no force from the loss of an environment until the next one serves."""
+    serving = ended.events("environment_serves")
+    losses = ended.events("environment_lost")
+    assert len(losses) >= 2
+    for lost in losses:
+        next_ns = min(event.time_ns for event in serving if event.time_ns >= lost.time_ns)
+        times_ns = ended.columns.time_ns
+        between = (times_ns >= lost.time_ns) & (times_ns <= next_ns)
+        assert not ended.columns.applied_force[between].any()
 
 
 def test_environments_swap_and_the_hand_is_free_between_them(
@@ -210,7 +224,7 @@ def test_environments_swap_and_the_hand_is_free_between_them(
             graph.until(lambda: "rejected environment" in graph.log, "the graph to say so")
             stopped = graph.order("stop", "environment", *run)
             assert stopped.returncode == 0, stopped.stderr
-            graph.until(lambda: graph.log.count("serves now") == 2, "the remote one to serve")
+            graph.until(lambda: "serving this graph now" in environment.log, "it to serve")
             graph.wait_until_in_contact()
             environment.end()
             left_ns = time.monotonic_ns()
@@ -221,14 +235,10 @@ def test_environments_swap_and_the_hand_is_free_between_them(
         ended = graph.end()
     assert ended.exit_status == 0, ended.log
     check_always(ended.columns)
-    # The remote one is there before the command that stops the local one has ended.
-    stopped_ns = ended.events("process_ended")[0].time_ns
-    for harm_ns in (stopped_ns, left_ns):
-        check_return(ended.columns, check_silence(ended.columns, harm_ns))
-    names = [event.data["environment"] for event in ended.events("environment_serves")]
-    assert len(names) == len(set(names)) == 3
+    check_return(ended.columns, check_silence(ended.columns, left_ns))
+    check_no_force_without_environment(ended)
+    assert len({event.data["environment"] for event in ended.events("environment_serves")}) == 3
     assert ended.faults["environment_refused"] >= 1
-    assert ended.faults["environment_lost"] == 2
     assert "process_ended" not in ended.faults
 
 

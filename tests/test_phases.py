@@ -91,6 +91,7 @@ def test_phases_that_set_nothing_are_the_plain_run(tmp_path: Path) -> None:
         ("phases: [{name: a, duration: 1 s, set: {environment.stifness: 1}}]", "did you mean"),
         ("phases: [{name: a, duration: 1 s, set: {environment.stiffness: 5 s}}]", "is a time"),
         ("phases: [{name: a, duration: 1 s, set: {links.device_state.loss: 3}}]", "must be 0 to 1"),
+        ("phases: [{name: a, duration: 1 s, set: {device.law: none}}]", "cannot set device.law"),
     ],
 )
 def test_a_wrong_phase_is_a_problem_of_the_launch_file_at_its_place(

@@ -117,10 +117,13 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     device.take_law("none")
     after = run(device, 50 * MS, 50)
     [event] = [p for p in after if getattr(p, "event", "") == "law_changed"]
-    assert event.data == {"law": "none"}
+    assert event.data["law"] == "none"
     assert before[-1].estimated_energy != 0.0
     at = after.index(event)
     assert not any(after[at - 1].applied_force)
+    given = 1e3 * after[at - 1].true_energy
+    assert event.message.endswith(f"under certified the hand has put in {given:.1f} mJ")
+    assert float(event.data["energy_before"]) == device.status()["energy_before"]
 
 
 def test_a_law_of_ones_own_is_refused_and_nothing_changes() -> None:

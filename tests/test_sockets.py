@@ -22,7 +22,7 @@ from forcebound.network.subscriber import Subscriber
 
 
 def meet(publisher: Publisher, *subscribers: Subscriber) -> None:
-    """Send until all have heard something, and then forget it."""
+    """Send until all have heard something; what was sent until then comes no more."""
     heard: set[Subscriber] = set()
 
     def all_heard() -> bool:
@@ -31,15 +31,9 @@ def meet(publisher: Publisher, *subscribers: Subscriber) -> None:
         return len(heard) == len(subscribers)
 
     until(all_heard, "a subscription")
-    settle(*subscribers)
-
-
-def settle(*subscribers: Subscriber) -> None:
-    """Receive until nothing comes any more."""
-    quiet = 0
-    while quiet < 20:
-        quiet = 0 if any(len(s.receive()) for s in subscribers) else quiet + 1
-        sockets.wait((), 1_000_000)
+    publisher.send(b"over")
+    for subscriber in subscribers:
+        take(subscriber, b"over")
 
 
 def take(subscriber: Subscriber, last: bytes) -> list[bytes]:

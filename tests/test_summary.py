@@ -219,6 +219,9 @@ def test_a_hand_that_moves_at_the_end_is_not_at_rest() -> None:
     moving = summary_of(ticks(lambda elapsed: 0.012 + 0.002 * math.sin(60.0 * elapsed)))
     assert moving["at_rest"] is False
     assert moving["penetration_at_rest_m"] is None
+    away = summary_of(ticks(lambda _: -0.01))
+    assert away["at_rest"] is True
+    assert away["penetration_at_rest_m"] is None, "it rests, but not in the wall"
     resting = summary_of(ticks(pressing()))
     assert resting["at_rest"] is True
     assert resting["final_speed_m_per_s"] == 0.0

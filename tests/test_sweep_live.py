@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from sweep_files import LONG, SMALL, AtOnce, written
-from waiting import until
+from waiting import PATIENCE, until
 
 from forcebound.sweep.command import run
 from forcebound.sweep.plan import load_sweep
@@ -66,7 +66,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(tmp_path: Path, number: signal.S
     file = written(tmp_path, LONG.replace("count: 320", "count: 3200"))
     with started(file, tmp_path / "cut.parquet", "--workers", "2") as process:
         process.send_signal(number)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert said.endswith("the same command continues with what is left\nforcebound: interrupted\n")
     assert "Traceback" not in said
@@ -80,7 +80,7 @@ def test_a_worker_that_is_killed_ends_the_sweep_with_one_line(tmp_path: Path) ->
     with started(file, tmp_path / "cut.parquet", "--workers", "1") as process:
         for worker in workers_of(process.pid):
             os.kill(worker, signal.SIGKILL)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert said.splitlines()[-1].startswith("forcebound: a worker process ended")
     assert "Traceback" not in said
@@ -146,7 +146,7 @@ def test_a_cluster_that_ends_ends_the_sweep_with_one_line(tmp_path: Path) -> Non
         started(file, tmp_path / "cut.parquet", "--cluster", address) as process,
     ):
         scheduler.kill()
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert said.splitlines()[-1] == "forcebound: the cluster has ended, or has dropped the work"
     assert "Traceback" not in said

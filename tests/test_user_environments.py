@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from launch_texts import GOOD, problems_of, written
+from live_graph import live_graph
 
 from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
@@ -134,13 +135,11 @@ def test_another_process_knows_it_again(tmp_path: Path) -> None:
 
 @pytest.mark.live
 def test_it_runs_live(tmp_path: Path) -> None:
-    record = tmp_path / "run.mcap"
-    program = [sys.executable, "-m", "forcebound", "launch", str(own(tmp_path)), "--json"]
-    words = ["--duration", "300 ms", "--record", str(record)]
-    out = subprocess.run([*program, *words], capture_output=True, text=True, timeout=120)
-    assert out.returncode == 0, out.stderr
-    assert json.loads(out.stdout)["samples"] > 0
-    assert record.exists()
+    with live_graph(str(own(tmp_path)), is_alone=False) as graph:
+        graph.wait_until_forced()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    assert ended.columns.commanded_force.any()
 
 
 def test_a_relative_path_starts_from_the_file_that_says_it(tmp_path: Path) -> None:

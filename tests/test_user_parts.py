@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from live_graph import live_graph
 
 from forcebound.config.loader import load, load_tried
 from forcebound.config.resolved import restore, to_document
@@ -288,10 +289,11 @@ def test_a_device_that_fails_ends_a_live_graph_in_order(tmp_path: Path) -> None:
 @pytest.mark.live
 def test_the_controller_of_the_page_runs_live(tmp_path: Path) -> None:
     path = write_page("controller", tmp_path)
-    words = [sys.executable, "-m", "forcebound", "launch", str(path), "--duration", "500 ms"]
-    out = subprocess.run([*words, "--json"], capture_output=True, text=True, timeout=120)
-    assert out.returncode == 0, out.stderr
-    assert json.loads(out.stdout)["samples"] > 0
+    with live_graph(str(path), is_alone=False) as graph:
+        graph.wait_until_forced()
+        ended = graph.end()
+    assert ended.exit_status == 0, ended.log
+    assert ended.columns.commanded_force.any()
 
 
 def test_without_an_operator_nobody_moves_the_device(tmp_path: Path) -> None:

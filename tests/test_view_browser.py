@@ -128,15 +128,17 @@ def test_one_drags_the_hand_into_the_wall_breaks_it_and_makes_it_safe() -> None:
             driver.find_element("id", "break").click()
             graph.until(lambda: "law: none from now on" in graph.log, "the law to go")
             graph.wait(2.0)
+            visitor.until(lambda: visitor.figure("true energy, this law") < 0.0)
             driver.find_element("id", "safe").click()
             graph.until(lambda: "law: certified from now on" in graph.log, "the law to come back")
             graph.wait(2.0)
+            assert visitor.figure("true energy, this law") >= 0.0
+            assert "under none the hand has received" in visitor.text("events")
             assert visitor.errors() == []
         ended = graph.end()
-
-    columns = ended.columns
-    (broken,) = [e for e in ended.events("law_changed") if e.data["law"] == "none"]
-    (safe,) = [e for e in ended.events("law_changed") if e.data["law"] == "certified"]
+        columns = ended.columns
+        (broken,) = [e for e in ended.events("law_changed") if e.data["law"] == "none"]
+        (safe,) = [e for e in ended.events("law_changed") if e.data["law"] == "certified"]
 
     def swing(start_ns: int, end_ns: int) -> float:
         seen = (columns.time_ns > start_ns) & (columns.time_ns < end_ns)

@@ -10,7 +10,7 @@ import pytest
 
 from forcebound.network import sockets
 
-PATIENCE = 60.0  # s; a cold start on a busy machine takes its time; a test that waits longer fails
+PATIENCE = 120.0  # s; a cold start on a busy machine takes its time; a test that waits longer fails
 
 
 def until(happened: Callable[[], object], what: str) -> None:

@@ -115,10 +115,11 @@ def _rest(run: Samples) -> dict[str, Any]:
     time = run.columns.time
     speed = final_speed(time, run.columns.true_position)
     at_rest = None if speed is None else speed < REST_SPEED
+    resting = run.depth[at_end(time) & run.contact]
     return {
         "final_speed_m_per_s": speed,
         "at_rest": at_rest,
-        "penetration_at_rest_m": _or_none(np.mean, run.depth[at_end(time)]) if at_rest else None,
+        "penetration_at_rest_m": _or_none(np.mean, resting) if at_rest else None,
     }
 
 

@@ -59,7 +59,7 @@ def differences(
 
 
 def unknown_parameter(name: str, config: GraphConfig) -> str:
-    """Return the message for a name that is no parameter: the nearest one, or why it is none."""
+    """Return the message for a name that is no parameter: the nearest ones, or why it is none."""
     known = parameters(config)
     if _is_fixed(name):
         return (
@@ -68,10 +68,11 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
         )
     last = name.rpartition(".")[2]
     near = [full for full in known if full.rpartition(".")[2] == last]
-    near = difflib.get_close_matches(name, near or known, n=1) or near[:1]
+    if not near or name != last:  # else all of that name, of which an argument sets some: delay
+        near = difflib.get_close_matches(name, near or known, n=1) or near[:1]
     shown = name if len(name) <= 60 else name[:57] + "..."
     if near:
-        return f"unknown parameter {shown!r}; did you mean {near[0]!r}?"
+        return f"unknown parameter {shown!r}; did you mean {' or '.join(map(repr, near))}?"
     return f"unknown parameter {shown!r}; what can be changed is in {_sections()}"
 
 

@@ -125,6 +125,10 @@ class DeviceExtras(Protocol):
         """Return which buttons were down at the last reading: bit i of button i."""
         ...
 
+    def kinetic_energy(self) -> float:
+        """Return what the motion of a simulated device holds, in J, the hand's mass not counted."""
+        ...
+
     def point(self, place: Vector) -> Vector | None:
         """Move the pointer that a simulated hand follows; None: this hand follows none.
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from forcebound.devices.joints import ANGLE, FRICTION, SPEED, arm_kernel
+from forcebound.devices.joints import ANGLE, FRICTION, INERTIA, SPEED, arm_kernel
 from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import pad
 from forcebound.devices.true_values import true_axes, true_value
@@ -78,6 +78,10 @@ class ArmBody:
         position = kinematics.position(angles)
         velocity = kinematics.velocity(angles, self._joints[SPEED])
         return Truth(position, velocity, tuple(self._muscle.tolist()), self._energy)
+
+    def kinetic_energy(self) -> float:
+        """Return that of the joints; see ``Body``."""
+        return 0.5 * float(self._plant[INERTIA] @ self._joints[SPEED] ** 2)
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move the joints; see ``Body``.

@@ -146,6 +146,11 @@ class AxesBody:
         get, rows = self._get_row, self._rows
         return Truth(get(rows[X]), get(rows[V]), get(rows[MUSCLE]), self._energy)
 
+    def kinetic_energy(self) -> float:
+        """Return that of the device alone; see ``Body``."""
+        mass = self._hand[MASS] - self._hand[HAND_MASS]
+        return 0.5 * float(mass * (self._state[V] @ self._state[V]))
+
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move every axis; see ``Body``."""
         if self._weak_spot is not None:

@@ -45,6 +45,10 @@ class Body(Protocol):
         """Return the ground truth."""
         ...
 
+    def kinetic_energy(self) -> float:
+        """Return that of the device without the hand's mass, in J."""
+        ...
+
 
 class BodyModel(Protocol):
     """Parameters of a simulated device: a ``StatedImperfections``, and these."""
@@ -152,6 +156,10 @@ class SimulatedDevice:
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
         return self._body.truth()
+
+    def kinetic_energy(self) -> float:
+        """Return what its motion holds; see :class:`forcebound.devices.DeviceExtras`."""
+        return self._body.kinetic_energy()
 
     def point(self, place: Vector) -> Vector | None:
         """Move the pointer of the hand; see :class:`forcebound.devices.DeviceExtras`."""

@@ -7,29 +7,48 @@ and a topic without packets, are left out. Numbers are exact: the text gives the
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, reason
-from forcebound.messages.packets import TOPICS, Packet, Quaternion, Vector, field_types
+from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet, Quaternion, Vector, field_types
 from forcebound.recording import Recording
 from forcebound.recording_schema import DESCRIPTIONS, UNITS, plain_type
 
 COLUMNS = "columns.csv"  # what each column means
 FORMATS = ("csv", "parquet")
-_SIMPLE = (int, float, bool, str)
 _TYPES = {int: "int64", float: "float64", bool: "bool", str: "string"}
+_ROWS = 1 << 16  # of a table that wait until they are written
 
-#: Columns of a table by name: the field that each is of, and its values.
-Columns = dict[str, tuple[str, list[Any]]]
+
+class _Column(NamedTuple):
+    """A column of a table."""
+
+    name: str
+    field: str  # of the packet
+    kind: str  # Arrow's name of the type
+    value_of: Callable[[Packet], Any]
+
+
+class _Table(Protocol):
+    """A table that is written packet by packet."""
+
+    def add(self, packet: Packet) -> None: ...
+
+    def close(self) -> None: ...
 
 
 def export(recording: Recording, folder: Path, kind: str, overwrite: bool = False) -> list[Path]:
     """Write the topics of a recording into a folder, which is made if need be.
+
+    The recording is read twice, and never as a whole: first to see which columns there are.
 
     Args:
         recording: With all its topics.
@@ -44,50 +63,73 @@ def export(recording: Recording, folder: Path, kind: str, overwrite: bool = Fals
         ConfigError: If there is no packet; if a file is there or cannot be written; if the format
             needs a package that is missing.
     """
-    write = _write_csv if kind == "csv" else _parquet_writer()
-    tables: dict[str, Columns] = {}
+    table = _Csv if kind == "csv" else _parquet()
     with content_of(recording.path):
-        for topic in TOPICS:
-            columns = columns_of(recording.packets(topic), TOPICS[topic].packet)
-            if columns:
-                tables[topic] = columns
-    if not tables:
+        columns = _columns_of(recording)
+    if not columns:
         raise ConfigError(f"{recording.path} has no packet: nothing to export")
-    files = {topic: folder / f"{topic}.{kind}" for topic in tables}
+    files = {topic: folder / f"{topic}.{kind}" for topic in columns}
     _prepare(folder, [*files.values(), folder / COLUMNS], overwrite)
     try:
-        for topic, file in files.items():
-            write(file, tables[topic])
-        _write_rows(folder / COLUMNS, ("table", "column", "unit", "meaning"), _described(tables))
+        with ExitStack() as stack:
+            tables = {
+                topic: stack.enter_context(closing(table(file, columns[topic])))
+                for topic, file in files.items()
+            }
+            for packet in recording.stream(*TOPICS):
+                tables[TOPIC_OF[type(packet)]].add(packet)
+        with (folder / COLUMNS).open("w", newline="", encoding="utf-8") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(("table", "column", "unit", "meaning"))
+            rows.writerows(_described(columns))
     except OSError as error:  # the disk is full
         raise ConfigError(f"cannot write into the folder {folder}: {reason(error)}") from error
     return [*files.values(), folder / COLUMNS]
 
 
-def columns_of(packets: Sequence[Packet], kind: type[Packet]) -> Columns:
-    """Return the columns of packets of one kind; empty without packets."""
-    columns: Columns = {}
-    for name, hint in field_types(kind).items():
-        values = [getattr(packet, name) for packet in packets]
-        if all(value is None for value in values):
-            continue
-        plain = plain_type(hint)
-        if plain in (Vector, Quaternion):
-            for i in range(max(len(value or ()) for value in values)):
-                columns[f"{name}[{i}]"] = name, [_entry(value, i) for value in values]
-        elif plain in _SIMPLE:
-            columns[name] = name, values
-        else:
-            columns[name] = name, [_as_json(value) for value in values]
-    return columns
+def _columns_of(recording: Recording) -> dict[str, list[_Column]]:
+    """Return the columns of each topic that has packets."""
+    widths: dict[str, dict[str, int]] = {}  # by topic and field: most entries; a number has one
+    names = {kind: tuple(field_types(kind)) for kind in TOPIC_OF}
+    values_of = {kind: attrgetter(*names[kind]) for kind in TOPIC_OF}
+    for packet in recording.stream(*TOPICS):
+        kind = type(packet)
+        known = widths.setdefault(TOPIC_OF[kind], {})
+        for name, value in zip(names[kind], values_of[kind](packet), strict=True):
+            if value is not None:
+                entries = len(value) if type(value) is tuple else 1
+                if entries > known.get(name, -1):
+                    known[name] = entries
+    return {
+        topic: [
+            column
+            for name, hint in field_types(TOPICS[topic].packet).items()
+            if name in widths[topic]
+            for column in _columns(name, plain_type(hint), widths[topic][name])
+        ]
+        for topic in TOPICS
+        if topic in widths
+    }
 
 
-def _entry(value: Vector | None, i: int) -> float | None:
+def _columns(name: str, kind: Any, width: int) -> Iterator[_Column]:
+    """Yield the columns of a field; ``kind`` is its type when it has a value."""
+    if kind in (Vector, Quaternion):
+        for i in range(width):
+            yield _Column(f"{name}[{i}]", name, "float64", partial(_entry, attrgetter(name), i))
+    elif kind in _TYPES:
+        yield _Column(name, name, _TYPES[kind], attrgetter(name))
+    else:
+        yield _Column(name, name, "string", partial(_as_json, attrgetter(name)))
+
+
+def _entry(vector_of: Callable[[Packet], Vector | None], i: int, packet: Packet) -> float | None:
+    value = vector_of(packet)
     return None if value is None or i >= len(value) else value[i]
 
 
-def _as_json(value: Any) -> str:
-    return json.dumps(msgspec.to_builtins(value))
+def _as_json(value_of: Callable[[Packet], Any], packet: Packet) -> str:
+    return json.dumps(msgspec.to_builtins(value_of(packet)))
 
 
 def _prepare(folder: Path, files: Sequence[Path], overwrite: bool) -> None:
@@ -101,25 +143,30 @@ def _prepare(folder: Path, files: Sequence[Path], overwrite: bool) -> None:
         raise ConfigError(f"{folder} has {names}: choose another folder, or add --overwrite")
 
 
-def _described(tables: Mapping[str, Columns]) -> Iterator[Sequence[str]]:
+def _described(tables: Mapping[str, Sequence[_Column]]) -> Iterator[Sequence[str]]:
     for topic, columns in tables.items():
-        for column, (name, _) in columns.items():
-            yield topic, column, UNITS[name], DESCRIPTIONS[name]
+        for column in columns:
+            yield topic, column.name, UNITS[column.field], DESCRIPTIONS[column.field]
 
 
-def _write_csv(file: Path, columns: Columns) -> None:
-    _write_rows(file, list(columns), zip(*(values for _, values in columns.values()), strict=True))
+class _Csv:
+    """A table as CSV."""
+
+    def __init__(self, file: Path, columns: Sequence[_Column]) -> None:
+        self._stream = file.open("w", newline="", encoding="utf-8")
+        self._rows = csv.writer(self._stream, lineterminator="\n")
+        self._rows.writerow([column.name for column in columns])
+        self._values = [column.value_of for column in columns]
+
+    def add(self, packet: Packet) -> None:
+        self._rows.writerow([value_of(packet) for value_of in self._values])
+
+    def close(self) -> None:
+        self._stream.close()
 
 
-def _write_rows(file: Path, head: Sequence[str], rows: Any) -> None:
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(head)
-        writer.writerows(rows)
-
-
-def _parquet_writer() -> Any:
-    """Return a function like :func:`_write_csv`; units and meanings are metadata of its columns."""
+def _parquet() -> Callable[[Path, Sequence[_Column]], _Table]:
+    """Return the class of tables as Parquet; their columns have units and meanings, too."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -127,13 +174,32 @@ def _parquet_writer() -> Any:
         needed = "Parquet files need pyarrow: pip install 'forcebound[sweep]', or use --csv"
         raise ConfigError(needed) from missing
 
-    def write(file: Path, columns: Columns) -> None:
-        fields, arrays = [], []
-        for column, (name, values) in columns.items():
-            kind = _TYPES[next(type(value) for value in values if value is not None)]
-            about = {"unit": UNITS[name], "meaning": DESCRIPTIONS[name]}
-            fields.append(pa.field(column, kind, metadata=about))
-            arrays.append(pa.array(values, kind))
-        pq.write_table(pa.table(arrays, schema=pa.schema(fields)), file, compression="zstd")
+    class Parquet:
+        def __init__(self, file: Path, columns: Sequence[_Column]) -> None:
+            fields = []
+            for column in columns:
+                about = {"unit": UNITS[column.field], "meaning": DESCRIPTIONS[column.field]}
+                fields.append(pa.field(column.name, column.kind, metadata=about))
+            self._schema = pa.schema(fields)
+            self._columns = columns
+            self._waiting: list[Packet] = []
+            self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")
 
-    return write
+        def add(self, packet: Packet) -> None:
+            self._waiting.append(packet)
+            if len(self._waiting) == _ROWS:
+                self._write()
+
+        def close(self) -> None:
+            self._write()
+            self._writer.close()
+
+        def _write(self) -> None:
+            arrays = [
+                pa.array(list(map(column.value_of, self._waiting)), column.kind)
+                for column in self._columns
+            ]
+            self._writer.write_table(pa.table(arrays, schema=self._schema))
+            self._waiting.clear()
+
+    return Parquet

@@ -12,7 +12,7 @@ from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.messages.packets import LINKS
-from forcebound.monitor.control import start_node, stop_node
+from forcebound.monitor.control import ask, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.tuning import (
@@ -41,6 +41,7 @@ class Controls:
         recordings: Folder for recordings.
 
     Attributes:
+        energy_before: Of the device's status; 0: it does not say.
         recording: That a page has begun.
     """
 
@@ -48,6 +49,8 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, serves=False)
+        status = ask(run_dir, "device", {"request": "status"}) or {}
+        self.energy_before = float(status.get("energy_before", 0.0))
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {

@@ -28,14 +28,18 @@ SAMPLES = {
     "applied": "applied_force",
     "limit": "force_limit",
     "energy": "estimated_energy",
-    "true_energy": "true_energy",
 }
 
 
 class Feed:
-    """The streams of a running graph; to be closed."""
+    """The streams of a running graph; to be closed.
 
-    def __init__(self, run_dir: Path) -> None:
+    Args:
+        run_dir: Of the graph.
+        energy_before: Of its device's status: the true energy counts from there.
+    """
+
+    def __init__(self, run_dir: Path, energy_before: float) -> None:
         self._cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking disturbs nobody
         self._network = Network()
         self._streams = [
@@ -44,6 +48,7 @@ class Feed:
         ]
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.scene: dict[str, Any] | None = None  # the newest
+        self._began = 0, energy_before, 0.0  # the law: when, in ns, true energy then, of the former
 
     def look(self) -> list[dict[str, Any]]:
         """Return the messages to the pages about what has come since the last look."""
@@ -61,7 +66,9 @@ class Feed:
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
         if samples:
-            messages.append(_frame(samples, contact))
+            frame = _frame(samples, contact)
+            frame["true_energy"] = [self._energy_under_law(sample) for sample in samples]
+            messages.append(frame)
         return messages
 
     def file(self, digest: str) -> dict[str, Any] | None:
@@ -88,7 +95,19 @@ class Feed:
                 except PacketError:
                     continue  # the graph counts such packets itself
 
+    def _energy_under_law(self, sample: Telemetry) -> float | None:
+        """Return the true energy since the law of a sample began, in J."""
+        if sample.elapsed == 0.0:  # a device has started
+            self._began = 0, 0.0, 0.0
+        if sample.true_energy is None:
+            return None
+        since_ns, now, former = self._began
+        energy = sample.true_energy - (now if sample.time_ns > since_ns else former)
+        return energy if math.isfinite(energy) else None  # JSON has no other
+
     def _event(self, event: Event) -> dict[str, Any]:
+        if "energy_before" in event.data:
+            self._began = event.time_ns, float(event.data["energy_before"]), self._began[1]
         at = (event.time_ns + self._ahead_ns) * 1e-9
         return {
             "type": "event",

@@ -207,7 +207,7 @@ class _Graph:
         self._shown_since = time.monotonic()  # s; no other graph of this server has the same
         self.watch = Watch(run_dir)
         self.controls = controls
-        self.feed = Feed(run_dir)  # first: the graph may have ended
+        self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
 
     def describe(self) -> list[dict[str, Any]]:

@@ -47,7 +47,7 @@ const plots = [
     { name: "commanded", label: "commanded", colour: "commanded" },
     { name: "applied", label: "applied", colour: "true" },
   ]),
-  new Plot($("energy"), shown, "Energy", "mJ", 1e3, [
+  new Plot($("energy"), shown, "Energy, this law", "mJ", 1e3, [
     { name: "energy", label: "estimated", colour: "energy" },
     { name: "true_energy", label: "true", colour: "true" },
   ]),

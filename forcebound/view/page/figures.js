@@ -53,7 +53,7 @@ export class Figures {
     this.show("commanded", `${text(magnitude(newest("commanded")))} N`);
     this.show("applied", `${text(magnitude(newest("applied")))} N`);
     this.show("limit", `${text(newest("limit"))} N`);
-    this.show("true energy", `${text(1e3 * newest("true_energy"))} mJ`);
+    this.show("true energy, this law", `${text(1e3 * newest("true_energy"))} mJ`);
     this.show("loop delay", `${text(1e3 * newest("delay"))} ms`);
     this.show("latest tick", `${text(1e3 * this.latest)} ms`);
     this.show("missed ticks", String(frame.misses));
