@@ -124,8 +124,9 @@ def test_graph_is_drawn_as_text_flowchart_and_picture(tmp_path: Path) -> None:
 
 
 def series_of(message: list[bytes]) -> dict[str, tuple[float, float]]:
-    """Return time and value of each series, as PlotJuggler reads topic, JSON and time stamp."""
-    topic, payload, stamp = message
+    """Return time and value of each series, as PlotJuggler reads topic and JSON."""
+    topic, payload = message
+    fields = json.loads(payload)
     found = {}
 
     def flatten(prefix: str, value: object) -> None:
@@ -136,9 +137,9 @@ def series_of(message: list[bytes]) -> dict[str, tuple[float, float]]:
             for i, entry in enumerate(value):
                 flatten(f"{prefix}[{i}]", entry)
         elif isinstance(value, int | float):
-            found[prefix] = (float(stamp), float(value))
+            found[prefix] = (fields["timestamp"], float(value))
 
-    flatten(topic.decode(), json.loads(payload))
+    flatten(topic.decode(), fields)
     return found
 
 

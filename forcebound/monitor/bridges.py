@@ -4,9 +4,10 @@ A bridge is a process of its own that only listens to the graph, off the nodes' 
 change anything through it. It is reached on loopback, and drops what the other program does not
 take.
 
-* *PlotJuggler*, ZMQ subscriber. A packet is a message of three frames: topic, packet as JSON, time
-  stamp in s since the epoch as text. Each number becomes a series, ``telemetry/position[0]``.
-  Source: PlotJuggler, plugin DataStreamZMQ (receiveLoop), read in version 3.
+* *PlotJuggler*, ZMQ subscriber. A packet is a message of two frames: topic, and packet as JSON with
+  ``timestamp``, in s since the epoch. Each number becomes a series, ``telemetry/position[0]``. The
+  program also takes a third frame, with the time stamp, but frees the packet before it reads it:
+  some arrive damaged. Source: PlotJuggler 3.17.1, plugin DataStreamZMQ (receiveLoop).
 * *Foxglove*, WebSocket. Channels, schemas and messages are those of a recording. The server is that
   of Foxglove's SDK, without any capability.
 """
@@ -70,13 +71,13 @@ def _plotjuggler(topics: Collection[str], port: int) -> Iterator[Send]:
         yield lambda *packet: publisher.send_frames(frames(*packet))
 
 
-def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes, bytes]:
+def frames(topic: str, packet: Packet, at_ns: int) -> tuple[bytes, bytes]:
     """Return the frames of a packet for PlotJuggler; arguments as of :data:`Send`.
 
     A field without a value, or a number that is not finite, becomes null.
     """
-    data = msgspec.json.encode(fields_of_packet(packet))
-    return topic.encode(), data, f"{at_ns * 1e-9:.6f}".encode()
+    stamped = {**fields_of_packet(packet), "timestamp": at_ns * 1e-9}
+    return topic.encode(), msgspec.json.encode(stamped)
 
 
 @contextmanager
