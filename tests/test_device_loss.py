@@ -182,7 +182,7 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
     with live_graph_at(link, words) as (graph, board):
         wait_for_loss(graph)
         put_home(link)
-        said = graph.order("device", "resume")
+        said = graph.order("device", "resume", "--run", str(graph.run_dir))
         assert said.returncode == 0, said.stderr
         wait_for_force(graph)
         board.send_signal(signal.SIGSTOP)

@@ -124,7 +124,7 @@ def test_the_hand_gets_nothing_from_an_environment_that_lies(kind: str) -> None:
 @pytest.mark.live
 def test_live_a_far_wall_answers_at_once_and_its_force_ends_with_the_environment() -> None:
     with live_graph("far_wall", "delay:=50 ms") as graph:
-        stopped = graph.order("stop", "environment")
+        stopped = graph.order("stop", "environment", "--run", str(graph.run_dir))
         assert stopped.returncode == 0, stopped.stderr
         graph.wait_until_released()
         ended = graph.end()
