@@ -176,17 +176,15 @@ class LiveGraph:
 
 
 class Ended:
-    """What a run has left."""
+    """What a run has left; of its recording, which goes with its folder, columns and events."""
 
     def __init__(self, exit_status: int, out: str, log: str, record: Path) -> None:
         self.exit_status = exit_status
         self.log = log
         self.summary: dict[str, Any] = json.loads(out) if exit_status == 0 else {}
         self.recording: Recording = read(record)
-
-    @property
-    def columns(self) -> TelemetryColumns:
-        return self.recording.telemetry
+        self.columns: TelemetryColumns
+        self.columns, self._events = self.recording.run
 
     @property
     def faults(self) -> dict[str, int]:
@@ -195,8 +193,7 @@ class Ended:
 
     def events(self, kind: str) -> list[Event]:
         """Return the events of a kind that were recorded."""
-        found = [p for p in self.recording.packets("event") if isinstance(p, Event)]
-        return [event for event in found if event.event == kind]
+        return [event for event in self._events if event.event == kind]
 
 
 @contextmanager

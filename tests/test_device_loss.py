@@ -195,9 +195,10 @@ def test_a_live_graph_goes_on_after_a_spoiled_reply_a_silence_and_a_pulled_plug(
             resume_device(graph.run_dir)
             wait_for_force(graph)
             ended = graph.end()
+            recorded = ended.recording.packets("telemetry")
     assert ended.exit_status == 0
     assert ended.faults[DEVICE_LOST] == 3
-    packets = [p for p in ended.recording.packets("telemetry") if isinstance(p, Telemetry)]
+    packets = [packet for packet in recorded if isinstance(packet, Telemetry)]
     begins = [after for before, after in pairwise(packets) if after.seq < before.seq]
     assert len(begins) == 2
     for begin in begins:

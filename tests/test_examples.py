@@ -23,7 +23,7 @@ from waiting import PATIENCE
 from walls import LANGUAGES, ROOT, FakeGraph, Wall, query, walls_started
 
 from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Telemetry
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Packet
 
 pytestmark = [pytest.mark.examples, pytest.mark.live, pytest.mark.xdist_group("processes")]
 
@@ -271,6 +271,7 @@ class Run:
 
     language: str
     ended: Ended
+    packets: list[Packet]  # queries and replies
     served: Wall
     second: Wall
     stranger: Wall
@@ -327,10 +328,11 @@ remote:
             stranger.until("no query for 3 s")
             graph.until(lambda: public["stranger"] in graph.log, "the stranger to be refused")
             ended = graph.end()
+            packets = list(ended.recording.stream("environment_query", "environment_reply"))
         for wall in (one, other, stranger):
             wall.end(signal.SIGINT)
         served, second = (other, one) if "refused: " in one.log else (one, other)
-        yield Run(language, ended, served, second, stranger, public["stranger"])
+        yield Run(language, ended, packets, served, second, stranger, public["stranger"])
 
 
 def public_key(path: Path) -> str:
@@ -340,15 +342,10 @@ def public_key(path: Path) -> str:
 
 
 def test_a_live_graph_feels_the_wall(run: Run) -> None:
-    recording = run.ended.recording
-    queries = {
-        packet.seq: packet
-        for packet in recording.packets("environment_query")
-        if isinstance(packet, EnvironmentQuery)
-    }
+    queries = {packet.seq: packet for packet in run.packets if isinstance(packet, EnvironmentQuery)}
     replies = [
         packet
-        for packet in recording.packets("environment_reply")
+        for packet in run.packets
         if isinstance(packet, EnvironmentReply) and packet.query_seq in queries
     ]
     for reply in replies:
@@ -364,11 +361,10 @@ def test_a_live_graph_feels_the_wall(run: Run) -> None:
 
 def test_a_live_graph_rejects_nothing_and_stays_passive(run: Run) -> None:
     assert run.ended.exit_status == 0, run.ended.log
-    last = run.ended.recording.packets("telemetry")[-1]
-    assert isinstance(last, Telemetry)
-    assert set(last.rejected) <= {"too_old"}  # of a machine that stood still for the age limit
+    rejected = run.ended.columns.rejected
+    assert set(rejected) <= {"too_old"}  # of a machine that stood still for the age limit
     assert run.ended.columns.true_energy.min() >= -1e-9
-    assert run.ended.summary["faults"].get("force_released", 0) <= 1 + len(last.rejected)
+    assert run.ended.summary["faults"].get("force_released", 0) <= 1 + len(rejected)
 
 
 def test_of_two_at_once_the_second_says_that_it_is_refused(run: Run) -> None:
