@@ -158,8 +158,14 @@ def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
 
         # A key moves the hand by 1 mm, a finger further; the figures are rounded.
         visitor.until(lambda: abs(visitor.figure("position") + 5.0) < 0.2)
-        driver.find_element("id", "scene").send_keys(Keys.ARROW_RIGHT * 2)
+        scene = driver.find_element("id", "scene")
+        scene.send_keys(Keys.ARROW_RIGHT * 2)
         visitor.until(lambda: abs(visitor.figure("position") + 3.0) < 0.3)
+
+        # A mouse that has lost its capture, from whatever cause, drags no more.
+        webdriver.ActionChains(driver).move_to_element(scene).click_and_hold().perform()
+        driver.execute_script("document.getElementById('scene').releasePointerCapture(1)")
+        webdriver.ActionChains(driver).move_by_offset(-100, 0).release().perform()
         visitor.touch(100.0)
         visitor.until(lambda: visitor.figure("position") > 5.0)
 
@@ -182,10 +188,12 @@ def test_two_pages_keys_fingers_wrong_values_and_a_lost_connection() -> None:
         driver.switch_to.window(first)
 
         # A page whose connection is lost says so, and comes back by itself.
+        driver.find_element("tag name", "summary").click()
         driver.execute_script("window.sockets.at(-1).close()")
         visitor.until(lambda: driver.execute_script("return window.sockets.length") == 2)
         visitor.until(lambda: visitor.text("state") == "running")
         assert driver.execute_script(enabled) > 0
+        assert driver.execute_script("return document.querySelector('details').open")  # as it was
 
         # A node stops and starts from the page, by the keyboard.
         visitor.until(lambda: visitor.text("node-environment") == "stop")

@@ -56,8 +56,10 @@ export class Controls {
 
   /** Build what the graph has; its values come with `parameters`. */
   describe(hello) {
-    this.links = hello.links;
     for (const id of [...this.pending.keys()]) this.answer({ id, error: "no answer: the connection was lost" });
+    if (hello.graph === this.graph) return; // connected again: what one has typed or opened stays
+    this.graph = hello.graph;
+    this.links = hello.links;
     this.fields.clear();
     this.law.replaceChildren(...hello.laws.map((name) => new Option(name, name)));
     this.rows.clear();

@@ -20,7 +20,10 @@ export function listen(scene) {
   });
   const moved = (event) => {
     const before = down.get(event.pointerId);
-    if (!before || (before[0] === event.clientX && before[1] === event.clientY)) return;
+    if (!canvas.hasPointerCapture(event.pointerId)) down.delete(event.pointerId); // its loss is told late, or never
+    else if (before && (before[0] !== event.clientX || before[1] !== event.clientY)) move(event, before);
+  };
+  const move = (event, before) => {
     const spread = () => { const [a, b] = [...down.values()]; return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0; };
     const wide = spread(), [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
     down.set(event.pointerId, [event.clientX, event.clientY]);
