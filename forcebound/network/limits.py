@@ -1,7 +1,7 @@
 """Limits of the sockets and of the link to another machine."""
 
 MAX_FRAME = 65_536  # bytes; the largest packet is about 1 kB
-QUEUE_LIMIT = 10_000  # messages kept for a recorder that is late; 2 s of five 1 kHz streams
+QUEUE_LIMIT = 10_000  # messages kept for an onlooker that is late; 2 s of five 1 kHz streams
 REQUEST_QUEUE = 16  # requests of one peer of a control socket that were not answered yet
 HANDSHAKE_MS = 2_000
 RECONNECT_MS = 20  # a graph starts in any order; the default of 100 ms is felt

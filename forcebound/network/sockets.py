@@ -162,6 +162,8 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
             zmq.SNDHWM: TCP_SEND_QUEUE,
             zmq.RCVHWM: TCP_RECEIVE_QUEUE,
         }
+    if kind == zmq.PUB:  # who looks on may be late, however it is connected
+        options[zmq.SNDHWM] = QUEUE_LIMIT
     if kind == zmq.REP:  # requests wait at their senders while the process has other work
         options[zmq.RCVHWM] = REQUEST_QUEUE
     if endpoint.startswith("inproc:"):
