@@ -6,6 +6,7 @@ device's own telemetry; the waits are bounded and only end a test that hangs.
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -185,6 +186,11 @@ class Ended:
         self.recording: Recording = read(record)
         self.columns: TelemetryColumns
         self.columns, self._events = self.recording.run
+
+    @property
+    def served(self) -> set[str]:
+        """Names of the environments that have served; no recorder joins too late for the log."""
+        return set(re.findall(r"environment (\S+) serves now", self.log))
 
     @property
     def faults(self) -> dict[str, int]:
