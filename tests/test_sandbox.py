@@ -37,7 +37,7 @@ class Mine:
         return tuple(self.stiffness * x for x in position)
 """
 FIRST, CLASS, ANSWER = "\n\n@dataclass", "    stiffness: ", "        return tuple"
-FOR_EVER = "[time.sleep(0.01) for _ in iter(int, 1)]"
+FOR_EVER = "any(iter(int, 1))"
 
 
 @pytest.fixture
