@@ -133,7 +133,7 @@ class _Course:
         if not self._began and now - self._listens >= CONNECTED:
             if read_launch_document(self._run_dir) != self._document:
                 raise _OutdatedError
-            self._began = now
+            self._began = self._listens
             self._begin()
         return state != process.COMPLETE or self.watch.is_over or self.seconds >= self._duration
 
