@@ -50,6 +50,8 @@ from forcebound.messages.packets import (
 from forcebound.recording_schema import is_optional, plain_type, schema
 from forcebound.telemetry import FIELDS, TelemetryCollector, TelemetryColumns
 
+ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
+
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 
 
@@ -240,6 +242,11 @@ class Recording:
             self._complete = True
         except mcap_file.DamagedError:
             self._complete = False  # what came before the damage is good
+
+    @property
+    def energy_before(self) -> float:
+        """True energy when the law began with which the recording begins, in J; 0: with the run."""
+        return float(self.metadata.get(ENERGY_BEFORE, 0.0))
 
     @cached_property
     def launch(self) -> dict[str, Any]:

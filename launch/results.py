@@ -5,7 +5,7 @@ import logging
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -57,6 +57,8 @@ class RunResult:
     def from_recording(cls, path: Path) -> "RunResult":
         """Return the result that a recording holds.
 
+        True energy of one that begins later counts from when the law of then began.
+
         Raises:
             ConfigError: If there is no such file or it is no recording of a run.
         """
@@ -66,9 +68,10 @@ class RunResult:
         with content_of(path):
             columns, events = recording.run
             document = recording.launch
+            energy = columns.true_energy - recording.energy_before
         if not recording.complete:
             _logger.warning("recording incomplete: using the readable part of %s", path)
-        return cls(columns, document, events, recording.complete)
+        return cls(replace(columns, true_energy=energy), document, events, recording.complete)
 
     @property
     def label(self) -> str:

@@ -17,6 +17,7 @@ from waiting import PATIENCE
 from forcebound.analysis.surface import stiffness_of_run
 from forcebound.cli import main
 from forcebound.config.loader import load
+from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event
 from forcebound.monitor.recorder import free_name
@@ -138,6 +139,9 @@ def test_a_part_of_a_run_is_recorded_while_it_goes_on(
         part = read(file)
         check_environments(part)
         assert part.launch["device"]["law"] == "none"
+        assert part.energy_before != 0.0  # the hand was in the wall, under another law
+        since_law = RunResult.from_recording(file).columns.true_energy
+        assert (since_law == part.telemetry.true_energy - part.energy_before).all()
         kinds = [event.event for event in cast("list[Event]", part.packets("event"))]
         assert "phase" in kinds
         assert "law_changed" not in kinds  # a phase leaves the law as it is

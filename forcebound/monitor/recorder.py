@@ -22,7 +22,9 @@ from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
 from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
+from forcebound.monitor.control import ask
 from forcebound.monitor.runs import Watch
+from forcebound.recording import ENERGY_BEFORE
 
 CONNECTED = 0.1  # s after which the sockets of a recorder receive all that is sent
 
@@ -75,8 +77,7 @@ def record_running(
         name = f"rec-{os.getpid()}"  # no longer than a topic: the path of a socket has a limit
         status: dict[str, Any] | None = None
         while status is None:
-            launch = json.dumps(course.restart(), sort_keys=True)
-            own = replace(own, metadata=run.metadata | {"launch": launch})
+            own = replace(own, metadata=run.metadata | course.restart())
             with suppress(_OutdatedError):
                 status = record_run(own, run_dir, stop, name, course.is_over)
         is_interrupted = stop.requested
@@ -116,11 +117,15 @@ class _Course:
         """Time since it began."""
         return time.monotonic() - self._began if self._began else 0.0
 
-    def restart(self) -> dict[str, Any]:
-        """Return the launch document with which it is to begin."""
+    def restart(self) -> dict[str, str]:
+        """Return the values with which it is to begin, for its metadata."""
         self._listens = 0.0
         self._document = read_launch_document(self._run_dir)
-        return self._document
+        device = ask(self._run_dir, "device", {"request": "status"}) or {}
+        return {
+            "launch": json.dumps(self._document, sort_keys=True),
+            ENERGY_BEFORE: repr(device.get(ENERGY_BEFORE, 0.0)),
+        }
 
     def is_over(self, state: str) -> bool:
         """Return whether it is to end; its recorder asks again and again.
