@@ -27,7 +27,7 @@ from tornado.websocket import websocket_connect
 
 from benchmarks.turns import ALONE, PATIENCE, Graph, Turn, graph, servo, told
 from forcebound.messages.packets import TOPICS
-from forcebound.monitor.listing import processor_time
+from forcebound.monitor.snapshot import use_of
 
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 POLL = 0.1  # s
@@ -153,7 +153,9 @@ def main(turns: int, seconds: float, as_json: bool) -> None:
 
 def account(pid: int, heard: Heard) -> Any:
     """Return the processor time that a bridge has used, in s, and its client's messages."""
-    return np.array((processor_time(pid), heard.count))
+    use = use_of(pid)
+    assert use is not None  # the bridge still runs
+    return np.array((use.processor_time, heard.count))
 
 
 def measured(viewers: str, running: Graph, seconds: float) -> Turn:

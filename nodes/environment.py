@@ -13,11 +13,12 @@ carries the contact, and a scene is sent in steps of its own (:mod:`forcebound.n
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
+from forcebound.messages.control import EnvironmentStatus
 from forcebound.messages.packets import (
     EnvironmentQuery,
     EnvironmentReply,
@@ -59,7 +60,6 @@ class EnvironmentNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Scene, Event)
     wakes_on_arrival: ClassVar[bool] = True
-    requests: ClassVar[tuple[str, ...]] = ("scene",)
 
     def __init__(
         self,
@@ -143,14 +143,6 @@ class EnvironmentNode(Node):
             packets += self._scene.tell(time_ns, self._proxy)
         return packets
 
-    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``scene``: tell the scene in the next step; see :class:`forcebound.nodes.Node`."""
-        if request.get("request") != "scene":
-            return None
-        if not self._scene.request():
-            return {"error": "this environment tells no scene"}
-        return {"scene_follows": True}
-
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
         """Let a query wait for its answer if it is sound and this environment may serve it."""
         numbers = (*query.position, *query.velocity, query.elapsed, *(query.orientation or ()))
@@ -196,19 +188,14 @@ class EnvironmentNode(Node):
         """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
-    def status(self) -> dict[str, Any]:
-        """Return the node's own keys; see :class:`forcebound.nodes.Node`.
-
-        ``name``: its own. ``refused_for``: the environment that serves in its place, as the graph
-        said last; None: this one serves, or none does. ``failures``: queries that the environment's
-        code failed to answer.
-        """
-        return {
-            "rejected": dict(self._rejected),
-            "name": self.name,
-            "refused_for": self._refused_for,
-            "failures": self.faults,
-        }
+    def status(self) -> EnvironmentStatus:
+        """Return how the environment is doing; see :class:`forcebound.nodes.Node`."""
+        return EnvironmentStatus(
+            rejected=dict(self._rejected),
+            name=self.name,
+            refused_for=self._refused_for,
+            failures=self.faults,
+        )
 
     def _emit_state(self, time_ns: int) -> Event:
         """Return an event if this environment begins or ceases to serve, else None."""

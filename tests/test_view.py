@@ -86,7 +86,7 @@ def pointed(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[LiveGraph, Path]]
     with live_graph("pointer_wall", is_alone=False) as graph:
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(graph.runtime))
         graph.until(lambda: list(graph.runtime.glob("forcebound-*/control-launcher")), "a launcher")
-        graph.until(lambda: graph.status()["phase"] == "running", "an engaged force")
+        graph.until(lambda: graph.status().phase == "running", "an engaged force")
         yield graph, graph.run_dir
 
 

@@ -80,7 +80,7 @@ def drive(runner: Runner, node: DeviceNode, spin_ns: int, count: int) -> None:
         begun_ns = wait_until(node.wake_ns, spin_ns)  # to receive, bound and write
         runner.turn(begun_ns)
         durations_ns.append(spent_ns + time.monotonic_ns() - begun_ns)
-        if runner.status()["ready"] if index == -WARMUP else True:
+        if not runner.status().waiting_for if index == -WARMUP else True:
             index += 1
         elif begun_ns > deadline_ns:
             sys.exit("the servo got no answer: the answering process is missing")

@@ -21,16 +21,16 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     forcebound stop environment
     """
     from forcebound.monitor.control import stop_node
-    from forcebound.monitor.nodes import ENVIRONMENT, present
     from forcebound.monitor.runs import find
+    from forcebound.monitor.snapshot import other_environment, snapshot
 
     run = find(run_dir, of_graph=True)
-    serving = present(run).serving if node_name == ENVIRONMENT else None
+    serving = other_environment(snapshot(run)) if node_name == "environment" else None
     stop_node(run, node_name)
-    what = f"{serving} serves as before"
-    if serving is None:
-        what = "the device applies zero force until replies arrive again"
-    show(f"{node_name} is stopped; {what}")
+    effect = "the device applies zero force until replies arrive again"
+    if serving is not None:
+        effect = f"{serving} serves as before"
+    show(f"{node_name} is stopped; {effect}")
 
 
 @click.command(short_help="Start a node that was stopped.")
@@ -106,7 +106,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: boo
     """
     from contextlib import closing
 
-    from forcebound.monitor import tuning, wording
+    from forcebound.monitor import tuning
     from forcebound.monitor.kernels import Kernels
     from forcebound.monitor.runs import find, while_running
 
@@ -117,7 +117,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: boo
     if not change.values and not as_json:
         show("nothing to change: the graph already has these values")
     for note in change.notes:
-        show(f"note: {wording.note(note)}", err=True)
+        show(f"note: {note.sentence}", err=True)
 
 
 def _show_parameters(

@@ -1,7 +1,7 @@
 """Commands that look at processes: list, top, doctor."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,28 +124,19 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
     is_well = all(finding.severity != "problem" for finding in findings)
     if as_json:
         name = None if graph is None else str(graph)
-        documents = [_document(finding) for finding in findings]
+        documents = [finding.document() for finding in findings]
         print_json({"graph": name, "is_well": is_well, "findings": documents})
     else:
         show("this machine; no graph runs" if graph is None else f"graph in {graph}")
-        for document in map(_document, findings):
-            _show_finding(document)
+        for finding in findings:
+            _show_finding(finding)
         if is_well:
             show("no problem found")
     sys.exit(0 if is_well else 1)
 
 
-def _document(finding: "Finding") -> dict[str, Any]:
-    """Return a finding as a map: its codes and data, and its words."""
-    from forcebound.monitor import wording
-
-    words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}
-    return {**asdict(finding), **words, "commands": wording.commands(finding)}
-
-
-def _show_finding(document: Mapping[str, Any]) -> None:
-    severity = document["severity"]
-    label = click.style(f"{severity:<8}", fg=COLOURS[severity])
-    click.echo(f"{label} " + printable(f"{document['where']}: {document['seen']}"))
-    if document["advice"]:
-        show(f"{'':8} -> {document['advice']}")
+def _show_finding(finding: "Finding") -> None:
+    label = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
+    click.echo(f"{label} " + printable(f"{finding.where}: {finding.seen}"))
+    if finding.advice:
+        show(f"{'':8} -> {finding.advice}")

@@ -4,6 +4,7 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.messages.packets import Packet
+    from forcebound.monitor.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
 BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
@@ -70,7 +71,7 @@ def echo(
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     """
     from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import check_fields, fields_of_packet, read_topics, topic_named
+    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, topic_named
 
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
@@ -78,16 +79,10 @@ def echo(
     write = (
         _as_csv() if as_csv else _as_line if as_line else print_json_line if as_json else _as_block
     )
-    left = [count]
-
-    def take(_: str, packet: "Packet", data: bytes) -> bool:
-        values = fields_of_packet(packet)
+    packets = packets_of(find(run_dir), (topic,), duration)
+    for received in islice(packets, count):
+        values = fields_of_packet(received.packet)
         write({name: values[name] for name in fields or values if name in values})
-        if left[0] is not None:
-            left[0] -= 1
-        return left[0] != 0
-
-    read_topics(find(run_dir), (topic,), take, duration)
 
 
 def _as_block(values: Mapping[str, Any]) -> None:
@@ -154,12 +149,11 @@ def hz(
     _show_figures(_measured(topics, run_dir, duration), as_json, head, _regularity)
 
 
-def _regularity(figures: Mapping[str, Any]) -> tuple[str, ...]:
-    interval = figures["interval_ms"] or {}
-    times = [interval.get(name) for name in ("mean", "min", "max", "deviation")]
-    shown = [UNKNOWN if time is None else f"{time:.3f} ms" for time in times]
-    rate = f"{figures['rate_hz']:.1f} Hz"
-    return (rate, *shown, str(figures["packets"]), str(figures["missing"]))
+def _regularity(figures: "StreamFigures") -> tuple[str, ...]:
+    one = figures.interval_ms
+    times = () if one is None else (one.mean, one.min, one.max, one.deviation)
+    shown = [f"{time:.3f} ms" for time in times] or [UNKNOWN] * 4
+    return (f"{figures.rate_hz:.1f} Hz", *shown, str(figures.packets), str(figures.missing))
 
 
 @click.command()
@@ -177,27 +171,28 @@ def bw(
     _show_figures(_measured(topics, run_dir, duration), as_json, head, _sizes)
 
 
-def _sizes(figures: Mapping[str, Any]) -> tuple[str, ...]:
-    size = figures["mean_size_b"]
-    mean = UNKNOWN if size is None else f"{size:.0f} B"
-    return (f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean, str(figures["packets"]))
+def _sizes(figures: "StreamFigures") -> tuple[str, ...]:
+    mean = UNKNOWN if figures.mean_size_b is None else f"{figures.mean_size_b:.0f} B"
+    return (f"{figures.bandwidth_b_per_s / 1e3:.1f} kB/s", mean, str(figures.packets))
 
 
 def _show_figures(
-    figures: Mapping[str, Mapping[str, Any]],
+    figures: Mapping[str, "StreamFigures"],
     as_json: bool,
     head: Sequence[str],
-    row: Callable[[Mapping[str, Any]], tuple[str, ...]],
+    row: Callable[["StreamFigures"], tuple[str, ...]],
 ) -> None:
     if as_json:
-        print_json(figures)
+        from msgspec import to_builtins
+
+        print_json(to_builtins(figures))
     else:
         print_rows(head, [(topic, *row(one)) for topic, one in figures.items()])
 
 
 def _measured(
     topics: Sequence[str], run_dir: Path | None, duration: float | None
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, "StreamFigures"]:
     from forcebound.messages.packets import TOPICS
     from forcebound.monitor.runs import find
     from forcebound.monitor.streams import DURATION, measure_streams, topic_named
@@ -268,24 +263,21 @@ def log(
 
     from forcebound.messages.packets import Event
     from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import fields_of_packet, read_topics
+    from forcebound.monitor.streams import fields_of_packet, packets_of
 
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    def take(_: str, packet: "Packet", data: bytes) -> bool:
-        if isinstance(packet, Event) and (packet.is_fault or not quiet):
-            at = datetime.fromtimestamp((packet.time_ns + ahead_ns) * 1e-9).isoformat(
-                " ", "milliseconds"
-            )
-            if as_json:
-                print_json_line({"time": at, **fields_of_packet(packet)})
-            else:
-                more = f"  {_text(packet.data)}" if verbose and packet.data else ""
-                kind = "FAULT" if packet.is_fault else "event"
-                show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
-        return True
-
-    read_topics(find(run_dir), ("event",), take, duration)
+    for _, packet, _ in packets_of(find(run_dir), ("event",), duration):
+        if not isinstance(packet, Event) or (quiet and not packet.is_fault):
+            continue
+        time_s = (packet.time_ns + ahead_ns) * 1e-9
+        at = datetime.fromtimestamp(time_s).isoformat(" ", "milliseconds")
+        if as_json:
+            print_json_line({"time": at, **fields_of_packet(packet)})
+        else:
+            more = f"  {_text(packet.data)}" if verbose and packet.data else ""
+            kind = "FAULT" if packet.is_fault else "event"
+            show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")

@@ -13,9 +13,9 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
 from forcebound.launch.run_directory import TELEMETRY, read_launch_document
-from forcebound.messages.packets import Packet, Telemetry
+from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find, while_running
-from forcebound.monitor.streams import read_topics
+from forcebound.monitor.streams import packets_of
 from forcebound.network.trace import DelayTrace
 from forcebound.telemetry import TelemetryColumns
 
@@ -128,15 +128,11 @@ def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> Telemetry
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-
-    def take(topic: str, packet: Packet, data: bytes) -> bool:
+    for topic, packet, _ in packets_of(run_dir, (TELEMETRY,) if hops is None else HOPS, duration):
         if hops is not None:
             hops.add(topic, packet)
         if isinstance(packet, Telemetry):
             packets.append(packet)
-        return True
-
-    read_topics(run_dir, (TELEMETRY,) if hops is None else HOPS, take, duration)
     if not packets:
         raise RunError(
             f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"

@@ -2,8 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import takeable_laws
@@ -11,8 +14,9 @@ from forcebound.environments import StatefulEnvironment
 from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
-from forcebound.messages.packets import LINKS
-from forcebound.monitor.control import ask, start_node, stop_node
+from forcebound.messages.control import Point, Pointed
+from forcebound.messages.packets import LINKS, Vector
+from forcebound.monitor.control import device_status, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.tuning import (
@@ -30,7 +34,7 @@ from forcebound.view.recording import PageRecording
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
 SAFE = {LAW: "certified"} | dict.fromkeys(DELAYED, "0 ms")
-OVERDUE = 0.5  # s without an answer, after which a device is asked again: it was started anew
+OVERDUE = 0.5  # s without an answer, after which a device is asked again: it has restarted
 
 
 class Controls:
@@ -49,8 +53,8 @@ class Controls:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
         self._config = configuration(run_dir, serves=False)
-        status = ask(run_dir, "device", {"request": "status"}) or {}
-        self.energy_before = float(status.get("energy_before", 0.0))
+        status = device_status(run_dir)
+        self.energy_before = 0.0 if status is None else status.energy_before
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
@@ -120,7 +124,7 @@ class Controls:
 
 
 class Pointer:
-    """A line to the device for the pointer of its hand, which never waits for an answer.
+    """A client that sends pointer positions to the device, and never waits for an answer.
 
     Args:
         run_dir: Of the graph.
@@ -137,14 +141,14 @@ class Pointer:
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
         self.descriptor = self._client.descriptor
-        self.place: list[float] | None = None
-        self._newest: tuple[list[float], Any] | None = None
+        self.place: Vector | None = None
+        self._newest: tuple[Point, Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
     def point(self, target: Any, stamp: Any = None) -> None:
         """Take where the pointer is now, in m, one entry per axis; ``stamp`` is the caller's."""
-        if isinstance(target, list) and all(isinstance(x, float | int) for x in target):
-            self._newest = target, stamp
+        with suppress(msgspec.ValidationError):
+            self._newest = msgspec.convert({"request": "point", "target": target}, Point), stamp
         self.send()
 
     def send(self) -> None:
@@ -154,18 +158,18 @@ class Pointer:
             answer = self._client.answer()
             if answer is not None:
                 self._asked = None
-                if "error" not in answer:
-                    self.place = answer["target"]
-                    self._taken(stamp, answer["time_ns"])
+                if isinstance(answer, Pointed):
+                    self.place = answer.target
+                    self._taken(stamp, answer.time_ns)
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:
-            target, stamp = self._newest
-            if self._client.ask({"request": "point", "target": target}):
+            request, stamp = self._newest
+            if self._client.ask(request):
                 self._newest, self._asked = None, (stamp, time.monotonic())
 
     def close(self) -> None:
-        """Close the line."""
+        """Close the client."""
         self._network.close()
 
 
