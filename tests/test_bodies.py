@@ -161,7 +161,7 @@ def test_a_scene_without_end_is_refused_in_bounded_time(
 
 def test_a_scene_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, '<mujoco><size memory="60G"/></mujoco>', "scene.xml")
-    with pytest.raises(ConfigError, match="scene.xml: .*memory"):
+    with pytest.raises(ConfigError, match=r"scene.xml: .*memory"):
         open_environment(Bodies(file), 3)
 
 
