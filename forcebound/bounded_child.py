@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
@@ -26,12 +26,7 @@ _parent: list[Connection] = []  # in a child: the pipe to its parent
 
 
 class ChildError(ForceboundError):
-    """A child gave no result.
-
-    Attributes:
-        status: Of its end, negative for a signal; None: it was too slow.
-        trace: Where it was then, as faulthandler writes it.
-    """
+    """A child ended with ``status``, or was too slow (None); ``trace``: where, by faulthandler."""
 
     def __init__(self, status: int | None, trace: str) -> None:
         super().__init__("it took too long" if status is None else f"it ended with status {status}")
@@ -39,7 +34,7 @@ class ChildError(ForceboundError):
 
 
 class Timeout:
-    """How long a child may take, in s; a subclass may take its reports as the begin of more."""
+    """How long a child may take, in s; a subclass may begin again with a report of the child."""
 
     def __init__(self, limit: float) -> None:
         self.begin(limit)
@@ -79,17 +74,18 @@ def in_bounded_child(function: Callable[[], bytes], timeout: Timeout, size: int 
         with writer, tempfile.TemporaryFile() as call:
             pickle.dump(function, call)
             call.seek(0)
-            words = map(str, (writer.fileno(), crash.fileno(), size))
+            ours = writer.fileno(), crash.fileno()
+            words = f"import {__name__} as child; child.serve({ours[0]}, {ours[1]}, {size})"
             child = subprocess.Popen(
-                [sys.executable, "-c", f"import {__name__} as m; m.serve()", *words],
+                [sys.executable, "-c", words],
                 stdin=call,
                 stdout=2,  # what it prints must not get into a document
-                pass_fds=(writer.fileno(), crash.fileno()),
+                pass_fds=ours,
                 start_new_session=True,  # to be ended with all that it starts; Ctrl-C is for us
             )
         status = None
         try:
-            for message in _messages(child, reader, timeout):
+            while (message := _next(child, reader, timeout)) is not None:
                 kind, data = message[:1], message[1:]
                 if kind == _RESULT:
                     return data
@@ -109,38 +105,32 @@ def in_bounded_child(function: Callable[[], bytes], timeout: Timeout, size: int 
         raise ChildError(status, crash.read())
 
 
-def _messages(
-    child: subprocess.Popen[bytes], reader: Connection, timeout: Timeout
-) -> Iterator[bytes]:
-    """What the child sends, until it ends."""
+def _next(child: subprocess.Popen[bytes], reader: Connection, timeout: Timeout) -> bytes | None:
+    """What the child sends next; None: it has ended."""
     while True:
         is_over = child.poll() is not None  # before the look: what it wrote last is there, then
         if reader.poll(0.0 if is_over else _POLL):
             try:
-                yield reader.recv_bytes()
+                return reader.recv_bytes()
             except (EOFError, OSError):
-                return
-        elif is_over:
-            return
-        else:
-            timeout.check()
+                return None
+        if is_over:
+            return None
+        timeout.check()
 
 
-def serve() -> None:
+def serve(pipe: int, crash: int, size: int) -> None:
     """Be the child."""
     die_with_parent(signal.SIGKILL)
-    with contextlib.suppress(OSError):  # whatever class and core our parent has
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    pipe, crash, size = map(int, sys.argv[1:])
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # our parent may be a node
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if size:
         resource.setrlimit(resource.RLIMIT_DATA, (size, size))
     faulthandler.enable(crash, all_threads=False)
     _parent.append(Connection(pipe, readable=False))
-    function = pickle.load(sys.stdin.buffer)
     try:
-        message = _RESULT + function()
+        message = _RESULT + pickle.load(sys.stdin.buffer)()
     except ForceboundError as error:
         message = _ERROR + str(error).encode("utf-8", "replace")
     _parent[0].send_bytes(message)
