@@ -187,6 +187,7 @@ def set_parameters(
             command does not end its change.
     """
     now, graph, concerned = configuration(run_dir), snapshot(run_dir), sorted(holders(settings))
+    _check_files(graph.run, settings, now)
     other = other_environment(graph) if "environment" in concerned else None
     if LAW in settings:
         _prepare_law(change(now, settings).device.servo.law, graph, kernels)
@@ -214,6 +215,24 @@ def set_parameters(
             Note("law_taken", f"the law was taken without force, with a new ledger; {ramp}")
         )
     return Change(values, tuple(notes))
+
+
+def _check_files(run: RunDocument, settings: Mapping[str, Any], now: GraphConfig) -> None:
+    """Refuse other files than those beside the launch file: a page may be someone else's."""
+    before = parameters(now)
+    for name, value in settings.items():
+        if not name.endswith(PATHS) or value in (None, before.get(name)):
+            continue
+        folder = Path(run.folder).resolve()
+        try:
+            is_there = Path(str(value)).resolve().is_relative_to(folder)
+        except (OSError, ValueError, RuntimeError):  # a name that no file can have
+            is_there = False
+        if not is_there:
+            raise ConfigError(
+                f"{name}: expected a file in {folder} or below, the folder of the launch file (of"
+                f" one that comes with forcebound: where it was started); got {value}"
+            )
 
 
 def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +105,8 @@ class Controls:
             return f"{wanted.get('do')} needs {error}"
         except ForceboundError as error:
             return str(error)
+        except Exception as error:  # a value that nobody thought of: the page's error, not ours
+            return f"{wanted.get('do')}: {type(error).__name__}: {error}"
         return None
 
     def _set(self, settings: Any) -> None:
@@ -145,11 +146,20 @@ class Pointer:
         self._newest: tuple[Point, Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
-    def point(self, target: Any, stamp: Any = None) -> None:
-        """Take where the pointer is now, in m, one entry per axis; ``stamp`` is the caller's."""
-        with suppress(msgspec.ValidationError):
-            self._newest = msgspec.convert({"request": "point", "target": target}, Point), stamp
+    def point(self, target: Any, stamp: Any = None) -> str | None:
+        """Take where the pointer is now, in m, one entry per axis; return what is wrong, or None.
+
+        Args:
+            target: As a page sent it.
+            stamp: Of the caller, for ``taken``.
+        """
+        try:
+            request = msgspec.convert({"request": "point", "target": target}, Point)
+        except (msgspec.ValidationError, OverflowError) as error:
+            return str(error)
+        self._newest = request, stamp
         self.send()
+        return None
 
     def send(self) -> None:
         """Send the newest place if the device has answered to the one before."""
