@@ -96,8 +96,8 @@ def run_live(
         write_launch_document(run_dir, config)
         topics = list(TOPICS)
         if record is None:  # a summary needs no more
-            told = [REPLY] if may_tell_contacts(config.environment.model) else []
-            topics = [TELEMETRY, *told, EVENT]
+            contacts = [REPLY] if may_tell_contacts(config.environment.model) else []
+            topics = [TELEMETRY, *contacts, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         run = RunDocument(

@@ -18,7 +18,7 @@ from forcebound.processes import Fact
 UNCERTAIN = (TOPIC_OF[Event], TOPIC_OF[Scene])  # topics on which no packet may ever come
 
 #: Parameters of a graph by name, as plain JSON values in SI units.
-Parameters: TypeAlias = Mapping[str, Any]
+Parameters: TypeAlias = dict[str, Any]
 
 
 class Request(Struct, frozen=True, tag_field="request", forbid_unknown_fields=True):

@@ -92,7 +92,7 @@ class BoundedDevice:
     def begin(self) -> None:
         """Count and learn from now on: the force engages, and the ledger begins."""
         self._has_begun, self._write_ns = True, None
-        self._learn_anew()
+        self._restart_learning()
         self._start_counting()
 
     def _start_counting(self) -> None:
@@ -114,9 +114,9 @@ class BoundedDevice:
         self.law = law
         self.bounder = ForceBounder(law, self._dissipation, len(self._zero))
         self._write_ns = None
-        self._learn_anew()
+        self._restart_learning()
 
-    def _learn_anew(self) -> None:
+    def _restart_learning(self) -> None:
         self._hold_limit.restart()
         if self.learns:
             self._change_limit()

@@ -112,8 +112,8 @@ class ControllerNode(Node):
         try:
             force = self._controller.on_state(state, time_ns)
             position, velocity = self._controller.query(state)
-            told = () if self._notices is None else self._notices()
-            notices = [(str(event), str(message)) for event, message in told]
+            found = () if self._notices is None else self._notices()
+            notices = [(str(event), str(message)) for event, message in found]
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return

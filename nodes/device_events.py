@@ -9,7 +9,7 @@ REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceEvents:
-    """What a device node tells of its ticks, limited in rate.
+    """Events of the ticks of a device node, limited in rate.
 
     Args:
         log: Of the node.
@@ -26,7 +26,7 @@ class DeviceEvents:
         self._overload = Overload(period_ns)
 
     def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
-        """Return what is to be told after a tick with an engaged force.
+        """Return the events after a tick with an engaged force.
 
         Args:
             time_ns: Now, in ns.

@@ -1,13 +1,15 @@
 """Commands that change a running graph: its nodes, parameters, links."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import Group, json_option, print_json, reports_errors, run_option, show
+
+if TYPE_CHECKING:
+    from forcebound.messages.control import Parameters
 
 
 @click.command(short_help="Stop a node: zero force.")
@@ -24,7 +26,7 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     from forcebound.monitor.runs import find
     from forcebound.monitor.snapshot import other_environment, snapshot
 
-    run = find(run_dir, of_graph=True)
+    run = find(run_dir, require_graph=True)
     serving = other_environment(snapshot(run)) if node_name == "environment" else None
     stop_node(run, node_name)
     effect = "the device applies zero force until replies arrive again"
@@ -46,7 +48,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     from forcebound.monitor.control import start_node
     from forcebound.monitor.runs import find
 
-    start_node(find(run_dir, of_graph=True), node_name)
+    start_node(find(run_dir, require_graph=True), node_name)
     show(f"{node_name} runs")
 
 
@@ -135,9 +137,7 @@ def _show_parameters(
         _print(run, found, as_json, with_ranges=not (names or changed))
 
 
-def _print(
-    run: Path, values: Mapping[str, Any], as_json: bool, *, with_ranges: bool = False
-) -> None:
+def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
     from forcebound.monitor.formatting import as_written, ranges
     from forcebound.monitor.tuning import configuration, found_elsewhere
 

@@ -109,7 +109,7 @@ def _as_document(graph: "ListedGraph") -> dict[str, Any]:
 def doctor(run_dir: Path | None, as_json: bool) -> None:
     r"""Diagnose the running graph, else this machine.
 
-    Exit status 0: no problem; 1: at least one problem, or the graph ended meanwhile; 2: no such
+    Exit status 0: no problem; 1: at least one problem, or the graph ended; 2: no such
     graph.
 
     \b

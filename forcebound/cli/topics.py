@@ -3,12 +3,14 @@
 import csv
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
@@ -28,6 +30,7 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from forcebound.monitor.delay import Bin, LinkDelays
     from forcebound.monitor.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
@@ -183,8 +186,6 @@ def _show_figures(
     row: Callable[["StreamFigures"], tuple[str, ...]],
 ) -> None:
     if as_json:
-        from msgspec import to_builtins
-
         print_json(to_builtins(figures))
     else:
         print_rows(head, [(topic, *row(one)) for topic, one in figures.items()])
@@ -197,8 +198,8 @@ def _measured(
     from forcebound.monitor.runs import find
     from forcebound.monitor.streams import DURATION, measure_streams, topic_named
 
-    wanted = [topic_named(topic) for topic in topics] or list(TOPICS)
-    return measure_streams(find(run_dir), wanted, DURATION if duration is None else duration)
+    chosen = [topic_named(topic) for topic in topics] or list(TOPICS)
+    return measure_streams(find(run_dir), chosen, DURATION if duration is None else duration)
 
 
 @click.command("graph", short_help="Show the graph with its measured rates.")
@@ -311,43 +312,43 @@ def delay(
         show(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
-    document = {**measured.summary, "trace": None if output is None else str(output)}
+    figures = measured.figures
     if as_json:
-        print_json(document)
+        print_json({**to_builtins(figures), "trace": None if output is None else str(output)})
         return
-    for name, value in document["loop_delay_ms"].items():
+    for name, value in asdict(figures.loop_delay_ms).items():
         label = name.replace("_", ".")
         show(f"loop delay {label:<6}{UNKNOWN if value is None else f'{value:.2f} ms':>10}")
-    _show_histogram(document["histogram"])
+    _show_histogram(figures.histogram)
     why = "lost, or overtaken by a newer answer"
-    show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
+    show(f"unanswered {figures.lost_share:>8.1%} of {figures.ticks} ticks ({why})")
     if links:
-        _show_links(document["links_ms"])
+        _show_links(figures.links_ms)
     if output is not None:
         show(f"trace: {output}")
 
 
-def _show_histogram(classes: Sequence[Mapping[str, float]]) -> None:
-    most = max((row["count"] for row in classes), default=1)
-    for row in classes:
-        bar = "█" * round(BAR * row["count"] / most)
-        show(f"{row['from_ms']:>8.2f} ms {row['count']:>7} {bar}".rstrip())
+def _show_histogram(bins: Sequence["Bin"]) -> None:
+    most = max((one.count for one in bins), default=1)
+    for one in bins:
+        bar = "█" * round(BAR * one.count / most)
+        show(f"{one.from_ms:>8.2f} ms {one.count:>7} {bar}".rstrip())
 
 
-def _show_links(links: Mapping[str, Mapping[str, Any]]) -> None:
+def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
     from forcebound.monitor.delay import SHARES
 
     shares = [name.replace("_", ".") for name in SHARES]
     head = ("from sending, ms", "least", *shares, "ticks", "least to p99.9")
-    print_rows(head, [(name, *_delays(one, SHARES)) for name, one in links.items()])
+    print_rows(head, [(name, *_delays(one)) for name, one in links.items()])
 
 
-def _delays(link: Mapping[str, Any], shares: Iterable[str]) -> tuple[str, ...]:
+def _delays(link: "LinkDelays") -> tuple[str, ...]:
     """Return least delay, percentiles, count and histogram of a link, as cells."""
-    classes = link["histogram"]
-    counts = [row["count"] for row in classes]
-    delays = [classes[0]["from_ms"] if classes else None, *(link[share] for share in shares)]
+    counts = [one.count for one in link.histogram]
+    least = link.histogram[0].from_ms if link.histogram else None
+    delays = [least, link.p50, link.p90, link.p99, link.p99_9, link.max]
     shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
     # The rarest class is seen, too.
     bars = "".join(BARS[-(-count * (len(BARS) - 1) // max(counts))] for count in counts)
-    return (*shown, str(link["count"]), bars)
+    return (*shown, str(link.count), bars)

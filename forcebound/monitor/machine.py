@@ -38,7 +38,7 @@ class Machine:
     permits_fifo: bool
     lock_limit: int | None  # memory that may be locked, in B; None: as much as there is
     cores: int  # that this process may use
-    load: float  # mean number of processes that wanted to run in the last minute
+    load: float  # mean number of processes that were ready to run in the last minute
     rt_runtime: float | None  # share of a second that SCHED_FIFO may use a core, 0 to 1
     timer_slack_ns: int | None  # how much later the kernel may wake an ordinary process
     clock_resolution: float  # of the monotonic clock, in s

@@ -88,7 +88,7 @@ class Observations:
     recording: RecordingSeen = field(default_factory=RecordingSeen)
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used
-    load: float = 0.0  # mean number of processes that wanted to run in the last minute
+    load: float = 0.0  # mean number of processes that were ready to run in the last minute
     neighbours: tuple[str, ...] = ()  # this user's other graphs under SCHED_FIFO on the same core
 
     def process(self, name: str) -> Seen[Any]:

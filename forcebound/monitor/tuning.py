@@ -11,7 +11,7 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.loader import change
@@ -26,7 +26,7 @@ from forcebound.launch.run_directory import (
     updating,
     write_launch_document,
 )
-from forcebound.messages.control import Configure, ConfigureNode, Refused
+from forcebound.messages.control import Configure, ConfigureNode, Parameters, Refused
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
@@ -56,7 +56,7 @@ class Note(NamedTuple):
 class Change:
     """The outcome of a change."""
 
-    values: Mapping[str, Any]  # the parameters that are new, by name, in SI units
+    values: Parameters  # the parameters that are new, by name, in SI units
     notes: tuple[Note, ...] = ()  # a node that has it later, or does not serve
 
 
@@ -69,7 +69,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
     return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
 
 
-def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
+def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
     Without names: all that can be changed. By name also what is fixed while the graph runs.
@@ -80,7 +80,7 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     if not names:
         return parameters(config)
     every = every_parameter(config)
-    found: dict[str, Any] = {}
+    found: Parameters = {}
     for name in names:
         matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
         if not matching:
@@ -89,9 +89,9 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     return found
 
 
-def every_parameter(config: GraphConfig) -> dict[str, Any]:
+def every_parameter(config: GraphConfig) -> Parameters:
     """Return all values by name: those that can be changed, and what is fixed during a run."""
-    fixed: dict[str, Any] = {}
+    fixed: Parameters = {}
     for section, value in to_document(config).items():
         if isinstance(value, Mapping):
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
@@ -106,7 +106,7 @@ def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) ->
     return set(_elsewhere(names, snapshot(run_dir).nodes_here(config)))
 
 
-def changed_parameters(run_dir: Path) -> dict[str, Any]:
+def changed_parameters(run_dir: Path) -> Parameters:
     """Return the parameters of a graph that were changed since its launch, with their values.
 
     Raises:
@@ -119,13 +119,13 @@ def changed_parameters(run_dir: Path) -> dict[str, Any]:
     return differences(started, configuration(run_dir))
 
 
-def read_settings(texts: Sequence[str]) -> dict[str, Any]:
+def read_settings(texts: Sequence[str]) -> Parameters:
     """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file.
 
     Raises:
         ConfigError: If a text is not of this form.
     """
-    settings: dict[str, Any] = {}
+    settings: Parameters = {}
     for text in texts:
         name, sign, value = text.partition(":=")
         if not sign or not name:
@@ -170,9 +170,7 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
     return seconds, chosen
 
 
-def set_parameters(
-    run_dir: Path, settings: Mapping[str, Any], kernels: Kernels | None = None
-) -> Change:
+def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None = None) -> Change:
     """Change parameters of a graph that runs; return when its nodes have them.
 
     Args:
@@ -217,7 +215,7 @@ def set_parameters(
     return Change(values, tuple(notes))
 
 
-def _check_files(run: RunDocument, settings: Mapping[str, Any], now: GraphConfig) -> None:
+def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> None:
     """Refuse other files than those beside the launch file: a page may be someone else's."""
     before = parameters(now)
     for name, value in settings.items():

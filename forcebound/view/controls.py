@@ -28,6 +28,7 @@ from forcebound.monitor.tuning import (
 from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
+from forcebound.view.feed import Message
 from forcebound.view.recording import PageRecording
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
@@ -56,18 +57,18 @@ class Controls:
         self.energy_before = 0.0 if status is None else status.energy_before
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
-        self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
-            "set": lambda wanted: self._set(wanted["settings"]),
-            "stop": lambda wanted: stop_node(run_dir, str(wanted["node"])),
-            "start": lambda wanted: start_node(run_dir, str(wanted["node"])),
-            "outage": lambda wanted: self._cut(str(wanted["time"])),
+        self._actions: dict[str, Callable[[Message], None]] = {
+            "set": lambda request: self._set(request["settings"]),
+            "stop": lambda request: stop_node(run_dir, str(request["node"])),
+            "start": lambda request: start_node(run_dir, str(request["node"])),
+            "outage": lambda request: self._cut(str(request["time"])),
             "record": lambda _: self.recording.begin(),
             "end_recording": lambda _: self.recording.end(),
             "break": lambda _: self._set(BROKEN),
             "safe": lambda _: self._set(SAFE),
         }
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Message:
         """Return what a page needs to know of the graph before its first frame."""
         config = self._config
         model, servo = config.device.model, config.device.servo
@@ -83,7 +84,7 @@ class Controls:
             "workspace": getattr(model, "workspace", None),
         }
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Message:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
         config = configuration(self._run_dir, serves=False)
         found = find_parameters(config, ())
@@ -94,26 +95,26 @@ class Controls:
             "wall": _wall(config),
         }
 
-    def act(self, wanted: Mapping[str, Any]) -> str | None:
-        """Do what a page wants; return what is wrong, or None. It may take seconds."""
-        action = self._actions.get(str(wanted.get("do")))
+    def act(self, request: Message) -> str | None:
+        """Do what a page requests; return what is wrong, or None. It may take seconds."""
+        action = self._actions.get(str(request.get("do")))
         if action is None:
-            return f"no such control: {wanted.get('do')!r}"
+            return f"no such control: {request.get('do')!r}"
         try:
-            action(wanted)
+            action(request)
         except KeyError as error:
-            return f"{wanted.get('do')} needs {error}"
+            return f"{request.get('do')} needs {error}"
         except ForceboundError as error:
             return str(error)
         except Exception as error:  # a value that nobody thought of: the page's error, not ours
-            return f"{wanted.get('do')}: {type(error).__name__}: {error}"
+            return f"{request.get('do')}: {type(error).__name__}: {error}"
         return None
 
     def _set(self, settings: Any) -> None:
         if not isinstance(settings, Mapping):
             raise ConfigError("settings: expected names and values")
-        wanted = read_settings([f"{name}:={value}" for name, value in settings.items()])
-        set_parameters(self._run_dir, wanted, self._kernels)
+        chosen = read_settings([f"{name}:={value}" for name, value in settings.items()])
+        set_parameters(self._run_dir, chosen, self._kernels)
 
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())
@@ -192,7 +193,7 @@ def _wall(config: GraphConfig) -> float | None:
     return place if isinstance(place, float) else None
 
 
-def _hand(config: GraphConfig) -> dict[str, Any] | None:
+def _hand(config: GraphConfig) -> Message | None:
     """What a pointer may do; None: the hand follows none."""
     hand = config.operator
     if not isinstance(hand, PointerHand):

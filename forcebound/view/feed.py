@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from forcebound.errors import ConfigError
 from forcebound.launch.run_directory import RunDocument, recorded_streams
@@ -16,6 +16,9 @@ from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetr
 from forcebound.monitor.streams import fields_of_packet
 from forcebound.process import Reader
 from forcebound.view.scene_files import content
+
+#: To or from the pages, as JSON.
+Message: TypeAlias = dict[str, Any]
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
@@ -47,13 +50,13 @@ class Feed:
         core = RunDocument.read(run_dir).core
         self._reader = Reader(recorded_streams(run_dir, SHOWN), core)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
-        self.scene: dict[str, Any] | None = None  # the newest
+        self.scene: Message | None = None  # the newest
         self._law = _LawStart(0, energy_before, 0.0)
 
-    def look(self) -> list[dict[str, Any]]:
+    def look(self) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
         samples: list[Telemetry] = []
-        messages: list[dict[str, Any]] = []
+        messages: list[Message] = []
         contact: EnvironmentReply | None = None
         for _, packet, _ in self._reader.take():
             if isinstance(packet, Telemetry):
@@ -71,7 +74,7 @@ class Feed:
             messages.append(frame)
         return messages
 
-    def file(self, digest: str) -> dict[str, Any] | None:
+    def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
 
         It may take seconds.
@@ -97,7 +100,7 @@ class Feed:
         energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
         return energy if math.isfinite(energy) else None  # JSON has no other
 
-    def _event(self, event: Event) -> dict[str, Any]:
+    def _event(self, event: Event) -> Message:
         if "energy_before" in event.data:
             energy = float(event.data["energy_before"])
             self._law = _LawStart(event.time_ns, energy, self._law.energy)
@@ -113,8 +116,8 @@ class Feed:
         }
 
 
-def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> dict[str, Any]:
-    frame: dict[str, Any] = {
+def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:
+    frame: Message = {
         "type": "frame",
         "time": [sample.time_ns * 1e-9 for sample in samples],
         "delay": [sample.loop_delay for sample in samples],
