@@ -186,8 +186,7 @@ class Supervisor:
             for name, request in step.act().items():
                 if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
-            event = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
-            self._publish(encode(event))
+            self._emit(PHASE_BEGINS, step.message, step.data)
 
     def _start(self, name: str) -> None:
         child = Child(name, self._commands[name], self._screen.show)
@@ -312,10 +311,7 @@ class Supervisor:
 
     def _announce(self, action: Announce) -> None:
         data = {"node": action.node} | ({"status": action.status} if action.status else {})
-        event = self._events.emit(
-            time.monotonic_ns(), action.event, action.message, data, is_fault=action.is_fault
-        )
-        self._publish(encode(event))
+        self._emit(action.event, action.message, data, is_fault=action.is_fault)
         if action.event == DEVICE_LOST:
             self._confirmation.ask()
 
@@ -325,8 +321,13 @@ class Supervisor:
         if changed:
             values = ", ".join(f"{name} = {value}" for name, value in changed.items())
             message = f"{node} was restarted with changed parameters: {values}"
-            event = self._events.emit(time.monotonic_ns(), PARAMETERS_SET, message, changed)
-            self._publish(encode(event))
+            self._emit(PARAMETERS_SET, message, changed)
+
+    def _emit(
+        self, event: str, message: str, data: Mapping[str, str], *, is_fault: bool = False
+    ) -> None:
+        time_ns = time.monotonic_ns()
+        self._publish(encode(self._events.emit(time_ns, event, message, data, is_fault=is_fault)))
 
     def _failure_message(self, lifecycle: Lifecycle) -> str:
         failure = lifecycle.failure

@@ -6,7 +6,7 @@ does. ``docs/protocol.md``, Control, is the page about them.
 To add a request: a class here, and its class in the ``requests`` of the node that takes it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
 import msgspec
@@ -235,8 +235,3 @@ Answer: TypeAlias = (
     | Pointed
     | Refused
 )
-
-
-def names(requests: Iterable[type[Request]]) -> list[str]:
-    """Return the names of requests on the wire."""
-    return [str(request.__struct_config__.tag) for request in requests]

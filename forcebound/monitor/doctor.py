@@ -95,7 +95,7 @@ def _processes(seen: Observations) -> Iterator[Finding]:
 
 def _of_process(seen: Observations, name: str, process: Seen[Any]) -> Finding | None:
     state, restarts = process.state, process.restarts
-    data: Data = {"state": state, "restarts": restarts or None}
+    data: Data = {"restarts": restarts or None}
     again = f"restarted {restarts} times in this run"
     then = f"; {again}" if restarts else ""
     log = "the launcher's log says why it ended"
@@ -179,7 +179,7 @@ def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
     )
     advice = "its parameters lose every packet; see and set them"
     cause = Cause("injected_loss", advice, f"forcebound param get links.{topic}")
-    data: Data = {"receiver": receiver, "received": arriving, "lost": lost}
+    data: Data = {"received": arriving, "lost": lost}
     return Finding("problem", "hop_broken", f"link {topic}", words, data=data, causes=(cause,))
 
 
@@ -190,12 +190,7 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
         f"nothing gets through to the {receiver}: no packet in {receiving.interval:.1f} s, "
         f"{earlier} before"
     )
-    data: Data = {
-        "receiver": receiver,
-        "silence": receiving.interval,
-        "earlier": earlier,
-        "sender": sender,
-    }
+    data: Data = {"silence": receiving.interval, "earlier": earlier, "sender": sender}
     cause = Cause("sender_silent", f"see what the {sender} says in the log")
     if sender not in seen.processes:
         where = "it is not on this machine, or not in this run directory"

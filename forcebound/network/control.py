@@ -11,7 +11,7 @@ import msgspec
 import zmq
 from zmq.backend import Socket as _CompiledSocket
 
-from forcebound.messages.control import Answer, Refused, Request, names
+from forcebound.messages.control import Answer, Refused, Request
 
 _EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
 SERVE_LIMIT = 4  # requests answered at once; a node looks 100 times a second
@@ -29,7 +29,7 @@ class ControlServer:
     def __init__(self, socket: "zmq.Socket[bytes]", requests: Sequence[type[Request]]) -> None:
         self._socket = socket
         self._requests: Any = reduce(or_, requests)
-        self._known = ", ".join(names(requests))
+        self._known = ", ".join(str(one.__struct_config__.tag) for one in requests)
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
