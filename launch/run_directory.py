@@ -78,10 +78,10 @@ class RunDocument(msgspec.Struct, frozen=True):
 
 
 def read_launch_document(run_dir: Path) -> dict[str, Any]:
-    """Return what a graph runs with now, as :func:`write_launch_document` wrote it.
+    """Return the launch document of a graph, as :func:`write_launch_document` wrote it.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If it cannot be read.
     """
     try:
         document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
@@ -173,7 +173,7 @@ def run_folders() -> set[Path]:
 
 
 def own_run_directories(folders: Iterable[Path]) -> list[Path]:
-    """Return what is named like a run directory and belongs to this user, in folders of anybody."""
+    """Return the directories of this user in some folders that are named like run directories."""
     return sorted(path for each in folders for path in each.glob(f"{PREFIX}*") if is_own(path))
 
 

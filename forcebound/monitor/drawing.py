@@ -44,7 +44,7 @@ def as_mermaid(rates: Mapping[str, StreamFigures]) -> str:
 
 
 def draw(rates: Mapping[str, StreamFigures], output: Path) -> None:
-    """Write a picture; the ending of ``output`` (.svg or .png) says of which kind.
+    """Write a picture; the suffix of ``output`` (.svg or .png) gives its format.
 
     Raises:
         OSError: If it cannot be written.

@@ -120,7 +120,7 @@ def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """Look at a running graph for ``duration`` s.
 
     Raises:
-        ConfigError: If the run directory does not say what runs.
+        ConfigError: If no graph runs there.
         RunError: If the graph has ended.
     """
     with while_running(run_dir):

@@ -64,7 +64,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
     """Return the present configuration of a graph; the user's own code is run if it ``serves``.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If the run directory has no launch document.
     """
     return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
 
@@ -72,7 +72,7 @@ def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
-    Without names: all that can be changed. By name also what is fixed while the graph runs.
+    Without names: all that can be changed. Values that are fixed during a run are found by name.
 
     Raises:
         ConfigError: If a name is not known.
@@ -110,12 +110,12 @@ def changed_parameters(run_dir: Path) -> Parameters:
     """Return the parameters of a graph that were changed since its launch, with their values.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If the run directory has no launch document.
     """
     try:
         started = json.loads(RunDocument.read(run_dir).metadata["launch"])
     except (ValueError, KeyError) as error:
-        raise ConfigError(f"{run_dir} does not say with what its graph was started") from error
+        raise ConfigError(f"{run_dir} has no launch file of the beginning of its run") from error
     return differences(started, configuration(run_dir))
 
 
@@ -248,7 +248,7 @@ def _is_up(node: str, graph: GraphStatus) -> bool:
 
 
 def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -> None:
-    """Bring nodes to what the launch document says now."""
+    """Send the launch document of now to nodes."""
     answers = ask_all(graph.run_dir, nodes, request, ANSWER_TIMEOUT)
     for node, answer in answers.items():
         if isinstance(answer, Refused):

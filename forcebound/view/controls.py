@@ -45,7 +45,7 @@ class Controls:
         recordings: Folder for recordings.
 
     Attributes:
-        energy_before: Of the device's status; 0: it does not say.
+        energy_before: Of the device's status; 0 without one.
         recording: That a page has begun.
     """
 
@@ -69,7 +69,7 @@ class Controls:
         }
 
     def describe(self) -> Message:
-        """Return what a page needs to know of the graph before its first frame."""
+        """Return the description of the graph for a page, before its first frame."""
         config = self._config
         model, servo = config.device.model, config.device.servo
         return {
@@ -135,7 +135,7 @@ class Pointer:
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
-        place: Where the device has it, in m; None: nobody has pointed.
+        place: Where the device has it, in m; None: no pointer yet.
     """
 
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
