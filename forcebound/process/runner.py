@@ -264,7 +264,7 @@ class Runner:
         return status
 
     def _emit_last_events(self) -> None:
-        """Publish the last events for the recording: the counts of the links, and those of the node."""
+        """Publish the last events of the run: counts of the links, and events of the node."""
         now_ns = time.monotonic_ns()
         counted = self._inbox.link_counts().items()
         events = [self._node.events.link_counts(now_ns, *link) for link in counted]
