@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from forcebound import process
 from forcebound.errors import RunError
@@ -21,7 +22,9 @@ from forcebound.messages.packets import TOPICS
 from forcebound.monitor.control import device_status
 from forcebound.monitor.runs import Watch
 from forcebound.network import sockets
-from forcebound.recording import ENERGY_BEFORE
+
+if TYPE_CHECKING:
+    from forcebound.recording import Recorder
 
 CONNECTED_NS = 100_000_000  # after which the sockets of a recorder receive all that is sent
 
@@ -63,24 +66,22 @@ def record_running(
         RunError: If the file could not be written to its end, or nothing came.
         KeyboardInterrupt: If it was interrupted before anything came; no file is left.
     """
-    from forcebound.recording import Recorder  # slow to import
-
     run, watch = RunDocument.read(run_dir), Watch(run_dir)
     streams = recorded_streams(run_dir, TOPICS)
     with process.Stop() as stop, process.Reader(streams, run.core) as reader:
         sockets.wait((stop.descriptor,), CONNECTED_NS)
-        metadata = run.metadata | _beginning(run_dir, reader)
-        recorder = Recorder(str(file.absolute()), metadata, time.time_ns() - time.monotonic_ns())
+        recorder = _begun(run_dir, run, file, reader)
         sink = process.FailSafeSink(recorder)
+        begin(run.file)
         start = time.monotonic()
         end = math.inf if duration is None else start + duration
-        begin(run.file)
         try:
             while not (stop.requested or watch.is_over or time.monotonic() >= end):
                 reader.wait(stop.descriptor)
                 sink.take(reader)
                 if sink.state != process.COMPLETE:
                     break
+            sink.take(reader)  # what came during the last look, which is long on a busy machine
             sink.flush()
         finally:
             with suppress(OSError):  # a full disk, which is reported; the file stays readable
@@ -99,17 +100,22 @@ def record_running(
     return Recorded(str(file), run.file, round(seconds, 3), received, ended)
 
 
-def _beginning(run_dir: Path, reader: process.Reader) -> dict[str, str]:
-    """Return the values with which a recording begins, and drop the packets from before them."""
+def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) -> "Recorder":
+    """Return a recorder of what comes from now on, with the values of now in its metadata."""
+    from forcebound.recording import ENERGY_BEFORE, Recorder  # slow to import
+
     while True:
         document, device = read_launch_document(run_dir), device_status(run_dir)
+        now = {
+            "launch": json.dumps(document, sort_keys=True),
+            ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
+        }
+        offset_ns = time.time_ns() - time.monotonic_ns()
+        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns)
         reader.forget()
-        if read_launch_document(run_dir) == document:  # else the event of a change may be lost
-            energy = 0.0 if device is None else device.energy_before
-            return {
-                "launch": json.dumps(document, sort_keys=True),
-                ENERGY_BEFORE: repr(energy),
-            }
+        if read_launch_document(run_dir) == document:
+            return recorder
+        recorder.abandon()  # a value has changed, and the event of that may be lost
 
 
 def free_name(folder: Path, graph: str) -> Path:

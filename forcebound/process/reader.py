@@ -51,7 +51,8 @@ class Reader:
     def forget(self) -> None:
         """Drop what has come, and count from 0."""
         for _, subscriber in self._subscribers:
-            subscriber.receive()
+            while subscriber.receive():
+                pass
         self.received = {topic: 0 for topic, _ in self._subscribers}
         self.rejected: dict[str, int] = {}
 
