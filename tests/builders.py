@@ -105,4 +105,6 @@ def full_telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
         true_position=vector,
         hand_force=vector,
         rejected={"age": tick},
+        torques=vector,
+        reply_age=0.04,
     )
