@@ -82,7 +82,7 @@ def run_live(
     Raises:
         ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop.
+            too often) or did not stop; it has the result of what was recorded.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -118,8 +118,10 @@ def run_live(
                 start_cores=cores,
             )
             interrupted = supervisor.run()
-        except RunError:
-            _discard_if_empty(recording)
+        except RunError as error:
+            if not _discard_if_empty(recording):
+                screen.status("reading the recording for the result")
+                error.result = RunResult.from_recording(recording)
             raise
         finally:
             os.sched_setaffinity(0, cores)

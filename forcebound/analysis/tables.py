@@ -22,9 +22,11 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         UNDEFINED if values["p50"] is None else f"{_percentiles(values, 2)} ms"
         for values in (summary["loop_delay_ms"], summary["reply_age_ms"])
     )
-    rejected = [f"{count} {why}" for why, count in summary["rejected_packets"].items() if count]
+    counted = summary["rejected_packets"]
+    rejected = [f"{count} {why}" for why, count in (counted or {}).items() if count]
     faults = [f"{count} {kind}" for kind, count in summary.get("faults", {}).items()]
-    fates = [(t, Counter[str](counts)) for t, counts in summary.get("links", {}).items()]
+    links = summary.get("links", {})
+    fates = [(t, Counter[str](counts)) for t, counts in (links or {}).items()]
     lost = [
         f"{counts['lost'] + counts['corrupted']} of {counts['sent']} {topic}"
         for topic, counts in fates
@@ -67,8 +69,8 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("deadline misses", show("deadline_misses", "", digits=0)),
         ("hold-limit overruns", show("hold_limit_overruns", "", digits=0)),
         *_bounder_rows(summary),
-        ("rejected packets", ", ".join(rejected) or "0"),
-        ("lost or damaged", ", ".join(lost) or "0"),
+        ("rejected packets", UNDEFINED if counted is None else ", ".join(rejected) or "0"),
+        ("lost or damaged", UNDEFINED if links is None else ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),
     ]
 

@@ -30,6 +30,7 @@ from forcebound.cli.common import (
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
+from forcebound.errors import RunError
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
@@ -104,11 +105,23 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
-        with _page() if has_view else nullcontext(), status_line(as_json) as screen:
+        page = _page() if has_view else nullcontext()
+        with shows_what_is_left(record, as_json), page, status_line(as_json) as screen:
             result = run_live(config, duration, record, file=described, screen=screen)
             screen.status("computing the figures")
             _ = result.summary
         report(result, record, as_json)
+
+
+@contextmanager
+def shows_what_is_left(record: Path | None, as_json: bool) -> Iterator[None]:
+    """Show the result of what a live run has recorded when it fails."""
+    try:
+        yield
+    except RunError as error:
+        if error.result is not None:
+            show_result(error.result, record, as_json)
+        raise
 
 
 @contextmanager
@@ -328,12 +341,20 @@ def _as_written(value: object) -> str:
 
 
 def report(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run."""
+    """Show the result of a run.
+
+    Raises:
+        RunError: If nothing came of it.
+    """
+    show_result(result, record, as_json)
+    if result.why_idle:
+        raise RunError(result.why_idle)
+
+
+def show_result(result: Any, record: Path | None, as_json: bool) -> None:
+    """Show the result of a run, whatever came of it."""
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
-    if not result.summary["samples"]:
-        never = "no command younger than the age limit reached the device"
-        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return
