@@ -9,8 +9,6 @@
      +-- RunError (RuntimeError)    a started graph could not be kept running
 """
 
-from typing import Any
-
 
 class ForceboundError(Exception):
     """Base of every error that forcebound raises on purpose."""
@@ -49,11 +47,4 @@ class DeviceError(ForceboundError, OSError):
 
 
 class RunError(ForceboundError, RuntimeError):
-    """A graph was started and could not be kept running, or nothing came of its run.
-
-    Attributes:
-        result: Of what was recorded until then (a :class:`forcebound.launch.results.RunResult`);
-            None: nothing was.
-    """
-
-    result: Any = None
+    """A graph was started and could not be kept running."""

@@ -62,10 +62,6 @@ DESCRIPTIONS: dict[str, str] = {
 }  # meaning and unit of the packets' fields, for the schemas
 
 _UNITS_OF = {
-    "ns": (
-        *("time_ns", "device_time_ns", "query_time_ns", "reply_time_ns"),
-        *("read_ns", "write_ns", "cut_ns", "ahead_ns"),
-    ),
     "s": ("elapsed", "loop_delay", "reply_age"),
     "m": ("position", "true_position", "proxy", "objects", "cut_position"),
     "rad": ("joints",),
@@ -77,7 +73,9 @@ _UNITS_OF = {
 _UNIT_OF = {name: unit for unit, names in _UNITS_OF.items() for name in names}
 
 #: Unit of each field; "" for a count, a share or a text.
-UNITS: dict[str, str] = {name: _UNIT_OF.get(name, "") for name in DESCRIPTIONS}
+UNITS: dict[str, str] = {
+    name: "ns" if name.endswith("_ns") else _UNIT_OF.get(name, "") for name in DESCRIPTIONS
+}
 
 
 def schema(packet: type[Packet]) -> dict[str, Any]:

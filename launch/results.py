@@ -4,10 +4,11 @@ import json
 import logging
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +24,6 @@ _logger = logging.getLogger(__name__)
 
 LEAST_ENGAGEMENT = 0.01  # at the end of a run; with less, its force was never felt
 OF_THE_RUN = ("rejected_packets", "links")  # counted over all laws
-# What is measured of the contact or of the ledger, and so has a value under one law only.
-OF_ONE_LAW = (
-    *("displayed_stiffness_n_per_m", "rate_hardness_n_per_m", "extended_rate_hardness_n_per_m"),
-    *("tangential_share", "force_error_rms_n", "wall_error_rms_n"),
-    *("vibration_above_threshold_db", "vibration_frequency_hz", "vibration"),
-    *("transparency_bandwidth_hz", "displayed_impedance", "settling_time_s", "overshoot_share"),
-    *("limit_cycle_amplitude_m", "contact_bounces", "largest_energy_fall_j"),
-    *("energy_regain_time_s", "energy_since_contact_min_j", "true_energy_min_j"),
-    *("estimated_energy_min_j", "ledger_deficit_share", "bounder_active_share"),
-    *("observed_energy_min_j", "observed_power_min_w", "observed_deficit_share"),
-)
 _PACKAGES = ("forcebound", "numpy", "numba", "msgpack", "msgspec", "pyzmq", "mcap")
 
 
@@ -64,6 +54,7 @@ class RunResult:
     events: Sequence[Event] = ()
     is_complete: bool = True  # False: the recording was cut off, at its end or before
     interrupted: bool = False  # the run ended before its planned duration
+    failure: str = ""  # why it ended before, or not in order
     energy_before: float = 0.0  # J, of the device, what was taken from the true energy
     times_real_time: float = 1.0  # how fast the loop ran, without start and evaluation
 
@@ -99,29 +90,22 @@ class RunResult:
         return [event for event in self.events if event.event == LAW_CHANGED]
 
     @property
-    def by_law(self) -> "list[RunResult]":
+    def by_law(self) -> "Iterator[RunResult]":
         """The time of each law of a run that changed it, each with its own beginning.
 
         True energy counts from when the law began. What the device reports at the end of the run is
         of all laws together, and so of none.
         """
-        device = self.document.get("device", {})
-        begins = [(-1, str(device.get("law")), self.energy_before)] + [
-            (event.time_ns, event.data["law"], float(event.data.get("energy_before", "nan")))
-            for event in self._changes
-        ]
-        parts = []
-        for (start, law, energy), (end, *_) in zip(
-            begins, [*begins[1:], (2**63 - 1, "", 0.0)], strict=True
-        ):
-            time_ns = self.columns.time_ns
-            inside = self.columns.slice((time_ns > start) & (time_ns <= end))
-            engaged = inside.time[inside.engagement > 0.0]
-            part = replace(
-                inside,
-                time=inside.time - (engaged[0] if engaged.size else 0.0),
-                true_energy=inside.true_energy - (energy - self.energy_before),
-            )
+        device, all_ns = self.document.get("device", {}), self.columns.time_ns
+        begins = [(-1, device.get("law"), self.energy_before)]
+        for event in self._changes:
+            energy = float(event.data.get("energy_before", "nan"))
+            begins.append((event.time_ns, event.data["law"], energy))
+        for (start, law, energy), (end, *_) in pairwise([*begins, (2**63 - 1, "", 0.0)]):
+            part = self.columns.slice((all_ns > start) & (all_ns <= end))
+            engaged = part.time[part.engagement > 0.0]
+            since = part.time - (engaged[0] if engaged.size else 0.0)
+            given = part.true_energy - (energy - self.energy_before)
             events = [
                 event
                 for event in self.events
@@ -129,25 +113,22 @@ class RunResult:
                 if event.event not in (LAW_CHANGED, BOUNDER_REPORTED)
             ]
             document = {**self.document, "device": {**device, "law": law}}
-            parts.append(replace(self, columns=part, document=document, events=events))
-        return parts
+            columns = replace(part, time=since, true_energy=given)
+            if since.size:
+                yield replace(self, columns=columns, document=document, events=events)
 
     @property
-    def why_idle(self) -> str:
-        """Why nothing came of the run; empty: a force engaged, and the environment answered."""
-        reached = float(self.columns.engagement.max(initial=0.0))
-        if reached == 0.0:
+    def failed(self) -> str:
+        """Why the run failed, or nothing came of it; empty: it did what it was to do."""
+        if self.failure or self.interrupted:
+            return self.failure
+        if not (self.columns.engagement >= LEAST_ENGAGEMENT).any():
             return (
-                "the force never engaged: no command younger than the age limit reached the device"
+                "the force never engaged: no command younger than the age limit reached the device,"
+                " or the run was much shorter than device.engage_time"
             )
-        if reached < LEAST_ENGAGEMENT:
-            return (
-                f"the force never engaged: its ramp (device.engage_time) came to {reached:.1g} of"
-                " 1 when the run ended"
-            )
-        if not (self.columns.reply_age >= 0.0).any():
-            return "no tick was answered: no command was made of an answer of the environment"
-        return ""
+        is_answered = bool((self.columns.reply_age >= 0.0).any())
+        return "" if is_answered else "no tick was answered by the environment"
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -158,6 +139,7 @@ class RunResult:
         import numpy as np  # a launcher starts without it
 
         from forcebound.analysis.bounder import summarize_bounder
+        from forcebound.analysis.measures import NEEDS
         from forcebound.analysis.summary import summarize, summarize_events, summarize_phases
 
         events = summarize_events(self.events)
@@ -173,19 +155,13 @@ class RunResult:
                 "interrupted": self.interrupted,
             }
         if self._changes:
-            no_figure = dict.fromkeys(OF_ONE_LAW)
-            reasons = dict.fromkeys(OF_ONE_LAW, "the run had several laws: see `laws`")
-            undefined = {**summary["undefined"], **reasons}
+            reasons = dict.fromkeys(NEEDS, "the run had several laws: see `laws`")
             laws = [
-                {
-                    **part.summary,
-                    **dict.fromkeys(OF_THE_RUN),
-                    "start_s": float(part.columns.elapsed[0]),
-                }
+                {**part.summary, **dict.fromkeys(OF_THE_RUN), "start_s": part.columns.elapsed[0]}
                 for part in self.by_law
-                if part.columns.time.size
             ]
-            summary |= {**no_figure, "little_force": [], "undefined": undefined, "laws": laws}
+            summary |= {**dict.fromkeys(NEEDS), "little_force": [], "undefined": reasons}
+            summary["laws"] = laws
         return {name: _finite(value) for name, value in summary.items()}
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -36,7 +36,8 @@ def test_there_are_arms() -> None:
 def test_the_applied_force_is_that_of_the_torques(name: str, law: str, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     config = load(name, [f"law:={law}"])
-    model = replace(config.device.model, saturation=WEAKER * config.device.model.saturation)
+    given: Any = config.device.model
+    model = replace(given, saturation=WEAKER * given.saturation)
     config = replace(config, device=replace(config.device, model=model))
     run_virtual(config, 1.0, path)
     kinematics = model.kinematics()

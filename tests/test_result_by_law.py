@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from forcebound.analysis.measures import NEEDS
 from forcebound.cli import main
 from forcebound.cli.common import table_of
 from forcebound.config.loader import load
-from forcebound.launch.results import OF_ONE_LAW, RunResult
+from forcebound.launch.results import RunResult
 from forcebound.launch.virtual import run_virtual
 from forcebound.nodes.events import LAW_CHANGED, EventLog
 
@@ -36,7 +37,7 @@ def test_the_time_of_the_first_law_has_the_figures_of_a_run_that_ends_then(
 ) -> None:
     first, _ = changed.summary["laws"]
     alone = run_virtual(load("stiff_wall", ["law:=none"]), MOMENT_NS * 1e-9).summary
-    for key in OF_ONE_LAW:
+    for key in NEEDS:
         assert first[key] == alone[key], key
     assert first["displayed_stiffness_n_per_m"] is not None
     assert (first["law"], first["samples"]) == ("none", alone["samples"])
@@ -54,7 +55,7 @@ def test_the_time_of_the_second_law_begins_anew(whole: RunResult, changed: RunRe
 
 def test_the_whole_run_has_no_figure_that_mixes_laws(whole: RunResult, changed: RunResult) -> None:
     summary = changed.summary
-    for key in OF_ONE_LAW:
+    for key in NEEDS:
         assert summary[key] is None
         assert "laws" in summary["undefined"][key]
     for key in ("samples", "duration_s", "peak_force_n", "loop_delay_ms", "rejected_packets"):
@@ -86,8 +87,8 @@ def test_a_run_without_an_answer_is_idle(controller: str) -> None:
     config = load("stiff_wall", [f"controller:={controller}"])
     deaf = replace(config.links["environment_reply"], loss=1.0)
     links = {**config.links, "environment_reply": deaf}
-    assert run_virtual(replace(config, links=links), 0.3).why_idle
-    assert not run_virtual(config, 0.3).why_idle
+    assert run_virtual(replace(config, links=links), 0.3).failed
+    assert not run_virtual(config, 0.3).failed
 
 
 def test_the_age_of_the_reply_is_that_of_the_environment(whole: RunResult) -> None:

@@ -209,7 +209,8 @@ def energy_measures(run: Samples) -> dict[str, Any]:
     }
 
 
-_NEEDS: dict[str, tuple[str, ...]] = {
+#: What a figure needs of a run; all are figures of one law.
+NEEDS: dict[str, tuple[str, ...]] = {
     "displayed_stiffness_n_per_m": ("force", "surface", "contact"),
     "rate_hardness_n_per_m": ("force", "surface", "contact"),
     "extended_rate_hardness_n_per_m": ("force", "surface", "contact"),
@@ -298,7 +299,7 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
     }
     without = _WITHOUT if run.has_scale else _WITHOUT | {"surface": _NO_SCALE}
     reasons = {}
-    for key, needs in _NEEDS.items():
+    for key, needs in NEEDS.items():
         if figures[key] is None:
             missing = [without[need] for need in needs if not has[need]]
             reasons[key] = (missing or [_LAST_REASON.get(key, "the run is too short")])[0]

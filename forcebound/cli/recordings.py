@@ -139,7 +139,7 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, settings, as_json)
-    from forcebound.cli.run import report, shows_what_is_left, status_line
+    from forcebound.cli.run import report, status_line
     from forcebound.launch.live import run_live
     from forcebound.launch.virtual import run_virtual
     from forcebound.messages.packets import TOPIC_OF, Telemetry
@@ -153,7 +153,7 @@ def replay(
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
         described = " ".join((str(run), *settings))
-        with shows_what_is_left(record, as_json), status_line(as_json) as screen:
+        with status_line(as_json) as screen:
             result = run_live(config, seconds, record, file=described, screen=screen)
     else:
         with slow_bar("ms of virtual time", as_json) as tell:

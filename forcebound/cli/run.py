@@ -105,23 +105,11 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
-        page = _page() if has_view else nullcontext()
-        with shows_what_is_left(record, as_json), page, status_line(as_json) as screen:
+        with _page() if has_view else nullcontext(), status_line(as_json) as screen:
             result = run_live(config, duration, record, file=described, screen=screen)
             screen.status("computing the figures")
             _ = result.summary
         report(result, record, as_json)
-
-
-@contextmanager
-def shows_what_is_left(record: Path | None, as_json: bool) -> Iterator[None]:
-    """Show the result of what a live run has recorded when it fails."""
-    try:
-        yield
-    except RunError as error:
-        if error.result is not None:
-            show_result(error.result, record, as_json)
-        raise
 
 
 @contextmanager
@@ -344,15 +332,14 @@ def report(result: Any, record: Path | None, as_json: bool) -> None:
     """Show the result of a run.
 
     Raises:
-        RunError: If nothing came of it.
+        RunError: If the run failed; its result is shown before.
     """
-    show_result(result, record, as_json)
-    if result.why_idle:
-        raise RunError(result.why_idle)
+    _show_result(result, record, as_json)
+    if result.failed:
+        raise RunError(result.failed)
 
 
-def show_result(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run, whatever came of it."""
+def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
     if as_json:

@@ -108,17 +108,10 @@ class ArmKinematics:
 def tip_force(
     kinematics: "Kinematics", angles: Vector, applied: Vector, commanded: Vector, wanted: Vector
 ) -> Vector:
-    """Return the force, in N, that torques give at the tip of an arm: J^T force = torques.
+    """Return the force, in N, that torques ``applied`` (N m) give at the tip: J^T force = applied.
 
-    Args:
-        kinematics: Of the arm.
-        angles: Its joints, in rad.
-        applied: The torques, in N m.
-        commanded: A force at the tip, in N.
-        wanted: The torques of that force, in N m.
-
-    It is the same part of ``commanded`` as ``applied`` is of ``wanted``, and the force of what that
-    leaves over; in a singular pose there is no such force.
+    It is the same part of the force ``commanded`` (N) as they are of its torques ``wanted`` (N m),
+    and the force of what that leaves over; in a singular pose there is no such force.
     """
     square = math.fsum(map(mul, wanted, wanted))
     share = math.fsum(map(mul, applied, wanted)) / (square or math.inf)

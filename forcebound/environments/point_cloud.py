@@ -63,17 +63,13 @@ def _cloud(version: "Version") -> "Cloud":
 @lru_cache(CACHED)
 def _radius(version: "Version", radius: float | None) -> float:
     """The radius of a point, the one that is given if there is one."""
-    from forcebound.geometry.points import (
-        MOST_CUBES,
-        closing_radius,
-        cubes_of,
-        neighbourhoods,
-        sparse_share,
-    )
+    import numpy as np
+
+    from forcebound.geometry.points import FEWEST, MOST_CUBES, cubes_of, neighbourhoods
 
     points = _cloud(version).points
     nearest = neighbourhoods(points)
-    closing = closing_radius(nearest)
+    closing = max(float(np.median(nearest[:, -1])), 1e-9)
     radius = closing if radius is None else radius
     cubes = cubes_of(points, radius)
     if cubes > MOST_CUBES:
@@ -83,7 +79,7 @@ def _radius(version: "Version", radius: float | None) -> float:
             f" of at least {1e3 * least:.2g} mm",
             field="radius",
         )
-    share = sparse_share(nearest, radius)
+    share = float(np.mean(nearest[:, :FEWEST][:, -1] > radius))
     if share > SPARSE:
         _logger.warning(
             "%s: the skin has holes that a hand falls through: %.0f %% of the points have too few"

@@ -124,10 +124,9 @@ CLOUD = Field(distance, gradient, gradient)
 
 
 def neighbourhoods(points: Any) -> Any:
-    """Return the distances to the nearest neighbours of 200 points, in m, shape (200, NEIGHBOURS).
+    """Return the distances of 200 points to their nearest neighbours, in m, the nearest first.
 
-    The last one, of the most distant, says how dense the points are: in a disc of that radius there
-    are as many. A cloud of fewer points has fewer rows and columns.
+    Shape ``(200, NEIGHBOURS)``; of a cloud of fewer points smaller.
     """
     chosen = np.random.default_rng(1).permutation(len(points))[:200]
     count = min(NEIGHBOURS, len(points) - 1)
@@ -136,14 +135,3 @@ def neighbourhoods(points: Any) -> Any:
         squares = np.einsum("ij,ij->i", points - point, points - point)
         nearest.append(np.sqrt(np.sort(np.partition(squares, count)[1 : count + 1])))
     return np.array(nearest)
-
-
-def closing_radius(nearest: Any) -> float:
-    """Return the radius that closes the skin of a cloud, in m, from its ``neighbourhoods``."""
-    return max(float(np.median(nearest[:, -1])), 1e-9)
-
-
-def sparse_share(nearest: Any, radius: float) -> float:
-    """Return the share of points with so few neighbours within a radius that the skin has holes."""
-    few = min(FEWEST, nearest.shape[1]) - 1
-    return float(np.mean(nearest[:, few] > radius))
