@@ -25,6 +25,7 @@ SUMMARY_KEYS = {
     "answered_share",
     "same_tick_share",
     "loop_delay_ms",
+    "reply_age_ms",
     "deadline_misses",
     "hold_limit_overruns",
     "rejected_packets",
