@@ -66,7 +66,6 @@ MONITORED = (
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
-_COARSE_NS = 100_000_000  # a wait of at least this may end a millisecond late
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
 ADVICE = {
@@ -204,17 +203,17 @@ class Network:
         self._monitored: set[zmq.Socket[bytes]] = set()
         self._names = 0
 
-    def publisher(self, endpoint: str, *, bind: bool = True) -> Publisher:
+    def publisher(self, endpoint: str) -> Publisher:
         """Open one stream out; see :func:`make_socket` for errors."""
-        return Publisher(self._open(zmq.PUB, endpoint, bind=bind))
+        return Publisher(self._open(zmq.PUB, endpoint, bind=True))
 
-    def subscriber(self, *endpoints: str, newest_only: bool, bind: bool = False) -> Subscriber:
+    def subscriber(self, *endpoints: str) -> Subscriber:
         """Open one socket for one or more streams in; see :func:`make_socket` for errors."""
         first, *others = endpoints
-        socket = self._open(zmq.SUB, first, bind=bind)
+        socket = self._open(zmq.SUB, first, bind=False)
         for endpoint in others:
             socket.connect(endpoint)
-        return Subscriber(socket, newest_only)
+        return Subscriber(socket)
 
     def control_server(self, endpoint: str) -> ControlServer:
         """Open the place where this process answers requests."""
@@ -268,30 +267,6 @@ class Network:
         socket = make_socket(self._context, kind, endpoint, **options)
         self._sockets.append(socket)
         return socket
-
-
-class Waiter:
-    """Waits for the same descriptors again and again; see :func:`wait`. Closed by ``with``."""
-
-    def __init__(self, descriptors: Sequence[int]) -> None:
-        self._epoll = select.epoll(len(descriptors))
-        for descriptor in descriptors:
-            self._epoll.register(descriptor, select.EPOLLIN)
-        self._alone = (self._epoll.fileno(),)
-
-    def wait(self, timeout_ns: int) -> list[int]:
-        """Do as :func:`wait`."""
-        # epoll counts in milliseconds, select in microseconds; and an epoll is a descriptor.
-        if timeout_ns < _COARSE_NS:
-            select.select(self._alone, (), (), max(timeout_ns, 0) * 1e-9)
-            timeout_ns = 0
-        return [descriptor for descriptor, _ in self._epoll.poll(timeout_ns * 1e-9)]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._epoll.close()
 
 
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
