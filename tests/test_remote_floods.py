@@ -13,7 +13,6 @@ from waiting import free_port
 
 from forcebound.network import limits
 
-
 DESCRIPTORS = 512  # of this process, in the tests: select takes none above 1023
 
 

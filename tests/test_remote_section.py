@@ -58,8 +58,14 @@ def test_the_section_survives_the_way_to_the_processes(tmp_path: Path) -> None:
         ("{address: a, graph_key: g}", r":3:33: environment_keys is missing or empty beside"),
         ("{address: a, graph_key: g, environment_keys: []}", r":3:33: environment_keys is missing"),
         ("{address: a, environment_keys: [e]}", r":3:40: graph_key is missing"),
-        ("{address: a, graph_key: 'g g', environment_keys: [e]}", r":3:33: .*'g g' names no key"),
-        ("{address: a, graph_key: g, environment_keys: [e, -]}", r":3:58: .*'-' names no key"),
+        (
+            "{address: a, graph_key: 'g g', environment_keys: [e]}",
+            r":3:33: .*'g g' is not",
+        ),
+        (
+            "{address: a, graph_key: g, environment_keys: [e, -]}",
+            r":3:58: .*'-' is not a",
+        ),
         ("{address: a, graph_key: g, environment_keys: [e, e]}", r":3:54: .* names a key twice"),
         (
             "{address: a, graph_key: g, environment_keys: [e, f], listens: environment}",
