@@ -198,9 +198,9 @@ def test_insecure_listens_everywhere_without_keys(start: Callable[..., Peer]) ->
     [
         ("192.0.2.77", "no network interface of this machine has this address"),
         ("no-such-host.invalid", "cannot find the address 'no-such-host.invalid'"),
-        ("", "is no address"),
-        ("fd00::1::2", "is no address"),
-        ("1.2.3.4/24", "is no address"),
+        ("", "is not an address"),
+        ("fd00::1::2", "is not an address"),
+        ("1.2.3.4/24", "is not an address"),
     ],
 )
 def test_an_address_that_cannot_be_used_says_so(address: str, word: str) -> None:

@@ -217,7 +217,7 @@ def _check_name(name: str) -> None:
     if _NAME.fullmatch(name) is None:
         raise ConfigError(
             f"{name!r} is not a valid name of a key: use 1 to 39 letters, digits, '.', '_' or '-', "
-            f"beginning with a letter, digit or '_'; or a public key, {KEY_LENGTH} characters of Z85"
+            "not '.' or '-' first; or write a public key, 40 characters of Z85"
         )
 
 
