@@ -2,6 +2,7 @@
 
 import os
 import resource
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,6 +13,8 @@ from remote_peers import Peer, ends, meet, open_peers, run_until
 from waiting import free_port
 
 from forcebound.network import limits
+from forcebound.network.listener import Listener
+from forcebound.network.monitor import Monitor
 
 DESCRIPTORS = 512  # of this process, in the tests: select takes none above 1023
 
@@ -85,3 +88,14 @@ def test_connections_leave_the_process_some_descriptors(
         meet(graph, environment)
         assert "disconnected" not in environment.kinds()
         meet(graph, start(environment_end))
+
+
+def test_a_descriptor_that_is_no_connection_of_the_port_any_more_has_no_address(
+    start: Callable[..., Peer],
+) -> None:
+    # libzmq may close a connection before its event is read, and its number has a new holder then.
+    listener = Listener(Monitor(start(ends(free_port())[0]).network.reply_socket("inproc://a")), {})
+    one, other = socket.socketpair()
+    with one, other, open(os.devnull) as file:
+        numbers = (one.fileno(), file.fileno(), DESCRIPTORS - 1)
+        assert {listener._address_of(number) for number in numbers} == {"unknown address"}

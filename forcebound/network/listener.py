@@ -207,9 +207,11 @@ class Listener:
     def _address_of(self, descriptor: int) -> str:
         """Return address and port of a connection; unknown if it has gone already."""
         with suppress(OSError), self._hold(descriptor) as connection:
-            host, port, *_ = connection.getpeername()
-            host = str(host).removeprefix("::ffff:")
-            return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+            # A connection of another socket may have the number by now, such as one of ipc.
+            if connection.family in (socket.AF_INET, socket.AF_INET6):
+                host, port, *_ = connection.getpeername()
+                host = str(host).removeprefix("::ffff:")
+                return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         return "unknown address"
 
     @contextmanager
