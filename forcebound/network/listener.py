@@ -61,7 +61,6 @@ class Listener:
         self._failure: SocketEvent | None = None
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self._ceiling = soft - limits.DESCRIPTOR_RESERVE
-        self._high = 0  # connections that were accepted above it
         # Opened now: a connection can then be shut even when there are no more descriptors.
         self._nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
         self._held = os.dup(self._nothing)
@@ -110,7 +109,8 @@ class Listener:
         notices: list[Notice] = []
         has_more = self._read(limit, notices)
         alive = [entry for entry in self._open.items() if not entry[1].is_shut]
-        surplus = min(max(len(alive) - limits.MAX_CONNECTIONS, self._high), limit)
+        high = sum(descriptor >= self._ceiling for descriptor, _ in alive)
+        surplus = min(max(len(alive) - limits.MAX_CONNECTIONS, high), limit)
         if surplus:
             # The oldest that are not established; then, of those that are, the newest.
             victims = [entry for entry in alive if entry[1].greeting is None]
@@ -119,7 +119,6 @@ class Listener:
             for descriptor, victim in victims[:surplus]:
                 if not self._shut(descriptor, victim, limit, notices):
                     break
-                self._high = max(0, self._high - 1)
         self.due_ns = time_ns if has_more else None
         return notices
 
@@ -131,7 +130,6 @@ class Listener:
                 return False
             if event.kind == zmq.EVENT_ACCEPTED:
                 self._open[event.value] = _Connection(self._address_of(event.value))
-                self._high += event.value >= self._ceiling
             elif event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
                 self._refused += 1
             elif event.kind in (
