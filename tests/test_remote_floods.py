@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from remote_peers import Peer, ends, meet, open_peers, run_until
+from remote_peers import Peer, ends, meet, open_peers, run_for, run_until
 from waiting import free_port
 
 from forcebound.network import limits
@@ -55,6 +55,19 @@ def few_descriptors(left: int) -> Iterator[None]:
             os.close(descriptor)
 
 
+def has_descriptors() -> bool:
+    opened: list[int] = []
+    try:
+        while len(opened) < limits.DESCRIPTOR_RESERVE // 2:
+            opened.append(os.dup(0))
+    except OSError:
+        return False
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
+    return True
+
+
 @contextmanager
 def idle_connections(port: int, count: int) -> Iterator[None]:
     process = subprocess.Popen(
@@ -73,21 +86,31 @@ def test_connections_leave_the_process_some_descriptors(
     monkeypatch.setattr(limits, "MAX_CONNECTIONS", 10**6)  # so that the descriptors decide
     port = free_port()
     graph_end, environment_end = ends(port)
-    graph, environment = start(graph_end), start(environment_end)
+    graph, environment, friend = start(graph_end), start(environment_end), start(environment_end)
     meet(graph, environment)
+    meet(graph, friend)
     with few_descriptors(limits.DESCRIPTOR_RESERVE + 10), idle_connections(port, 200):
         run_until(
             lambda: graph.link.status()["counts"].get("too_many_connections", 0) > 50,
             "connections to be shut",
             graph,
             environment,
+            friend,
         )
-        run_until(lambda: graph.link.status()["connections"] <= 20, "the rest", graph, environment)
-        for descriptor in [os.dup(0) for _ in range(limits.DESCRIPTOR_RESERVE // 2)]:
-            os.close(descriptor)
-        meet(graph, environment)
+        run_until(has_descriptors, "the process to have descriptors", graph, environment, friend)
         assert "disconnected" not in environment.kinds()
-        meet(graph, start(environment_end))
+
+
+def test_a_peer_can_connect_while_the_process_itself_uses_up_the_descriptors(
+    start: Callable[..., Peer],
+) -> None:
+    graph_end, environment_end = ends(free_port())
+    environment = start(environment_end)  # nothing listens yet
+    graph = start(graph_end)
+    with few_descriptors(limits.FEW_CONNECTIONS):
+        meet(graph, environment)
+        run_for(0.05, graph, environment)
+    assert graph.kinds() == {"connected"}
 
 
 def test_a_descriptor_that_is_no_connection_of_the_port_any_more_has_no_address(
@@ -99,3 +122,12 @@ def test_a_descriptor_that_is_no_connection_of_the_port_any_more_has_no_address(
     with one, other, open(os.devnull) as file:
         numbers = (one.fileno(), file.fileno(), DESCRIPTORS - 1)
         assert {listener._address_of(number) for number in numbers} == {"unknown address"}
+
+
+def test_a_time_without_descriptors_leaves_no_lower_limit(start: Callable[..., Peer]) -> None:
+    graph_end, environment_end = ends(free_port())
+    graph = start(graph_end)
+    with few_descriptors(1):
+        run_for(0.05, graph)
+    meet(graph, start(environment_end))
+    assert graph.kinds() == {"connected"}

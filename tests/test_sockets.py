@@ -306,7 +306,7 @@ def test_an_answer_that_is_no_map_is_no_answer(network: Network, run_dir: Path) 
 
 
 def test_closing_does_not_hang_on_a_peer_that_never_came(run_dir: Path) -> None:
-    network = Network(farewell_ms=50)
+    network = Network(linger_ms=50)
     client = network.control_client(f"ipc://{run_dir}/nobody")
     client.ask({"request": "status"})
     network.close()  # hangs for ever with ZeroMQ's defaults

@@ -223,7 +223,7 @@ def test_a_link_is_not_silently_perfect_without_its_trace() -> None:
 
 @pytest.mark.parametrize("other", [Impairment(delay=0.001), Impairment(0.01, jitter=0.001)])
 def test_a_trace_excludes_other_delays(other: Impairment) -> None:
-    with pytest.raises(ConfigError, match="trace says what each delay is: give it without delay"):
+    with pytest.raises(ConfigError, match="trace sets each delay: give it without delay"):
         replace(other, trace=Path("wifi.csv"))
 
 
@@ -250,7 +250,7 @@ def test_a_launch_file_names_a_trace_relative_to_itself(tmp_path: Path) -> None:
         ("time_s\n", "trace: wifi.csv", "16:30: trace: "),
         (WIFI, "trace: gone.csv", "16:30: trace: cannot read the trace "),
         (WIFI, "trace: 5", "16:30: trace: expected "),
-        (WIFI, "trace: wifi.csv, delay: 1 ms", "trace says what each delay is"),
+        (WIFI, "trace: wifi.csv, delay: 1 ms", "trace sets each delay"),
     ],
 )
 def test_problems_with_a_trace_are_told_at_their_place(

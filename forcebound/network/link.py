@@ -60,7 +60,7 @@ PACKET_SIZE = 128  # bytes, about what a packet of one axis takes on the wire
 
 
 class Stamped(Protocol):
-    """What a link needs to know of a packet; answers also have ``device_seq, device_time_ns``."""
+    """The stamps of a packet; answers also have ``device_seq, device_time_ns``."""
 
     @property
     def seq(self) -> int:
@@ -92,7 +92,7 @@ def link_seed(seed: int, topic: str) -> int:
 
 
 class Link(Generic[PacketT]):
-    """One link of the graph, on its receiving side; see the page at the head of this module.
+    """One link of the graph, on its receiving side; see the head of this module.
 
     At any time ``sent + duplicated == lost + corrupted + delivered + superseded + queued``.
     """
@@ -111,8 +111,8 @@ class Link(Generic[PacketT]):
         self._delivered_rank = _OLDEST
         self._number = 0  # of packets put on the way, for equal times
         self._first_ns: int | None = None
-        self._outages: list[tuple[int, int]] = []  # start and end, in ns since ...
-        self._outages_ns: int | None = None  # ... the first packet that met them
+        self._outages: list[tuple[int, int]] = []  # start and end, in ns since the time below
+        self._outages_ns: int | None = None  # arrival of the first packet after they were set
         self._tail_ns = 0  # when the last packet that the rate held is through
         self._delayed = 0  # packets since one went at once
         self._slot_ns, self._slot_room = -1, 0
@@ -121,7 +121,7 @@ class Link(Generic[PacketT]):
         self.change(impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
-        """Impair packets that arrive from now on by ``impairment``; those on the way stay.
+        """Impair packets that arrive from now on; packets on the way do not change.
 
         Args:
             impairment: What the link does.
@@ -150,7 +150,7 @@ class Link(Generic[PacketT]):
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many packets had which fate."""
+        """Numbers of packets by fate."""
         return {fate: getattr(self, fate) for fate in _FATES}
 
     @property
@@ -211,7 +211,7 @@ class Link(Generic[PacketT]):
         return [packet]
 
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
-        """Take a packet through everything that netem knows."""
+        """Apply every impairment of netem to a packet."""
         fate, copy_fate = self._chances.next(), self._copy_chances.next()
         if self._is_out(time_ns):
             self.lost += 1

@@ -13,10 +13,11 @@ handshake names nothing. These facts can be relied on:
 5. A new connection gets the lowest descriptor that is free (POSIX). So a high number shows that the
    process has few descriptors left, whatever holds the others.
 
-libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``, or if
-its descriptor is one of the last ``DESCRIPTOR_RESERVE`` that the process may have. For each surplus
-connection, the oldest that is not established is shut (4 makes sure that no other is hit): a peer
-that holds a key completes its handshake in milliseconds, and a peer without a key can only wait.
+libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``; or
+beyond ``FEW_CONNECTIONS``, if its descriptor is one of the last ``DESCRIPTOR_RESERVE`` that the
+process may have. For each surplus connection, the oldest that is not established is shut (4 makes
+sure that no other is hit): a peer that holds a key completes its handshake in milliseconds, and a
+peer without a key can only wait.
 """
 
 import os
@@ -110,8 +111,9 @@ class Listener:
         has_more = self._read(limit, notices)
         alive = [entry for entry in self._open.items() if not entry[1].is_shut]
         high = sum(descriptor >= self._ceiling for descriptor, _ in alive)
+        high = min(high, len(alive) - limits.FEW_CONNECTIONS)
         surplus = min(max(len(alive) - limits.MAX_CONNECTIONS, high), limit)
-        if surplus:
+        if surplus > 0:
             # The oldest that are not established; then, of those that are, the newest.
             victims = [entry for entry in alive if entry[1].greeting is None]
             victims += [entry for entry in reversed(alive) if entry[1].greeting is not None]
