@@ -20,7 +20,8 @@ DESCRIPTORS = 512  # of this process, in the tests: select takes none above 1023
 
 
 @pytest.fixture
-def start() -> Iterator[Callable[..., Peer]]:
+def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Peer]]:
+    monkeypatch.setattr(limits, "DESCRIPTORS", DESCRIPTORS)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (DESCRIPTORS, hard))
     try:

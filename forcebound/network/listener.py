@@ -18,6 +18,10 @@ beyond ``FEW_CONNECTIONS``, if its descriptor is one of the last ``DESCRIPTOR_RE
 process may have. For each surplus connection, the oldest that is not established is shut (4 makes
 sure that no other is hit): a peer that holds a key completes its handshake in milliseconds, and a
 peer without a key can only wait.
+
+Connections come between two turns of the loop, too. If they use up all descriptors then, libzmq's
+thread tries to accept again and again without a pause; with a realtime priority, on the core of the
+loop, it takes all its time. So the process may have many more descriptors than it needs.
 """
 
 import os
@@ -60,8 +64,10 @@ class Listener:
         self._open: dict[int, _Connection] = {}
         self._refused = 0  # handshakes that the authenticator has refused and reported
         self._failure: SocketEvent | None = None
-        soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        self._ceiling = soft - limits.DESCRIPTOR_RESERVE
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        most = max(soft, min(hard, limits.DESCRIPTORS))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+        self._ceiling = most - limits.DESCRIPTOR_RESERVE
         # Opened now: a connection can then be shut even when there are no more descriptors.
         self._nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
         self._held = os.dup(self._nothing)
