@@ -85,7 +85,7 @@ def press(
         model.open(PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
     )
     links = {
-        topic: Link[Packet](impairment, link_seed(1, topic), newest_only=True)
+        topic: Link[Packet](impairment, link_seed(1, topic))
         for topic, impairment in impairments.items()
     }
     nodes: list[Node] = [

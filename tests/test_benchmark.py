@@ -100,7 +100,6 @@ def test_what_is_beyond_is_counted_from_the_median_of_what_there_is_anyway() -> 
 @pytest.mark.parametrize("name", sorted(set(link_delay.LINKS) - {"own"}))
 def test_the_watched_link_tells_what_it_adds(name: str) -> None:
     link = link_delay.WatchedLink(link_delay.LINKS[name])
-    link.newest_only = False
     sender = link_delay.SenderNode(1_000_000, 0)
     sent = {}
     for tick in range(100):
@@ -110,7 +109,7 @@ def test_the_watched_link_tells_what_it_adds(name: str) -> None:
     while (due_ns := link.next_due_ns) is not None:
         for packet in link.due(due_ns):
             assert link.added_ns.pop(packet.seq) == due_ns - sent.pop(packet.seq)
-    assert not sent
+    assert len(sent) == link.superseded < 100
 
 
 def test_the_sender_skips_the_ticks_that_it_missed() -> None:

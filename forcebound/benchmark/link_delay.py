@@ -85,7 +85,7 @@ class WatchedLink(Link[Packet]):
     """
 
     def __init__(self, impairment: Impairment) -> None:
-        super().__init__(impairment, _SEED, newest_only=True)
+        super().__init__(impairment, _SEED)
         self.added_ns: dict[int, int] = {}
         self._twin = Chances(impairment, Draws(_SEED))  # draws what the link draws
 
