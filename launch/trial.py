@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from forcebound.config.graph import KINDS, GraphConfig
-from forcebound.config.resolved import kind_of, restore, to_document
+from forcebound.config.resolved import kind_of, restore, to_document, with_parts
 from forcebound.config.sandbox import LOADING, Progress, run_in_sandbox
 from forcebound.errors import ConfigError, DeviceError, ForceboundError, RunError
 from forcebound.launch.virtual import run_virtual
@@ -49,7 +49,7 @@ def try_start(config: GraphConfig) -> None:
 
 def try_document(progress: Progress, document: Mapping[str, Any]) -> None:
     """Try the start of a resolved launch document here, whatever the user's code raises."""
-    config = restore(document)
+    config = with_parts(restore(document))
     progress("a trial in virtual time", 0, 0)
     try:
         _try(config)

@@ -21,7 +21,7 @@ from typing import Any
 
 from forcebound import process, realtime
 from forcebound.config.graph import GraphConfig
-from forcebound.config.resolved import CODE_OF_PROCESS, restore
+from forcebound.config.resolved import made, restore
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
@@ -85,7 +85,7 @@ def run_node(
         realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
-                config = restore(read_launch_document(run_dir), CODE_OF_PROCESS[kind])
+                config = restore(read_launch_document(run_dir))
                 return _run_or_lose(kind, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
@@ -105,7 +105,8 @@ def _run_or_lose(
     try:
         _run(kind, config, run, run_dir, stop, engages_itself=False)
     except DeviceError as failure:
-        if getattr(config.device.model, "on_loss", "end") != "wait":
+        model = made("device", config.device.model)
+        if getattr(model, "on_loss", "end") != "wait":
             raise
         _logger.error("%s", failure)
         return LOST

@@ -10,7 +10,9 @@ from typing import Any
 
 from forcebound.bounding import LAWS
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import KINDS, LAW, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
+from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
+from forcebound.config.names import LAW, ParameterName
+from forcebound.config.problems import shortened
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
@@ -63,14 +65,14 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
     known = parameters(config)
     if _is_fixed(name):
         return (
-            f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"
-            f" can be changed is in {_sections()}"
+            f"{name} is fixed while a graph runs: change it in the launch file and start again;"
+            f" what can be changed is in {_sections()}"
         )
-    last = name.rpartition(".")[2]
-    near = [full for full in known if full.rpartition(".")[2] == last]
+    last = ParameterName.parse(name).last
+    near = [full for full in known if ParameterName.parse(full).last == last]
     if not near or name != last:  # else all of that name, of which an argument sets some: delay
         near = difflib.get_close_matches(name, near or known, n=1) or near[:1]
-    shown = name if len(name) <= 60 else name[:57] + "..."
+    shown = shortened(name)
     if near:
         return f"unknown parameter {shown!r}; did you mean {' or '.join(map(repr, near))}?"
     return f"unknown parameter {shown!r}; what can be changed is in {_sections()}"
@@ -78,7 +80,7 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
 
 def _is_fixed(name: str) -> bool:
     """Whether only a launch file can set this."""
-    section, _, entry = name.partition(".")
+    section, entry = (*ParameterName.parse(name).steps, "")[:2]
     if section in KINDS and entry == "kind":
         return True
     places: dict[str, Collection[str]] = {
@@ -99,13 +101,12 @@ def _sections() -> str:
     return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
-def holders(names: Iterable[str]) -> set[str]:
+def processes_of(names: Iterable[str]) -> set[str]:
     """Return the processes that parameters belong to: of a link, the one that receives."""
     found = set()
-    for name in names:
-        section, entry, *_ = name.split(".")
-        receiver = TOPICS[entry].receiver or "environment" if section == "links" else section
-        found.add(receiver)
+    for name in map(ParameterName.parse, names):
+        receiver = None if name.topic is None else TOPICS[name.topic].receiver
+        found.add(name.section if name.topic is None else receiver or "environment")
     return found
 
 

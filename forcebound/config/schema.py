@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
 from forcebound.bounding import LAWS
-from forcebound.config.fields import Field, adapter, fields_of
+from forcebound.config.fields import Field, fields_of
+from forcebound.config.forms import Form
 from forcebound.config.graph import (
     BESIDE_MODEL,
     FORMAT,
@@ -20,10 +21,10 @@ from forcebound.config.graph import (
     RUN_KEYS,
     EnvironmentConfig,
     GraphConfig,
+    PhaseHead,
     RealtimeConfig,
     RemoteConfig,
 )
-from forcebound.config.phases import PhaseHead
 from forcebound.geometry.proxy import Surface
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
@@ -102,7 +103,12 @@ def _kinds(section: str, beside: Mapping[str, Any]) -> dict[str, Any]:
 
 def properties(fields: Mapping[str, Field]) -> dict[str, Any]:
     """Return the schema of each of some fields, by name."""
-    return {name: _property(field) for name, field in fields.items()}
+    schema = Form("", fields).json_schema()
+    definitions = schema.get("$defs", {})
+    return {
+        name: _property(field, _inlined(schema["properties"][name], definitions))
+        for name, field in fields.items()
+    }
 
 
 def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
@@ -116,9 +122,7 @@ def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
     return {name: _inlined(entry, definitions) for name, entry in schema.items()}
 
 
-def _property(field: Field) -> dict[str, Any]:
-    schema = adapter(field).json_schema()
-    schema = _inlined(schema["properties"][field.name], schema.get("$defs", {}))
+def _property(field: Field, schema: Any) -> dict[str, Any]:
     if field.name == "law":
         schema = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
     described: dict[str, Any] = {"anyOf": [schema, SUBSTITUTION]}
