@@ -66,6 +66,7 @@ def run_live(
     limits: Limits | None = None,
     file: str = "",
     screen: Screen | None = None,
+    folder: Path = Path(),
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
@@ -79,6 +80,7 @@ def run_live(
         limits: How long start and stop may take.
         file: Launch file, with its arguments, by which one may know the graph.
         screen: Where to say what happens; None: on standard error, lines of the processes only.
+        folder: That has the files that a parameter may name during the run, maybe further below.
 
     Raises:
         ConfigError: As :func:`check_here`.
@@ -99,7 +101,14 @@ def run_live(
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         run = RunDocument(
-            os.getpid(), core, str(recording), streams, metadata, file, is_temporary=True
+            os.getpid(),
+            core,
+            str(recording),
+            streams,
+            metadata,
+            file,
+            str(folder.resolve()),
+            is_temporary=True,
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)

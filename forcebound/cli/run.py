@@ -96,6 +96,7 @@ def launch_graph(
     forcebound launch pointer_wall --view
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
     """
+    from forcebound.config.document import folder_of
     from forcebound.launch.live import check_here, run_live
 
     if has_view:
@@ -104,8 +105,9 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
+        folder = folder_of(Path(file))
         with _page() if has_view else nullcontext(), status_line(as_json) as screen:
-            result = run_live(config, duration, record, file=described, screen=screen)
+            result = run_live(config, duration, record, None, described, screen, folder)
             screen.status("computing the figures")
             _ = result.summary
         report(result, record, as_json)

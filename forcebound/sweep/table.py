@@ -6,6 +6,7 @@ under ``forcebound``.
 
 import json
 import os
+from collections import UserDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ except ImportError as missing:  # pragma: no cover - an installation without the
     raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
 
 _KEY = b"forcebound"
+_TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of the columns that we write
+MAX_CELLS = 50_000_000  # rows times columns that are read, some 40 bytes each; a map reads ten
 MAX_BYTES = 1_000_000_000  # that a result unpacks to; two million cases have some hundred MB
 _TEXTS = ("error", "engine")  # text columns, even if empty
 
@@ -30,7 +33,7 @@ _TEXTS = ("error", "engine")  # text columns, even if empty
 class Table:
     """Result of a sweep: columns by name, all of one length, and its description."""
 
-    columns: Mapping[str, list[Any]]
+    columns: Mapping[str, list[Any]]  # of a file: each is read when it is first asked for
     about: Mapping[str, Any]
 
 
@@ -55,8 +58,24 @@ def read_table(path: Path) -> Table:
         content = file.metadata
         if max(content.num_rows, content.num_columns, _unpacked(content)) > MAX_BYTES:
             raise ConfigError(f"{path} unpacks to more than {MAX_BYTES} bytes: no sweep has them")
-        table = file.read()
-        return Table({name: _values(table[name]) for name in table.column_names}, _about(file))
+        return Table(_Columns(file, path), _about(file))
+
+
+class _Columns(UserDict[str, Any]):
+    """Columns of a file, of which only those in use take memory."""
+
+    def __init__(self, file: Any, path: Path) -> None:
+        super().__init__(dict.fromkeys(file.schema_arrow.names))
+        self._file, self._path, self._cells = file, path, 0
+
+    def __getitem__(self, name: str) -> Any:
+        if super().__getitem__(name) is None:
+            self._cells += self._file.metadata.num_rows
+            if self._cells > MAX_CELLS:
+                raise ConfigError(f"{self._path}: more than {MAX_CELLS} cells (rows times columns)")
+            with content_of(self._path):
+                self[name] = _values(self._file.read(columns=[name])[name])
+        return super().__getitem__(name)
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -79,9 +98,10 @@ def _opened(path: Path) -> Iterator[Any]:
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     try:
         schema = pq.read_schema(pa.BufferReader(data))
+        is_flat = all(field.type in _TYPES for field in schema)
         texts = [field.name for field in schema if pa.types.is_string(field.type)]
         file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
-        is_ours = _KEY in (file.schema_arrow.metadata or {})
+        is_ours = is_flat and _KEY in (file.schema_arrow.metadata or {})
     except (OSError, pa.ArrowException) as error:
         raise ConfigError(f"{path} is not a result of a sweep: {error}") from None
     if not is_ours:
