@@ -138,15 +138,6 @@ def test_of_a_missing_file_it_is_said_what_lists_those_that_ship(
     assert "`forcebound launch` lists those that come" in problems_of(path) or path == ""
 
 
-def test_a_slip_in_include_is_told_alone(tmp_path: Path) -> None:
-    path = written(tmp_path, "inculde: stiff_wall.yaml\ndevice: {rate: 1 kHz}\n")
-    message = problems_of(path)
-    assert message.splitlines()[0] == (
-        f"{path}:1:1: unknown key in the launch file: 'inculde'; did you mean 'include'?"
-    )
-    assert "needs" not in message
-
-
 def test_a_variable_in_braces_is_told_to_be_quoted(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD.replace("{kind: pressing}", "{kind: ${env:KIND}}"))
     assert "within braces, write it in quotes: '${env:NAME}'" in problems_of(path)

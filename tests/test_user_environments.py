@@ -16,7 +16,7 @@ from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.parts import member_of
 from forcebound.config.phases import timetable
-from forcebound.config.resolved import member_document, restore, to_document
+from forcebound.config.resolved import member_document, restore, run_document, to_document
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_node
@@ -104,7 +104,7 @@ def test_its_parameters_can_be_changed_as_those_of_any_other(tmp_path: Path) -> 
 
 
 def test_its_code_runs_in_no_other_process(tmp_path: Path) -> None:
-    document = to_document(load(own(tmp_path)))
+    document = run_document(load(own(tmp_path)))
     document["phases"] = [
         {"name": "late", "duration": 1.0, "set": {"environment.compute_delay": 0.002}},
         {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},

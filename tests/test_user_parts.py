@@ -14,8 +14,7 @@ import pytest
 from live_graph import live_graph
 
 from forcebound.config.loader import load, load_tried
-from forcebound.config.resolved import restore, to_document, with_parts
-from forcebound.config.sandbox import no_progress
+from forcebound.config.resolved import restore, run_document, to_document, with_parts
 from forcebound.environments.contract import check
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.launch.build import build_node
@@ -161,7 +160,7 @@ def test_what_ships_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
 def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
     tmp_path: Path,
 ) -> None:
-    document = to_document(load(write_page("controller", tmp_path)))
+    document = run_document(load(write_page("controller", tmp_path)))
     document["controller"]["kind"] = str(tmp_path / "gone.py:Gone")
     config = restore(document)
     build_node("device", config).close()
@@ -171,7 +170,7 @@ def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
 
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
-    document = check_here(no_progress, page, str(pages / f"my_{page}.py"))
+    document = check_here(page, str(pages / f"my_{page}.py"))
     assert document["violations"] == []
 
 

@@ -1,13 +1,9 @@
 """Keys of a section: the fields of a frozen dataclass that a launch file can set."""
 
 import dataclasses
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, get_type_hints
-
-from forcebound.errors import ConfigError
-from forcebound.parts.user_module import describe_user_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,31 +31,3 @@ def fields_of(kind: type, names: tuple[str, ...] | None = None) -> dict[str, Fie
             field.name, hints[field.name], required, None if required else default
         )
     return found
-
-
-def check_fields(kind: type, taken: Collection[str]) -> None:
-    """Check that a launch file can give every field of a dataclass that a user wrote.
-
-    Raises:
-        ConfigError: If a field has a name that is ``taken`` in its section, or a type that no value
-            of a launch file has.
-    """
-    from pydantic import TypeAdapter
-
-    try:
-        fields = fields_of(kind)
-    except Exception as error:
-        raise ConfigError(f"the fields of {kind.__name__}: {describe_user_error(error)}") from None
-    for field in fields.values():
-        if field.name in taken:
-            raise ConfigError(
-                f"{kind.__name__}: a parameter cannot be called {field.name!r}, which is taken"
-            )
-        try:
-            TypeAdapter(field.hint)
-        except Exception as error:  # of pydantic, or of a type's own code
-            detail = str(error).partition("\n")[0]
-            raise ConfigError(
-                f"{kind.__name__}: a launch file cannot give {field.name!r} of the type"
-                f" {field.hint}: {detail}"
-            ) from None

@@ -18,8 +18,6 @@ from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
 from forcebound.quantities import AS_WRITTEN
 
-Path_ = tuple[str, ...]
-
 
 @dataclass(frozen=True, eq=False)
 class Form:
@@ -40,33 +38,30 @@ class Form:
     is_list: bool = False
 
     def read(self, value: Value, problems: Problems) -> "dict[str, Any]":
-        """Return what could be made: the values by key, empty with a problem noted.
+        """Return the values by key; with a problem noted, only what could be made.
 
-        The results of ``inner`` with ``make`` are there whatever is wrong elsewhere.
+        What ``make`` made is under the place of its mapping: ``links.device_state``, or ``""``.
         """
         from pydantic import ValidationError
 
         made: dict[str, Any] = {}
         try:
             # As JSON, since strict pydantic then accepts a list for a tuple.
-            text = json.dumps(self._given(value))
-            values = self._adapter.validate_json(text, context=(value, made))
+            text = json.dumps(self._given(value), ensure_ascii=False).encode("utf-8", "replace")
+            values = self.adapter.validate_json(text, context=(value, made))
         except ValidationError as error:
             _note(error.errors(include_url=False, include_input=False), self, value, problems)
             return made
-        return {**values, **made}
-
-    def json_schema(self) -> Any:
-        """Return the JSON schema of such a mapping."""
-        return self._adapter.json_schema()
+        return {**values, **made} if self.make is None else made
 
     @cached_property
-    def _adapter(self) -> Any:
+    def adapter(self) -> Any:
+        """Pydantic's reader of such a mapping."""
         from pydantic import TypeAdapter
 
         return TypeAdapter(self._type(()))
 
-    def _type(self, place: Path_) -> Any:
+    def _type(self, place: tuple[str, ...]) -> Any:
         import typing_extensions  # pydantic needs its TypedDict before Python 3.12
         from pydantic import AfterValidator, ConfigDict, ValidationInfo
         from pydantic import Field as Entries

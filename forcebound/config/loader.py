@@ -13,12 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.config import checks
 from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
-from forcebound.config.device_file import with_device_file
-from forcebound.config.document import find, missing, read
+from forcebound.config.document import find, missing, read, with_device_file
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
 from forcebound.config.model import PHASES, form_of
 from forcebound.config.names import LAW, ParameterName
@@ -26,8 +25,8 @@ from forcebound.config.parameters import parameters, takeable_laws, unknown_para
 from forcebound.config.phases import read_phases
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import to_document
-from forcebound.config.sandbox import Progress, run_in_sandbox
 from forcebound.config.tree import Value, from_plain
+from forcebound.config.users_code import tried
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.parts.user_module import file_of, names_file
@@ -48,11 +47,23 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     return build(_read(path, problems), overrides, problems)
 
 
-def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
+Trial: TypeAlias = Callable[[GraphConfig], None]  # raises ConfigError if it fails
+TRIAL_S = 60.0  # for loading users' files (imports, a mesh, compilation) and the trial
+
+
+def load_tried(
+    path: str | Path, overrides: Sequence[str] = (), trial: Trial | None = None
+) -> GraphConfig:
     """Return the same as :func:`load`, for a command in the foreground.
 
-    Files of the user's own are loaded and run in the sandbox first, where they may hang or exit.
-    This process then loads them, too, and asks nothing. The log says what is not certified.
+    Files of the user's own are loaded and called in a process of their own first, where they may
+    hang or exit. This process then loads them, too, and calls nothing. The log says what is not
+    certified.
+
+    Args:
+        path: As for :func:`load`.
+        overrides: Likewise.
+        trial: A further check of the configuration, in that process if there are such files.
 
     Raises:
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
@@ -61,15 +72,20 @@ def load_tried(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
     filled = _filled(_read(path, problems), overrides, problems)
     files = user_files(filled)
     if files:
-        run_in_sandbox(try_out, [str(path), list(overrides)], files)
+        tried(partial(_try, path, overrides, trial), files, TRIAL_S)
     config = _build(filled, problems, asks=not files)
+    if trial is not None and not files:
+        trial(config)
     checks.warn(config)
     return config
 
 
-def try_out(progress: Progress, path: str, overrides: Sequence[str]) -> None:
-    """Load a launch file for its problems alone, in the sandbox of :func:`load_tried`."""
-    load(path, overrides)
+def _try(path: str | Path, overrides: Sequence[str], trial: Trial | None) -> bytes:
+    """Load a launch file for its problems alone, in the process of :func:`load_tried`."""
+    config = load(path, overrides)
+    if trial is not None:
+        trial(config)
+    return b""
 
 
 def read_template(path: str | Path) -> Value:

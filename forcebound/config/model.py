@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated, Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.fields import Field, check_fields, fields_of
+from forcebound.config.fields import Field, fields_of
 from forcebound.config.forms import Form
 from forcebound.config.graph import (
     BESIDE_MODEL,
@@ -56,21 +56,36 @@ _KIND = Field("kind", str, False, None)
 def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
     """Return the form of a launch file, and the file with every section that it must have."""
     root = _completed(root)
-    run = fields_of(GraphConfig, RUN_KEYS)
-    if PHASES in root.entries:
-        run = {**run, "duration": Field("duration", Any, False, None)}
-    fields = {"forcebound": _FORMAT, **run}
-    sections = dict(_FIXED)
+    kinds: list[tuple[str, type | None]] = []
     for name in KINDS:
         value = root.entries.get(name)
-        form = None if value is None else part_form(name, value, problems)
-        if form is not None:
-            sections[name] = form
-        elif value is not None:  # its problem has been noted
+        if value is None or value.content is BROKEN:
+            continue
+        if value.content is not None and not isinstance(value.content, Mapping):
+            kinds.append((name, None))
+        elif (kind := _class_of(name, value, problems)) is not None:
+            kinds.append((name, kind))
+        else:  # its problem has been noted
             root = root.with_entries({**root.entries, name: replace(value, content=BROKEN)})
+    return _form(tuple(kinds), PHASES in root.entries), root
+
+
+@lru_cache(maxsize=64)
+def _form(kinds: tuple[tuple[str, type | None], ...], has_phases: bool) -> Form:
+    """The form for these kinds; a section without one must be a mapping and is none."""
+    sections = dict(FIXED)
+    for name, kind in kinds:
+        sections[name] = Form(name, {}) if kind is None else _section(name, kind)
+    fields = {"forcebound": _FORMAT, **fields_of(GraphConfig, RUN_KEYS)}
     others = (*KINDS, "arguments", "include", "identified")  # no run reads these three
-    fields |= {name: Field(name, Any, False, None) for name in others if name not in sections}
-    return Form("the launch file", fields, inner=sections), root
+    free = [name for name in others if name not in sections] + ["duration"] * has_phases
+    fields |= {name: Field(name, Any, False, None) for name in free}
+    return Form("the launch file", fields, inner=sections)
+
+
+def _section(name: str, kind: type) -> Form:
+    fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
+    return Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
 
 
 def _completed(root: Value) -> Value:
@@ -86,26 +101,19 @@ def _completed(root: Value) -> Value:
     return root.with_entries(entries)
 
 
-def part_form(
-    section: str, value: Value, problems: Problems, is_alone: bool = False
-) -> Form | None:
-    """Return the form of the section of a part; None with a problem noted.
+def make_part(section: str, value: Value, problems: Problems) -> Any:
+    """Return the part of a section alone, without the settings that stand beside it.
 
-    Args:
-        section: One of ``KINDS``.
-        value: What the file has there.
-        problems: What is wrong is added to it.
-        is_alone: Whether to make the part alone, without the settings that stand beside it.
+    Raises:
+        ConfigError: With all ``problems``.
     """
-    if value.content is not None and not isinstance(value.content, Mapping):
-        return None if value.is_broken else Form(section, {})  # which refuses it
     kind = _class_of(section, value, problems)
-    if kind is None:
-        return None
-    if is_alone:
-        return Form(section, {"kind": _KIND, **fields_of(kind)}, partial(_part, section, kind))
-    make = partial(_MAKE.get(section, _part), section, kind)
-    return Form(section, {"kind": _KIND, **fields_of(kind), **BESIDE.get(section, {})}, make)
+    made: dict[str, Any] = {}
+    if kind is not None:
+        form = Form(section, {"kind": _KIND, **fields_of(kind)}, partial(_part, section, kind))
+        made = form.read(value, problems)
+    problems.raise_if_any()
+    return made[""]
 
 
 def _class_of(section: str, value: Value, problems: Problems) -> type | None:
@@ -125,12 +133,34 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
         try:
             found: type = table[table.resolve(kind.content, kind.folder)]
             if not table.is_shipped(kind.content):
-                check_fields(found, {"kind", *BESIDE.get(section, ())})
+                _check_fields(found, frozenset({"kind", *BESIDE.get(section, ())}))
         except ConfigError as error:
             problems.add(f"{section}: {error}", kind.place, kind.related)
         else:
             return found
     return None
+
+
+@lru_cache(maxsize=64)
+def _check_fields(kind: type, taken: frozenset[str]) -> None:
+    """Check that a launch file can give every field of a dataclass that a user wrote."""
+    try:
+        fields = fields_of(kind)
+    except Exception as error:
+        raise ConfigError(f"the fields of {kind.__name__}: {describe_user_error(error)}") from None
+    for name, field in fields.items():
+        if name in taken:
+            raise ConfigError(
+                f"{kind.__name__}: a parameter cannot be called {name!r}, which is taken"
+            )
+        try:
+            _ = Form(kind.__name__, {name: field}).adapter
+        except Exception as error:  # of pydantic, or of a type's own code
+            detail = str(error).partition("\n")[0]
+            raise ConfigError(
+                f"{kind.__name__}: a launch file cannot give {name!r} of the type {field.hint}:"
+                f" {detail}"
+            ) from None
 
 
 def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> Any:
@@ -203,7 +233,7 @@ def _settings(kind: type) -> Form:
 _MAKE: Mapping[str, Callable[..., Any]] = {"device": _device, "environment": _environment}
 
 _SET = {"set": Field("set", dict[str, Any] | None, False, None)}
-_FIXED: Mapping[str, Form] = {
+FIXED: Mapping[str, Form] = {
     "links": Form(
         "links",
         {},

@@ -5,18 +5,16 @@ A parameter is named by its place in a launch file: ``device.law``,
 """
 
 import difflib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.fields import fields_of
-from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.names import LAW, ParameterName
 from forcebound.config.problems import shortened
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.servo import ServoSettings
 from forcebound.parts.plain import plain
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
@@ -63,7 +61,7 @@ def differences(
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest ones, or why it is none."""
     known = parameters(config)
-    if _is_fixed(name):
+    if name not in SECTIONS and _is_fixed(name, config):
         return (
             f"{name} is fixed while a graph runs: change it in the launch file and start again;"
             f" what can be changed is in {_sections()}"
@@ -78,23 +76,14 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
     return f"unknown parameter {shown!r}; what can be changed is in {_sections()}"
 
 
-def _is_fixed(name: str) -> bool:
-    """Whether only a launch file can set this."""
-    section, entry = (*ParameterName.parse(name).steps, "")[:2]
-    if section in KINDS and entry == "kind":
-        return True
-    places: dict[str, Collection[str]] = {
-        **{
-            section: {name for kind in table.usable().values() for name in fields_of(kind)}
-            for section, table in KINDS.items()
-            if section not in SECTIONS
-        },
-        "realtime": fields_of(RealtimeConfig),
-        "remote": fields_of(RemoteConfig),
-    }
-    if section == "device" and entry in fields_of(ServoSettings):
-        return True
-    return name in (*places, "phases", *RUN_KEYS) or entry in places.get(section, ())
+def _is_fixed(name: str, config: GraphConfig) -> bool:
+    """Whether the launch file has such a value or section, which cannot be changed."""
+    found: Any = to_document(config)
+    for step in ParameterName.parse(name).steps:
+        if not isinstance(found, Mapping) or step not in found:
+            return False
+        found = found[step]
+    return True
 
 
 def _sections() -> str:

@@ -5,20 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.device_file import WHAT
-from forcebound.config.document import MAX_BYTES
-from forcebound.config.model import part_form
+from forcebound.config.document import device_section
+from forcebound.config.model import make_part
 from forcebound.config.problems import Place, Problems, unknown
-from forcebound.config.tree import Value, parse, scalar
+from forcebound.config.tree import Value, scalar
 from forcebound.errors import ConfigError
-from forcebound.files import read_text
-
-
-def _part_of(section: str, value: Value, problems: Problems) -> Any:
-    form = part_form(section, value, problems, is_alone=True)
-    made = {} if form is None else form.read(value, problems)
-    problems.raise_if_any()
-    return made[""]
 
 
 def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
@@ -43,7 +34,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
             problems.add(f"{name!r} is given twice, or is no parameter", place)
         else:
             entries[name] = Value(scalar(word.strip()), place, text=word.strip())
-    return _part_of(section, Value(entries, Place(section)), problems)
+    return make_part(section, Value(entries, Place(section)), problems)
 
 
 def device_of(path: Path, without: Collection[str]) -> Any:
@@ -53,12 +44,8 @@ def device_of(path: Path, without: Collection[str]) -> Any:
         ConfigError: If it cannot be read, has no device, or anything is wrong with that.
     """
     problems = Problems()
-    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
-    problems.raise_if_any()
-    section = None if root is None else root.entries.get("device")
-    if section is None or "kind" not in section.entries:
-        raise ConfigError(f"{path} has no section device: with a kind")
-    return _part_of("device", section.without(*without), problems)
+    section = device_section(path, problems)
+    return make_part("device", section.without(*without), problems)
 
 
 def law_of(kind: str) -> str:
