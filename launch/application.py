@@ -75,8 +75,9 @@ class Tuner:
             for name, value in settings.items()
             if name.startswith(here) and value != self._known.get(name)
         }
-        self._config = with_parameters(self._config, changed)
-        _apply(changed, self._config, runner)
+        config = with_parameters(self._config, changed)
+        _apply(changed, config, runner)
+        self._config = config
         self._known |= changed
         self._time_ns = time_ns
         return {name: value for name, value in changed.items() if name != LAW}
@@ -94,12 +95,13 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
 
 def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
     names = [ParameterName.parse(name) for name in changed]
+    if any(name.section == "environment" for name in names):  # first, since it may be refused
+        for node in graph.nodes:
+            if isinstance(node, EnvironmentNode):
+                change_environment(node, new.environment)
     for topic in sorted({name.topic for name in names if name.topic is not None}):
         _change_link(graph, topic, new)
-    changes_environment = any(name.section == "environment" for name in names)
     for node in graph.nodes:
-        if changes_environment and isinstance(node, EnvironmentNode):
-            change_environment(node, new.environment)
         if LAW in changed and isinstance(node, DeviceNode):
             node.take_law(new.device.servo.law)
 

@@ -85,7 +85,7 @@ def run_live(
     Raises:
         ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop.
+            too often) or did not stop. Where the force has engaged, the result says it instead.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -127,14 +127,15 @@ def run_live(
                 changes=partial(_changes, to_document(config), run_dir),
                 start_cores=cores,
             )
-            interrupted = supervisor.run()
-        except RunError:
-            _discard_if_empty(recording)
-            raise
+            interrupted, failure = supervisor.run(), ""
+        except RunError as error:
+            if _discard_if_empty(recording):
+                raise
+            interrupted, failure = False, str(error)
         finally:
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
-        return _result(recording, interrupted)
+        return replace(_result(recording, interrupted), failure=failure)
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:

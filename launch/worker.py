@@ -23,7 +23,7 @@ from forcebound import process, realtime
 from forcebound.config.document import folder_of
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import made, restore
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import ConfigError, DeviceError, GuardianError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
 from forcebound.launch.children import name_begins
@@ -102,12 +102,12 @@ def run_node(
 def _run_or_lose(
     kind: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
 ) -> int:
-    """Run one process; return ``LOST`` for a device that failed and may wait for its user."""
+    """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
         _run(kind, config, run, run_dir, stop, engages_itself=False)
     except DeviceError as failure:
-        model = made("device", config.device.model)
-        if getattr(model, "on_loss", "end") != "wait":
+        on_loss = getattr(made("device", config.device.model), "on_loss", "end")
+        if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
         return LOST

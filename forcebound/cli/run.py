@@ -30,6 +30,7 @@ from forcebound.cli.common import (
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
+from forcebound.errors import RunError
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
@@ -325,12 +326,19 @@ def _as_written(value: object) -> str:
 
 
 def report(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run."""
+    """Show the result of a run.
+
+    Raises:
+        RunError: If the run failed; its result is shown before.
+    """
+    _show_result(result, record, as_json)
+    if result.failed:
+        raise RunError(result.failed)
+
+
+def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
-    if not result.summary["samples"]:
-        never = "no command younger than the age limit reached the device"
-        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return

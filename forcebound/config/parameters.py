@@ -78,8 +78,11 @@ def unknown_parameter(name: str, config: GraphConfig) -> str:
 
 def _is_fixed(name: str, config: GraphConfig) -> bool:
     """Whether the launch file has such a value or section, which cannot be changed."""
+    place = ParameterName.parse(name)
+    if place.section in ("operator", "remote", "phases"):  # which a graph need not have
+        return True
     found: Any = to_document(config)
-    for step in ParameterName.parse(name).steps:
+    for step in place.steps:
         if not isinstance(found, Mapping) or step not in found:
             return False
         found = found[step]

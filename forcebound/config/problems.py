@@ -115,7 +115,8 @@ def nearest_file(name: str, names: Iterable[str]) -> str:
 
 
 def shortened(text: str) -> str:
-    """Return a text for a message: its beginning if it is long."""
+    """Return a text for a message: it can be printed, and is cut if it is long."""
+    text = text.encode("utf-8", "backslashreplace").decode()
     return text if len(text) <= 60 else text[:57] + "..."
 
 
