@@ -13,7 +13,7 @@ CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
 .PHONY: demo test check ruff mypy pyright imports test-slow examples endurance audit bench browser \
-  fuzz hapi mutation clean
+  reference fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
@@ -62,6 +62,10 @@ bench: $(STAMP)
 	$(BIN)/forcebound bench sweep
 	$(BIN)/forcebound bench virtual
 	$(BIN)/python benchmarks/codec.py
+
+# The page of all keys of launch files, from their schema.
+reference: $(STAMP)
+	$(BIN)/python docs/launch_files.py > docs/launch-files.md
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

@@ -265,20 +265,12 @@ def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
-@click.option(
-    "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
-)
-def schema(page: bool) -> None:
+def schema() -> None:
     r"""Print the JSON schema of launch files, for completion in an editor.
 
     \b
     forcebound schema > forcebound.schema.json
     """
-    if page:
-        from forcebound.config.schema import reference_page
-
-        click.echo(reference_page(), nl=False)
-        return
     from forcebound.config.schema import json_schema
 
     print_json(json_schema())
@@ -300,17 +292,20 @@ def _configuration(
     if show_args:
         _show_arguments(file, as_json)
         return None
-    config = load_tried(file, arguments)
+    config = load_tried(file, arguments, _try_start if check else None)
     if seed is not None:
         config = replace(config, seed=seed)
     if not check:
         return config
-    from forcebound.launch.trial import try_start
-
     also(config)
-    try_start(config)
     print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
+
+
+def _try_start(config: "GraphConfig") -> None:
+    from forcebound.launch.trial import try_start
+
+    try_start(config)
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
