@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 
-from forcebound.bounding import Dissipation
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import (
     BESIDE_MODEL,
@@ -173,33 +172,23 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
     Raises:
         ConfigError: If there is no such parameter, or a file that one names is gone.
     """
+    document = to_document(config)
     names = {ParameterName.parse(name): value for name, value in settings.items()}
-    sections = {name.section for name in names}
-    document: dict[str, Any] = {}
-    if "environment" in sections:
-        document["environment"] = _environment_document(config.environment)
-    if "links" in sections:
-        topics = {name.topic: Impairment() for name in names if name.topic is not None}
-        links = {**topics, **config.links}
-        document["links"] = {topic: plain(link) for topic, link in links.items()}
-    if "device" in sections:
-        document["device"] = plain(config.device.servo)
     try:
         for name, value in names.items():
-            if name.section not in document:
-                raise KeyError(str(name))
+            if name.topic is not None:
+                document["links"].setdefault(name.topic, plain(Impairment()))
             name.put(document, value)
-        changes: dict[str, Any] = {}
-        if "device" in sections:
-            servo = _restored(ServoSettings, document["device"])
-            changes["device"] = replace(config.device, servo=servo)
-        if "environment" in sections:
-            changes["environment"] = _environment(document["environment"])
-        if "links" in sections:
-            changes["links"] = _links(document["links"])
+        changed = _graph(document)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
-    return replace(config, **changes)
+    has_environment = any(name.section == "environment" for name in names)
+    return replace(
+        config,
+        device=replace(config.device, servo=changed.device.servo),
+        links=changed.links,
+        environment=changed.environment if has_environment else config.environment,
+    )
 
 
 def _graph(document: Mapping[str, Any]) -> GraphConfig:
@@ -224,14 +213,7 @@ def _graph(document: Mapping[str, Any]) -> GraphConfig:
 
 def _device(document: Mapping[str, Any]) -> DeviceConfig:
     device, facts = document["device"], document.get(FACTS)
-    stated = None
-    if facts is not None:
-        workspace = facts["workspace"]
-        stated = DeviceFacts(
-            facts["axes"],
-            _restored(Dissipation, facts["dissipation"]),
-            None if workspace is None else tuple(workspace),
-        )
+    stated = None if facts is None else _restored(DeviceFacts, facts)
     return DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated)
 
 
