@@ -22,7 +22,7 @@ import click
 
 from benchmarks.turns import ALONE, Graph, Turn, graph, servo, told
 
-COMMANDS = ("top", "echo telemetry --json", "hz", "bw", "graph", "delay --links", "log")
+COMMANDS = ("list --watch", "echo telemetry --json", "hz", "graph", "delay --links", "log")
 
 
 @click.command()

@@ -232,7 +232,7 @@ def test_the_commands_in_the_report_repeat_the_run(runs: Runs) -> None:
 
 def test_the_command_prints_one_document(tmp_path: Path) -> None:
     out = tmp_path / "new" / "folder"
-    words = ["reproduce", "eq41", "eq42", "--out", str(out), "--json"]
+    words = ["reproduce", "eq41", "eq42", "--output", str(out), "--json"]
     result = CliRunner().invoke(main, words, catch_exceptions=False)
     assert result.exit_code == 0
     document = json.loads(result.stdout)
@@ -241,7 +241,7 @@ def test_the_command_prints_one_document(tmp_path: Path) -> None:
 
 
 def test_an_unknown_experiment_is_an_error_that_names_the_known_ones(tmp_path: Path) -> None:
-    result = CliRunner().invoke(main, ["reproduce", "fig99", "--out", str(tmp_path)])
+    result = CliRunner().invoke(main, ["reproduce", "fig99", "--output", str(tmp_path)])
     assert result.exit_code == 2
     assert "no experiment 'fig99'" in result.stderr
     assert "eq41_42" in result.stderr

@@ -41,11 +41,9 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
     "Look at a running graph": (
         view.view,
         look.list_graphs,
-        look.top,
         topics.draw_graph,
         topics.echo,
         topics.hz,
-        topics.bw,
         topics.delay,
         topics.log,
         look.doctor,

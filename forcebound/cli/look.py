@@ -1,7 +1,8 @@
-"""Commands that look at processes: list, top, doctor."""
+"""Commands that look at processes: list, doctor."""
 
+import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ import click
 from forcebound.cli.common import (
     UNKNOWN,
     duration_option_for,
-    json_lines_option,
     json_option,
     print_json,
     print_json_line,
@@ -31,52 +31,45 @@ COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
 @click.command("list", short_help="List the graphs that run here, with their nodes.")
+@click.option("--watch", is_flag=True, help="Again each second, as long as a graph runs.")
+@run_option
+@duration_option_for("Time after which --watch ends. Default: with the last graph.")
 @json_option
 @reports_errors
-def list_graphs(as_json: bool) -> None:
+def list_graphs(watch: bool, run_dir: Path | None, duration: float | None, as_json: bool) -> None:
     r"""List the graphs that run here: nodes, states, processor, memory, restarts.
+
+    With --watch and --json, one document on each line.
 
     \b
     forcebound list
-    forcebound list --json
-    """
-    from forcebound.monitor.listing import list_graphs as find_graphs
-
-    graphs = find_graphs()
-    if as_json:
-        print_json([_as_document(graph) for graph in graphs])
-        return
-    if not graphs:
-        show("no graph of yours runs on this machine; start one with `forcebound launch FILE`")
-    for graph in graphs:
-        _show_graph(graph)
-
-
-@click.command(short_help="Show what the nodes of a graph use, each second.")
-@run_option
-@duration_option_for("Time after which it ends. Default: with the graph.")
-@json_lines_option
-@reports_errors
-def top(run_dir: Path | None, duration: float | None, as_json: bool) -> None:
-    r"""Show what the processes of a graph use, anew each second, until Ctrl-C.
-
-    \b
-    forcebound top
-    forcebound top --run stiff_wall --duration 10s --json
+    forcebound list --watch --run stiff_wall --duration 10s
     """
     import time
 
     from forcebound.monitor.listing import list_graphs as find_graphs
     from forcebound.monitor.runs import find
 
-    run = find(run_dir)
-    end = None if duration is None else time.monotonic() + duration
-    while (end is None or time.monotonic() < end) and (found := find_graphs(1.0, run)):
-        if as_json:
-            print_json_line(_as_document(found[0]))
-            continue
-        click.clear()  # of a terminal only
-        _show_graph(found[0])
+    only = None if run_dir is None else find(run_dir)
+    if not watch:
+        _show_graphs(find_graphs(only=only), print_json if as_json else None)
+        return
+    end = math.inf if duration is None else time.monotonic() + duration
+    while time.monotonic() < end and (graphs := find_graphs(1.0, only)):
+        if not as_json:
+            click.clear()  # of a terminal only
+        _show_graphs(graphs, print_json_line if as_json else None)
+
+
+def _show_graphs(graphs: "Sequence[ListedGraph]", write: Callable[[Any], None] | None) -> None:
+    """Show graphs as tables, or ``write`` them as one JSON document."""
+    if write is not None:
+        write([_as_document(graph) for graph in graphs])
+        return
+    if not graphs:
+        show("no graph of yours runs on this machine; start one with `forcebound launch FILE`")
+    for graph in graphs:
+        _show_graph(graph)
 
 
 def _show_graph(graph: "ListedGraph") -> None:

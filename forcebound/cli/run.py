@@ -262,20 +262,12 @@ def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]
 
 
 @click.command(short_help="Print the JSON schema of launch files.")
-@click.option(
-    "--page", is_flag=True, help="Print the reference page of all keys (Markdown) instead."
-)
-def schema(page: bool) -> None:
+def schema() -> None:
     r"""Print the JSON schema of launch files, for completion in an editor.
 
     \b
     forcebound schema > forcebound.schema.json
     """
-    if page:
-        from forcebound.config.schema import reference_page
-
-        click.echo(reference_page(), nl=False)
-        return
     from forcebound.config.schema import json_schema
 
     print_json(json_schema())

@@ -22,7 +22,7 @@ from forcebound.cli.common import (
 )
 from forcebound.errors import ConfigError, RunError
 
-OUTPUT = ("-o", "--output", "--out", "out")  # as with every command; --out is the older name
+OUTPUT = ("-o", "--output", "out")
 
 workers_option = click.option(
     "--workers",
@@ -251,10 +251,8 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.option("--overwrite", is_flag=True, help="Replace the result of another sweep.")
 @click.option("--plot", "as_plot", is_flag=True, help="Also draw the map of the sweep.")
 @json_option
-@click.pass_context
 @reports_errors
 def sweep(
-    context: click.Context,
     file: str,
     arguments: tuple[str, ...],
     output: Path | None,
@@ -267,17 +265,10 @@ def sweep(
 ) -> None:
     r"""Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
-    `forcebound sweep audit` runs `forcebound audit`.
-
     \b
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
-    if file == "audit":
-        if arguments or cluster or restart or overwrite or as_plot:
-            raise ConfigError("sweep audit takes --output, --workers and --json; see audit --help")
-        context.invoke(audit, workers=workers, out=output, as_json=as_json)
-        return
     from forcebound.sweep.command import run
 
     try:

@@ -129,7 +129,7 @@ def _property(field: Field) -> dict[str, Any]:
 
 _HEAD = """# Keys of launch files
 
-This page is made from the schema: `forcebound schema --page` writes it. The
+This page is made from the schema: `make reference` writes it. The
 [tutorial](tutorial.md) shows a launch file; `forcebound schema` prints the schema for an editor.
 
 A quantity is a number in the SI unit below, or text with a unit (`10 N/mm`, `5 ms`, `40 %`). A key
