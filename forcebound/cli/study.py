@@ -212,7 +212,7 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/reproduce"),
     show_default=True,
-    help="Folder for pictures, numbers and the report.",
+    help="Folder for pictures and numbers.",
 )
 @json_option
 @reports_errors
@@ -234,7 +234,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
     for table in tables(done):
         Console().print(table)
-    show(f"report: {out / 'report.html'}")
+    show(f"pictures and numbers: {out}")
 
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
