@@ -139,6 +139,22 @@ def test_a_long_text_is_read_once_for_all_rows_that_have_it(tmp_path: Path) -> N
     assert len({id(text) for text in texts}) == 1
 
 
+def test_a_result_with_too_many_cells_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forcebound.sweep.table.MAX_CELLS", 2000)
+    names = ("over.delay", "over.stiffness", "true_energy_min_j", "at_rest")
+    columns = {name: [1.0] * 1000 for name in names}
+    about = {"map": {"x": "delay", "y": "stiffness", "value": "true_energy_min_j"}}
+    with pytest.raises(ConfigError, match="2000 cells"):
+        draw(hostile(tmp_path / "a.parquet", columns, about), tmp_path / "x.png")
+
+
+def test_columns_of_no_sweep_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not a result of a sweep"):
+        draw(hostile(tmp_path / "a.parquet", {"x": [[1.0] * 9]}, {}), tmp_path / "x.png")
+
+
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not a result of a sweep"):
         draw(written(tmp_path, SMALL), tmp_path / "x.png")

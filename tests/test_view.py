@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,8 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Queue
+from threading import Event
 from typing import Any
 from unittest.mock import Mock
 
@@ -26,7 +29,7 @@ from live_graph import LiveGraph, live_graph
 from waiting import PATIENCE
 
 from forcebound.cli import main
-from forcebound.cli.view import open_browser
+from forcebound.cli.view import opened_in_browser
 from forcebound.errors import ConfigError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.operators.trajectory import TrajectoryHand
@@ -210,6 +213,10 @@ def test_pages_see_the_graph_and_change_it_and_nobody_else_gets_in(
         assert changed["ranges"]["environment.stiffness"] == ">= 0 N/m"
         assert changed["ranges"]["links.environment_reply.loss"] == "0 to 1"
         assert "no such control" in str(await page.asks(do="format the disk"))
+        for target in ([2**70 * 10**300], ["near"], {"x": 1}, 0.02, None):
+            assert "a list of numbers" in str(await page.asks(do="point", target=target))
+        await page.send(do="point", target=[2**70])  # the device's to refuse
+        assert "UnicodeEncodeError" in str(await page.asks(do="stop", node="\ud800"))
         wrong = await page.asks(do="set", settings={"device.law": "memoryless"})
         assert "did you mean 'certified_memoryless'" in str(wrong)
         assert await page.asks(do="record") is None
@@ -286,6 +293,35 @@ def test_a_graph_that_ends_while_its_controls_are_made_leaves_nothing(
     controls.close.assert_called_once_with()
 
 
+def test_a_body_is_refused_at_the_headers_and_connections_are_limited(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("forcebound.view.server.MOST_CONNECTIONS", 3)
+
+    async def said(server: Server, request: bytes) -> tuple[bytes, asyncio.StreamWriter]:
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.access.port)
+        writer.write(request)
+        return await asyncio.wait_for(reader.read(100), PATIENCE), writer
+
+    async def visit() -> None:
+        server = Server()
+        post = b"POST / HTTP/1.1\r\nHost: evil.example\r\n"
+        for body in (b"Content-Length: 1\r\n\r\n", b"Transfer-Encoding: chunked\r\n\r\n1\r\n"):
+            answer, writer = await said(server, post + body)
+            assert answer.startswith(b"HTTP/1.1 400")
+            writer.close()
+        get = f"GET /app.js HTTP/1.1\r\nHost: 127.0.0.1:{server.access.port}\r\n\r\n".encode()
+        kept = [await said(server, get) for _ in range(3)]
+        assert all(answer.startswith(b"HTTP/1.1 200") for answer, _ in kept)
+        answer, writer = await said(server, b"")
+        assert answer == b""  # closed
+        for each in (writer, *(writer for _, writer in kept)):
+            each.close()
+        await server.close()
+
+    asyncio.run(visit())
+
+
 def test_an_address_that_is_not_here_is_told() -> None:
     with pytest.raises(ConfigError, match=r"cannot listen at 192\.0\.2\.1, port 0"):
         Server("192.0.2.1")
@@ -354,17 +390,38 @@ def test_a_page_shows_one_graph_after_the_other_at_one_address_until_ctrl_c(tmp_
 def test_a_browser_that_is_started_stays_off_the_core_of_the_nodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opened: list[tuple[str, set[int]]] = []
-    monkeypatch.setattr(
-        webbrowser, "open", lambda address: opened.append((address, os.sched_getaffinity(0)))
-    )
+    opened: Queue[set[int]] = Queue()
+    monkeypatch.setattr(webbrowser, "open", lambda _: opened.put(os.sched_getaffinity(0)))
     cores = os.sched_getaffinity(0)
     core = max(cores)
     RunDocument(os.getpid(), core, "", []).write(tmp_path)
-    open_browser("first", None)
-    open_browser("second", tmp_path)
-    assert opened == [("first", cores), ("second", cores - {core} or cores)]
+    for run, free in ((None, cores), (tmp_path, cores - {core} or cores)):
+        with opened_in_browser("address", run):
+            assert opened.get(timeout=PATIENCE) == free
     assert os.sched_getaffinity(0) == cores
+
+
+def test_a_browser_gets_a_private_file_in_place_of_the_address_and_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: Queue[str] = Queue()
+    ended = Event()
+
+    def stay(url: str) -> None:
+        opened.put(url)
+        ended.wait(PATIENCE)
+
+    monkeypatch.setattr(webbrowser, "open", stay)
+    address = "http://127.0.0.1:8000/?token=secret"
+    with opened_in_browser(address, None):
+        url = opened.get(timeout=PATIENCE)
+        assert "secret" not in url
+        file = Path(url.removeprefix("file://"))
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+        assert f'content="0;url={address}"' in file.read_text()
+        assert not ended.is_set()
+    assert not file.exists()
+    ended.set()
 
 
 def test_without_tornado_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Reference of the four-hop loop: the same sockets and bytes in bare pyzmq.
+"""Reference of the four-hop loop: the graph's sockets and bytes in bare pyzmq.
 
 One process per role. ``device`` sends a state on an absolute schedule and waits for the answer;
 ``controller`` forwards it as a query, waits for the reply and forwards that as a command;
@@ -6,8 +6,10 @@ One process per role. ``device`` sends a state on an absolute schedule and waits
 are overwritten with the number of the tick, so that a late answer is never mistaken for the next.
 Nothing is decoded.
 
-The controller waits for the two streams alternately, which a real one cannot, and there are no
-control sockets: no faster way to use these sockets is known.
+The sockets are those of the graph (:func:`forcebound.network.sockets.make_socket`): the same kinds
+and options, so no CONFLATE, and the same compiled calls to send and receive. The controller waits
+for the two streams alternately, which a real one cannot, and there are no control sockets: no
+faster way to use these sockets is known.
 
 With CORE -1 placement and scheduling are the kernel's. Otherwise they are set by the function that
 sets them for the real nodes (:func:`forcebound.realtime.enter`).
@@ -18,9 +20,11 @@ import struct
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TypeAlias
 
 import zmq
+from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.benchmark.paced import pace
 from forcebound.benchmark.workers import READY, TIMEOUT_NS, enter_contestant
@@ -33,6 +37,7 @@ from forcebound.messages.packets import (
     ForceCommand,
     Packet,
 )
+from forcebound.network.sockets import Publisher, make_socket
 from forcebound.realtime import Settings, enter, freeze_garbage
 
 Send: TypeAlias = Callable[[bytes], object]
@@ -52,23 +57,17 @@ PACKETS: tuple[Packet, ...] = (
 def _sender(context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]) -> Send:
     packet = next(packet for packet in PACKETS if type(packet) is kind)
     head = encode(packet)[: -_TICK.size]
-    socket = context.socket(zmq.PUB)
-    socket.linger = 0
-    socket.bind(f"ipc://{folder}/{TOPIC_OF[kind]}")
-    send = socket.send
+    endpoint = f"ipc://{folder}/{TOPIC_OF[kind]}"
+    send = Publisher(make_socket(context, zmq.PUB, endpoint, bind=True)).send
     return lambda tick: send(head + tick)
 
 
 def _receiver(
     context: "zmq.Context[zmq.Socket[bytes]]", folder: str, kind: type[Packet]
 ) -> Receive:
-    socket = context.socket(zmq.SUB)
-    socket.linger = 0
-    socket.conflate = True  # has no effect after connect
+    socket = make_socket(context, zmq.SUB, f"ipc://{folder}/{TOPIC_OF[kind]}", bind=False)
     socket.rcvtimeo = TIMEOUT_NS // 1_000_000
-    socket.subscribe(b"")
-    socket.connect(f"ipc://{folder}/{TOPIC_OF[kind]}")
-    receive = socket.recv
+    receive = partial(_CompiledSocket.recv, socket)
     return lambda: receive()[-_TICK.size :]
 
 
@@ -83,8 +82,10 @@ def _serve_environment(queries: Receive, reply: Send) -> None:
 def _serve_controller(states: Receive, query: Send, replies: Receive, command: Send) -> None:
     while True:
         try:
-            query(states())
-            command(replies())
+            query(tick := states())
+            while (reply := replies()) != tick:
+                pass  # of a tick that was given up
+            command(reply)
         except zmq.Again:
             continue
 

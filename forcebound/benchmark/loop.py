@@ -5,7 +5,7 @@ processes for each round:
 
 1. ``graph``: the nodes of the launch file, as the launcher places and schedules them
    (:mod:`forcebound.benchmark.graph_loop`);
-2. ``bare``: bare pyzmq with the same sockets, the same bytes and the same placement
+2. ``bare``: bare pyzmq with the graph's sockets and options, the same bytes and the same placement
    (:mod:`forcebound.benchmark.bare_loop`), for the cost of the graph's own work;
 3. ``default``: the same without placement, for the gain of placement.
 

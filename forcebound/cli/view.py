@@ -1,10 +1,13 @@
 """The live page of a running graph."""
 
 import os
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import click
@@ -31,8 +34,18 @@ def has_screen() -> bool:
     return "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
 
 
-def open_browser(address: str, run: Path | None) -> None:
-    """Open a page; a browser that this starts stays off the core of the nodes.
+REDIRECT = """<!doctype html><meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0;url={}"><title>forcebound</title>
+"""
+
+
+@contextmanager
+def opened_in_browser(address: str, run: Path | None) -> Iterator[None]:
+    """Open a page in a browser, which stays off the core of the nodes.
+
+    Every user of the machine can read command lines, so the browser gets the name of a private file
+    that leads to the address; it is deleted after the body. A browser may stay in the foreground,
+    so a thread waits for it.
 
     Without a realtime kernel even SCHED_FIFO waits for system calls, of which a browser makes many.
 
@@ -40,13 +53,23 @@ def open_browser(address: str, run: Path | None) -> None:
         address: Of the page.
         run: Run directory of the graph; None: there is none yet.
     """
-    import webbrowser
-
+    from forcebound.folders import runtime_folder
     from forcebound.launch.run_directory import RunDocument
-    from forcebound.realtime import on_cores
 
     core = None if run is None else RunDocument.read(run).core
-    with on_cores(os.sched_getaffinity(0) - {core}):
+    with tempfile.NamedTemporaryFile("w", suffix=".html", dir=runtime_folder()) as file:  # 0600
+        file.write(REDIRECT.format(address))
+        file.flush()
+        Thread(target=_open, args=(Path(file.name).as_uri(), core), daemon=True).start()
+        yield
+
+
+def _open(address: str, core: int | None) -> None:
+    import webbrowser
+
+    from forcebound.realtime import on_cores
+
+    with on_cores(os.sched_getaffinity(0) - {core}):  # of this thread and what it starts
         webbrowser.open(address)
 
 
@@ -134,6 +157,7 @@ async def _serve(
     from forcebound.view.access import LOOPBACK
 
     server = start()
+    stack = ExitStack()
     try:
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.stop)
         access = server.access
@@ -142,7 +166,7 @@ async def _serve(
         if access.hosts != LOOPBACK:
             show("others on this network can open them, and read what is sent", err=True)
         if opens and has_screen():
-            open_browser(access.address(access.token), run)
+            stack.enter_context(opened_in_browser(access.address(access.token), run))
         while not server.is_stopped:
             if run is None:
                 show("waiting for a graph; Ctrl-C ends the page")
@@ -158,4 +182,5 @@ async def _serve(
             if not stays:
                 return
     finally:
+        stack.close()
         await server.close()

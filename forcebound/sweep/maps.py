@@ -104,8 +104,9 @@ def numbers_of(table: Table, name: str) -> Array:
     Raises:
         ConfigError: If there is no such column, or it is text.
     """
+    column = column_of(table, name)
     try:
-        values = [math.nan if v is None else float(v) for v in column_of(table, name)]
+        values = [math.nan if v is None else float(v) for v in column]
     except ValueError:
         raise ConfigError(f"the column {name!r} is text; a map needs numbers") from None
     return np.array(values) * UNITS.get(name, ("", 1.0))[1]

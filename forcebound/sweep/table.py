@@ -22,6 +22,8 @@ except ImportError as missing:  # pragma: no cover - an installation without the
     raise ConfigError("sweeps need pyarrow: pip install 'forcebound[sweep]'") from missing
 
 _KEY = b"forcebound"
+_TYPES = (pa.bool_(), pa.int64(), pa.float64(), pa.string())  # of the columns that we write
+MAX_CELLS = 50_000_000  # rows times columns that are read, some 40 bytes each; a map reads ten
 MAX_BYTES = 1_000_000_000  # that a result unpacks to; two million cases have some hundred MB
 _TEXTS = ("error", "engine")  # text columns, even if empty
 
@@ -30,7 +32,7 @@ _TEXTS = ("error", "engine")  # text columns, even if empty
 class Table:
     """Result of a sweep: columns by name, all of one length, and its description."""
 
-    columns: Mapping[str, list[Any]]
+    columns: Mapping[str, list[Any]]  # of a file: each is read when it is first asked for
     about: Mapping[str, Any]
 
 
@@ -55,8 +57,35 @@ def read_table(path: Path) -> Table:
         content = file.metadata
         if max(content.num_rows, content.num_columns, _unpacked(content)) > MAX_BYTES:
             raise ConfigError(f"{path} unpacks to more than {MAX_BYTES} bytes: no sweep has them")
-        table = file.read()
-        return Table({name: _values(table[name]) for name in table.column_names}, _about(file))
+        return Table(_Columns(file, path), _about(file))
+
+
+class _Columns(Mapping[str, list[Any]]):
+    """Columns of a file, of which only those in use take memory."""
+
+    def __init__(self, file: Any, path: Path) -> None:
+        self._file, self._path = file, path
+        self._names = file.schema_arrow.names
+        self._read: dict[str, list[Any]] = {}
+
+    def __getitem__(self, name: str) -> list[Any]:
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._read:
+            if (len(self._read) + 1) * self._file.metadata.num_rows > MAX_CELLS:
+                raise ConfigError(f"{self._path}: more than {MAX_CELLS} cells (rows times columns)")
+            with content_of(self._path):
+                self._read[name] = _values(self._file.read(columns=[name])[name])
+        return self._read[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -79,9 +108,10 @@ def _opened(path: Path) -> Iterator[Any]:
         raise ConfigError(f"cannot read {path}: {reason(error)}") from None
     try:
         schema = pq.read_schema(pa.BufferReader(data))
+        is_flat = all(field.type in _TYPES for field in schema)
         texts = [field.name for field in schema if pa.types.is_string(field.type)]
         file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
-        is_ours = _KEY in (file.schema_arrow.metadata or {})
+        is_ours = is_flat and _KEY in (file.schema_arrow.metadata or {})
     except (OSError, pa.ArrowException) as error:
         raise ConfigError(f"{path} is not a result of a sweep: {error}") from None
     if not is_ours:

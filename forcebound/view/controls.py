@@ -102,6 +102,8 @@ class Controls:
             return f"{wanted.get('do')} needs {error}"
         except ForceboundError as error:
             return str(error)
+        except Exception as error:  # a value that nobody thought of: the page's error, not ours
+            return f"{wanted.get('do')}: {type(error).__name__}: {error}"
         return None
 
     def _set(self, settings: Any) -> None:
@@ -141,11 +143,19 @@ class Pointer:
         self._newest: tuple[list[float], Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
-    def point(self, target: Any, stamp: Any = None) -> None:
-        """Take where the pointer is now, in m, one entry per axis; ``stamp`` is the caller's."""
-        if isinstance(target, list) and all(isinstance(x, float | int) for x in target):
-            self._newest = target, stamp
+    def point(self, target: Any, stamp: Any = None) -> str | None:
+        """Take where the pointer is now, in m, one entry per axis; return what is wrong, or None.
+
+        Args:
+            target: As a page sent it.
+            stamp: Of the caller, for ``taken``.
+        """
+        try:
+            self._newest = [float(entry) for entry in target], stamp
+        except (TypeError, ValueError, OverflowError):
+            return "target: expected a list of numbers, in m"
         self.send()
+        return None
 
     def send(self) -> None:
         """Send the newest place if the device has answered to the one before."""

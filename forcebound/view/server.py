@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import tornado.httpserver
+import tornado.iostream
 import tornado.web
 import tornado.websocket
 
@@ -31,6 +32,9 @@ NEXT = 0.5  # s between two looks for the next graph
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 FAREWELL = 1.0  # s that pages have to close
 MOST_PAGES = 32
+MOST_CONNECTIONS = 64  # besides those of pages; a page needs a few while it loads
+MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
+IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
 OVER = {"type": "over"}  # what pages are told while there is no graph
@@ -79,7 +83,13 @@ class Server:
             websocket_max_message_size=MOST_MESSAGE,
             log_function=lambda request: None,  # an address has its token
         )
-        self._http = tornado.httpserver.HTTPServer(application)
+        self._http = _Http(
+            application,
+            max_header_size=MOST_REQUEST,
+            max_body_size=0,
+            max_buffer_size=10 * MOST_MESSAGE,
+            idle_connection_timeout=IDLE,
+        )
         self._http.add_socket(listening)
 
     def stop(self) -> None:
@@ -230,6 +240,16 @@ class _Graph:
         self.pointer.close()
 
 
+class _Http(tornado.httpserver.HTTPServer):
+    """An HTTP server that closes the connections that are too many."""
+
+    def handle_stream(self, stream: tornado.iostream.IOStream, address: tuple[Any, ...]) -> None:
+        if len(self._connections) >= MOST_CONNECTIONS:
+            stream.close()
+        else:
+            super().handle_stream(stream, address)
+
+
 def _bound(listen: str, port: int) -> socket.socket:
     try:
         family, *_, address = socket.getaddrinfo(listen, port, type=socket.SOCK_STREAM)[0]
@@ -326,7 +346,7 @@ class _Page(tornado.websocket.WebSocketHandler):
         try:
             wanted = json.loads(message)
             do = wanted["do"]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             return
         graph = self._server.graph
         if not self._may_change:
@@ -335,7 +355,9 @@ class _Page(tornado.websocket.WebSocketHandler):
             self._answer(wanted, "no graph runs")
         elif do == "point":
             stamp = self, wanted.get("stamp"), time.monotonic()
-            graph.pointer.point(wanted.get("target"), stamp)
+            error = graph.pointer.point(wanted.get("target"), stamp)
+            if error is not None:
+                self._answer(wanted, error)
         else:
             self._server.workers.submit(self._act, graph.controls, wanted)
 
