@@ -244,7 +244,7 @@ CAUSES: dict[str, Text] = {
         "the core (taskset, isolcpus)"
     ),
     "unknown": Text(
-        action="cause unknown, see what this machine can do", command="forcebound bench servo"
+        action="cause unknown, see what this machine can do", command="forcebound doctor --measure"
     ),
     "injected_loss": Text(
         action="its parameters lose every packet; see and set them",
@@ -271,7 +271,7 @@ _PUNCTUAL = "a quieter machine, realtime.policy: fifo"
 CAUSES |= {
     "missed_ticks": Text(
         action=f"{{share:.1%}} of the ticks are missed: {_PUNCTUAL}, or a lower device.rate",
-        command="forcebound bench servo",
+        command="forcebound doctor --measure",
     ),
     "delay": Text(
         action="half of the answers are {p50:.2g ms} old or older: less delay on the links, an "
