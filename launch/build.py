@@ -80,7 +80,7 @@ def build_device(
     clock: Callable[[], int] | None = None,
     lateness: Callable[[], int] | None = None,
 ) -> DeviceNode:
-    """Return the device node with its device, opened; see :class:`forcebound.nodes.device.DeviceNode`.
+    """Return the device node with its device, opened; see :class:`DeviceNode`.
 
     Raises:
         DeviceError: If the device cannot be opened.

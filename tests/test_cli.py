@@ -238,7 +238,6 @@ def test_check_and_show_args_start_nothing() -> None:
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run"), "no folder /nowhere"),
         (("simulate", "stiff_wall", "--check", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
-        (("bench", "nothing"), "nothing"),
         (("bridge", "rviz"), "unknown command 'rviz'; known: foxglove, plotjuggler"),
         (("lunch",), "unknown command 'lunch'; did you mean 'launch'?"),
         (("sweep", "nowhere"), "nowhere"),
