@@ -97,9 +97,7 @@ def run_live(
             topics = [TELEMETRY, *told, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
-        run = RunDocument(
-            os.getpid(), core, str(recording), streams, metadata, file, is_temporary=True
-        )
+        run = RunDocument(os.getpid(), core, str(recording), streams, metadata, file)
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
         names = [name for name in PROCESSES if name != "environment" or _starts_here(config)]
@@ -223,7 +221,7 @@ def _starts_here(config: GraphConfig) -> bool:
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
     program = [sys.executable, "-m", "forcebound", "node", name]
-    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir), "--supervised"]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
 
 
 def _taken_cores() -> list[int | None]:

@@ -75,7 +75,7 @@ def _show_graphs(graphs: "Sequence[ListedGraph]", write: Callable[[Any], None] |
 
 def _show_graph(graph: "ListedGraph") -> None:
     core = "any core" if graph.core is None else f"core {graph.core}"
-    show(f"{graph.name}  ({graph.phase or 'nodes by hand'}, {core}, {graph.run_dir})")
+    show(f"{graph.name}  ({graph.phase or 'an environment'}, {core}, {graph.run_dir})")
     print_rows(HEAD, _rows(graph))
 
 

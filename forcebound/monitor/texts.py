@@ -33,7 +33,7 @@ _ROOM = ("make room, or name another folder", "XDG_RUNTIME_DIR=FOLDER forcebound
 
 # Of a graph.
 FINDINGS: dict[str, Text] = {
-    "no_launcher": Text("no launcher: the nodes were started by hand, and none is restarted"),
+    "no_launcher": Text("no launcher: an environment by itself, which none restarts"),
     "starting": Text("the run is {phase}: no force yet"),
     "stopping": Text("the run is ending"),
     "suspended": Text(
@@ -312,7 +312,7 @@ CAUSES |= {
 
 # Notes on a change of parameters.
 NOTES: dict[str, Text] = {
-    "no_node": Text("no {node} is running here; started by hand, it reads its own launch file"),
+    "no_node": Text("no {node} is running here"),
     "node_stopped": Text(
         "{node} is stopped on request, and has the change when it starts again",
         command="forcebound start {node}",
