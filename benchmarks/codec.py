@@ -54,7 +54,9 @@ SAMPLES: tuple[Packet, ...] = (
         write_ns=NOW,
     ),
 )
-FOR_VERIFICATION = ("read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position")
+FOR_VERIFICATION = (
+    *("read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position", "ahead_ns"),
+)
 CALLS, ROUNDS = 500, 10  # warm calls of one measurement, rounds of each contestant
 
 Work = Callable[[], object]

@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import process, realtime
+from forcebound.config.document import folder_of
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import CODE_OF_PROCESS, restore
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import ConfigError, DeviceError, GuardianError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
 from forcebound.launch.children import name_begins
@@ -104,6 +105,7 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
                 streams,
                 run_metadata(config),
                 description,
+                str(folder_of(file)),
                 is_graph=False,
             )
             write_launch_document(run_dir, config)  # for `forcebound param`
@@ -114,11 +116,12 @@ def serve_environment(file: Path, arguments: Sequence[str] = ()) -> None:
 def _run_or_lose(
     kind: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
 ) -> int:
-    """Run one process; return ``LOST`` for a device that failed and may wait for its user."""
+    """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
         _run(kind, config, run, run_dir, stop)
     except DeviceError as failure:
-        if getattr(config.device.model, "on_loss", "end") != "wait":
+        on_loss = getattr(config.device.model, "on_loss", "end")
+        if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
         return LOST
