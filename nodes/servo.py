@@ -8,7 +8,6 @@ from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.nodes.hold_limit import FIXED, FLOOR
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -40,7 +39,6 @@ class ServoSettings:
         age_limit: An answer to an older state gives no force.
         engage_time: From no force to full force.
         velocity_cutoff: Of the low-pass on the backward difference.
-        late_ticks: Late ticks on purpose, for experiments.
     """
 
     law: str = "certified"
@@ -52,7 +50,6 @@ class ServoSettings:
     age_limit: Annotated[Time, POSITIVE] = 0.1
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
-    late_ticks: LateTicks | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -28,7 +28,7 @@ lowest energy.
 
 made this page (forcebound {version}, {processor}). Any run can be repeated by name:
 
-    forcebound audit replay LAW CASE --out run.png
+    forcebound audit replay LAW CASE --output run.png
 
 [audit-worlds.md](audit-worlds.md): the same laws in two and three axes, through every world and
 controller.

@@ -102,7 +102,6 @@ def _group_of(config: GraphConfig) -> tuple[Any, ...] | None:
         or environment not in lanes.ENVIRONMENTS
         or config.environment.fixtures is not None
         or type(config.controller) is not DirectController
-        or servo.late_ticks is not None
         or servo.period_ns / 1e9 > servo.longest_hold  # by rounding, every hold would be too long
     ):
         return None
