@@ -5,7 +5,8 @@
 
 from collections.abc import Iterator
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import differences, parameters
 from forcebound.config.resolved import with_parameters
 from forcebound.launch.build import change_environment, change_link
@@ -68,8 +69,9 @@ class Tuner:
             for name, value in request.parameters.items()
             if name.startswith(here) and value != self._known.get(name)
         }
-        self._config = with_parameters(self._config, changed)
-        _apply(changed, self._config, runner)
+        config = with_parameters(self._config, changed)
+        _apply(changed, config, runner)
+        self._config = config
         self._known |= changed
         self._time_ns = request.time_ns
         return {name: value for name, value in changed.items() if name != LAW}
@@ -86,13 +88,14 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
 
 
 def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) -> None:
-    links = {name.split(".")[1] for name in changed if name.startswith("links.")}
-    for topic in sorted(links):
+    names = [ParameterName.parse(name) for name in changed]
+    if any(name.section == "environment" for name in names):  # first, since it may be refused
+        for node in graph.nodes:
+            if isinstance(node, EnvironmentNode):
+                change_environment(node, new.environment)
+    for topic in sorted({name.topic for name in names if name.topic is not None}):
         _change_link(graph, topic, new)
-    changes_environment = any(name.startswith("environment.") for name in changed)
     for node in graph.nodes:
-        if changes_environment and isinstance(node, EnvironmentNode):
-            change_environment(node, new.environment)
         if LAW in changed and isinstance(node, DeviceNode):
             node.take_law(new.device.servo.law)
 

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import cast
 
 from forcebound import realtime
-from forcebound.config.graph import LAW, GraphConfig
-from forcebound.config.parameters import differences, holders
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW
+from forcebound.config.parameters import differences, processes_of
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_tell_contacts
@@ -85,7 +86,7 @@ def run_live(
     Raises:
         ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop.
+            too often) or did not stop. Where the force has engaged, the result says it instead.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -108,7 +109,6 @@ def run_live(
             metadata,
             file,
             str(folder.resolve()),
-            is_temporary=True,
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
@@ -127,14 +127,15 @@ def run_live(
                 changes=partial(_changes, to_document(config), run_dir),
                 start_cores=cores,
             )
-            interrupted = supervisor.run()
-        except RunError:
-            _discard_if_empty(recording)
-            raise
+            interrupted, failure = supervisor.run(), ""
+        except RunError as error:
+            if _discard_if_empty(recording):
+                raise
+            interrupted, failure = False, str(error)
         finally:
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
-        return _result(recording, interrupted)
+        return replace(_result(recording, interrupted), failure=failure)
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:
@@ -213,7 +214,7 @@ def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
         config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
         request = write_launch_document(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(holders(differences(before, config))), request)
+    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
 
 
 def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
@@ -223,7 +224,7 @@ def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
     except ConfigError:
         return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
-    return {name: value for name, value in changed.items() if node in holders([name])}
+    return {name: value for name, value in changed.items() if node in processes_of([name])}
 
 
 def _starts_here(config: GraphConfig) -> bool:
@@ -233,7 +234,7 @@ def _starts_here(config: GraphConfig) -> bool:
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
     program = [sys.executable, "-m", "forcebound", "node", name]
-    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir), "--supervised"]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
 
 
 def _taken_cores() -> list[int | None]:

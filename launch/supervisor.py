@@ -4,7 +4,8 @@
 a process writes a line, ends or answers, a signal arrives, or a deadline of the lifecycle.
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
-(:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
+(:mod:`forcebound.launch.worker`), and what is left of its group when it has ended, such as a
+stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order.
 
 The launcher answers requests on a control socket of its own, ``control-launcher``, and publishes
@@ -20,9 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound import realtime
+from forcebound.ending import end_group
 from forcebound.errors import RunError
 from forcebound.launch.actions import (
-    DEVICE_LOST,
     Action,
     Announce,
     Ended,
@@ -38,8 +39,7 @@ from forcebound.launch.actions import (
     StopRequested,
     Terminate,
 )
-from forcebound.launch.children import Child, Signals, name_begins
-from forcebound.launch.confirmation import Confirmation
+from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.launch.screen import Screen, doing
 from forcebound.messages import control
@@ -124,7 +124,6 @@ class Supervisor:
             )
             signals = stack.enter_context(Signals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
-            self._confirmation = Confirmation(self._selector)
             for descriptor in (signals.descriptor, server.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
@@ -167,8 +166,6 @@ class Supervisor:
             events: list[Event | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
-            if self._confirmation.take():
-                events.append(Resumed())
             awaited = self._awaited(lifecycle)
             for event in events or [None]:
                 advance(event)
@@ -286,6 +283,7 @@ class Supervisor:
             child = self._children[name]
             status = child.process.poll()
             if status is not None:
+                end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
                 if name == "environment" and "controller" in self._clients:
@@ -303,8 +301,6 @@ class Supervisor:
             case Terminate(name):
                 self._children[name].process.terminate()
             case Start(name):
-                if name == "device":
-                    self._confirmation.withdraw()
                 self._restart(name)
             case Announce():
                 self._announce(action)
@@ -312,8 +308,6 @@ class Supervisor:
     def _announce(self, action: Announce) -> None:
         data = {"node": action.node} | ({"status": action.status} if action.status else {})
         self._emit(action.event, action.message, data, is_fault=action.is_fault)
-        if action.event == DEVICE_LOST:
-            self._confirmation.ask()
 
     def _announce_changes(self, node: str) -> None:
         """Publish the changed parameters that a restarted node has read."""

@@ -15,7 +15,6 @@ still comes about a period after the force before.
 """
 
 import logging
-import math
 from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import ClassVar, NamedTuple
@@ -39,7 +38,6 @@ from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.device_events import DeviceEvents
 from forcebound.nodes.events import EventLog
-from forcebound.nodes.late_ticks import Lateness
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -65,6 +63,13 @@ class DeviceNode(Node):
 
     It publishes states and writes zero force from its first step on; the force engages, and a
     simulated hand begins to move, after :meth:`engage`.
+
+    Args:
+        device: Opened.
+        dissipation: What its law relies on.
+        servo: Its settings.
+        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
+        lateness: Returns how late the next write is to be, in ns; None: none is, on purpose.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
@@ -78,6 +83,7 @@ class DeviceNode(Node):
         dissipation: Dissipation,
         servo: ServoSettings,
         clock: Callable[[], int] | None = None,
+        lateness: Callable[[], int] | None = None,
     ) -> None:
         self._device = device
         self._servo = servo
@@ -95,12 +101,10 @@ class DeviceNode(Node):
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
-        is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,
             age_limit_ns=round(servo.age_limit * 1e9),
             engage_time_ns=round(servo.engage_time * 1e9),
-            saturation=math.inf if is_arm else dissipation.saturation,  # in N m, of the joints
         )
         self._zero: Vector = (0.0,) * device.axes
         self._start_ns: int | None = None  # of tick 0
@@ -114,8 +118,7 @@ class DeviceNode(Node):
         self._position = self._zero
         self._velocity = self._zero
         self._read_ns = 0
-        late = servo.late_ticks
-        self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
+        self._lateness = lateness
         self.deadline_misses = 0
         self.events = EventLog("device")
         self._tells = DeviceEvents(self.events, servo.age_limit, servo.period_ns)
@@ -254,7 +257,7 @@ class DeviceNode(Node):
         self._wake_ns = max(due_ns, time_ns + self._least_wait_ns)
         if self._lateness is not None:
             early_ns = max(self._wake_ns - time_ns, 0) // 2  # at most: reading comes first
-            self._wake_ns += max(self._lateness.draw_ns(), -early_ns)
+            self._wake_ns += max(self._lateness(), -early_ns)
         return state
 
     def _write(self, time_ns: int) -> Telemetry:
@@ -265,6 +268,9 @@ class DeviceNode(Node):
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
         answered = chain.answered_tick if gives else None
+        reply_ns = None if answered is None else chain.reply_ns
+        if reply_ns is not None and reply_ns > time_ns:  # a controller may say anything
+            reply_ns = None
         truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
@@ -289,6 +295,8 @@ class DeviceNode(Node):
             written.torques,
             cut_ns,
             cut_position,
+            written.ahead_ns,
+            None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

@@ -47,8 +47,16 @@ class Told(Silent):
         super().__init__()
         self.limits: list[float] = []
 
-    def set_hold_limit(self, seconds: float) -> None:
+    def set_hold_limit(self, seconds: float) -> float:
         self.limits.append(seconds)
+        return seconds
+
+
+class Clamping(Told):
+    """A device that holds no force for less than 2 ms."""
+
+    def set_hold_limit(self, seconds: float) -> float:
+        return max(super().set_hold_limit(seconds), 2e-3)
 
 
 class Stamping(Told):
@@ -104,6 +112,22 @@ def bounded(device: Silent, law: str = "none", learns: bool = True) -> BoundedDe
     made = BoundedDevice(device, law, DISSIPATION, learns)
     made.begin()
     return made
+
+
+@pytest.mark.parametrize("learns", [False, True])
+def test_a_force_is_planned_for_the_hold_limit_that_the_device_has_set(learns: bool) -> None:
+    def limit_of(device: Silent, dissipation: Dissipation, learns: bool) -> tuple[float, float]:
+        node = BoundedDevice(device, "certified", dissipation, learns)
+        node.begin()
+        for tick in range(20):
+            device.position = (tick * 1e-3,)
+            node.write(tick * MS, (8.5,), 1.0)
+        return node.bounder.limit, node.report().hold_limit
+
+    clamped = limit_of(Clamping(), DISSIPATION, learns)
+    as_stated = limit_of(Silent(), replace(DISSIPATION, hold_limit=2e-3), learns=False)
+    assert clamped == pytest.approx(as_stated)
+    assert clamped < limit_of(Told(), DISSIPATION, learns)
 
 
 def test_no_force_before_it_engages_whatever_is_commanded() -> None:
@@ -216,7 +240,9 @@ def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() ->
     node = bounded(device)
     for tick in range(10):
         device.time_ns, device.delay_ns = tick * MS, 200_000
-        node.write(device.time_ns, (0.0,), 1.0)
+        written = node.write(device.time_ns, (0.0,), 1.0)
+        assert (written.read_ns, written.write_ns) == device.stamps()  # of the device's clock
+        assert written.ahead_ns == (tick + 1) * 100_000
     assert node.report().longest_write_delay == pytest.approx(2e-4)
 
 
@@ -242,7 +268,7 @@ def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
 def test_a_hold_limit_of_the_launch_file_stays() -> None:
     device = Told()
     node = bounded(device, learns=False)
-    assert device.limits == []
+    assert set(device.limits) == {DISSIPATION.hold_limit}
     assert node.report().hold_limit == pytest.approx(1.02e-3)
 
 
@@ -268,6 +294,13 @@ def test_the_torques_of_an_arm_saturate_in_their_direction_and_the_ramp_comes_af
     assert written.applied[0] / written.applied[1] == pytest.approx(0.375)
     node.write(2 * MS, (300.0, 800.0), 0.1)
     assert math.hypot(*arm.written[-1]) == pytest.approx(0.85)
+
+
+def test_half_way_up_the_ramp_a_force_is_half_of_the_saturation() -> None:
+    device = Silent()
+    node = bounded(device)
+    node.write(0, (0.0,), 1.0)
+    assert node.write(MS, (1e6,), 0.5).applied == pytest.approx((4.25,))
 
 
 def test_a_torque_that_is_no_number_becomes_none() -> None:

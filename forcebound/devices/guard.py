@@ -6,7 +6,7 @@ from typing import Any
 
 from forcebound.devices import Device, Kinematics
 from forcebound.devices.truth import Truth
-from forcebound.errors import DeviceError
+from forcebound.errors import DeviceError, GuardianError
 from forcebound.messages.packets import MAX_COUNT, Quaternion, Vector
 from forcebound.parts.contract import is_unit
 from forcebound.parts.user_module import describe_user_error
@@ -36,7 +36,8 @@ class GuardedDevice:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self.set_hold_limit: Callable[[float], None] | None = _guard(device, "set_hold_limit")
+        self.set_hold_limit: Callable[[float], float] | None
+        self.set_hold_limit = _guard(device, "set_hold_limit", _checked_limit)
         self.cut: Callable[[], tuple[int, Vector] | None] | None
         self.cut = _guard(device, "cut", self._checked_cut)
         self.stamps: Callable[[], tuple[int, int]] | None
@@ -124,6 +125,12 @@ def _finite(answer: Sequence[float]) -> Vector:
     return vector
 
 
+def _checked_limit(answer: Any) -> float:
+    if not isinstance(answer, int | float) or not 0.0 < answer < math.inf:
+        raise DeviceError(f"expected the hold limit that was set, > 0 s, got {answer!r}")
+    return float(answer)
+
+
 def _checked_orientation(answer: Any) -> Quaternion:
     w, x, y, z = map(float, answer)
     if not is_unit((w, x, y, z)):
@@ -160,4 +167,5 @@ def _guard(part: Any, name: str, check: Callable[[Any], Any] = lambda answer: an
 
 def _failure(method: str, error: Exception) -> DeviceError:
     words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
-    return DeviceError(f"the device failed in {method}: {words}")
+    kind = GuardianError if isinstance(error, GuardianError) else DeviceError
+    return kind(f"the device failed in {method}: {words}")

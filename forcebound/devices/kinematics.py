@@ -16,6 +16,10 @@ if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
 
+    from forcebound.devices import Kinematics
+
+ROUNDING = 1e-9  # of a torque; what is less is none
+
 Floats: TypeAlias = "NDArray[np.float64]"
 
 #: ``(angles, geometry, tip, jacobian) -> None``: fills in the position of the tip, in m, and its
@@ -31,20 +35,17 @@ class ArmKinematics:
         pose: Of this kind of arm.
         geometry: What ``pose`` takes, in m.
         joints: Number of joints.
-        smallest: Volume of the Jacobian, in m to the number of joints, below which a pose is
-            singular.
 
     Attributes:
         pose: Of this kind of arm.
         geometry: What ``pose`` takes, in m.
     """
 
-    def __init__(self, pose: Pose, geometry: Vector, joints: int, smallest: float) -> None:
+    def __init__(self, pose: Pose, geometry: Vector, joints: int) -> None:
         import numpy as np
 
         self.pose, self.geometry = pose, geometry
         self._compiled_pose: Any = jit(pose)
-        self._smallest = smallest
         self._taken: Vector = ()
         self._angles = np.zeros(joints)
         self._numbers = np.array(geometry)
@@ -83,22 +84,42 @@ class ArmKinematics:
         columns = self._jacobian.T.tolist()
         return tuple([math.fsum(map(mul, column, force)) for column in columns])
 
-    def is_singular(self, angles: Vector) -> bool:
-        """Return whether the tip can, in this pose, hardly move or hardly be held in a direction.
-
-        The angles need not be possible ones: where links could not meet, it is singular.
-        """
-        import numpy as np
-
-        self._take(angles)
-        return bool(abs(np.linalg.det(self._jacobian)) < self._smallest)
-
     def _take(self, angles: Vector) -> None:
         if angles == self._taken:  # position and torque are asked of the same reading
             return
         self._taken = angles
         self._angles[:] = angles
         self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)
+
+
+def tip_force(
+    kinematics: "Kinematics", angles: Vector, applied: Vector, commanded: Vector, wanted: Vector
+) -> Vector:
+    """Return the force, in N, that torques ``applied`` (N m) give at the tip: J^T force = applied.
+
+    It is the same part of the force ``commanded`` (N) as they are of its torques ``wanted`` (N m),
+    and the force of what that leaves over; in a singular pose there is no such force.
+    """
+    square = math.fsum(map(mul, wanted, wanted))
+    share = math.fsum(map(mul, applied, wanted)) / (square or math.inf)
+    tip = tuple([share * f for f in commanded])
+    rest = [a - share * w for a, w in zip(applied, wanted, strict=True)]
+    if math.hypot(*rest) <= ROUNDING * math.hypot(*applied):
+        return tip
+    size = len(rest)
+    units = [tuple([float(i == k) for i in range(size)]) for k in range(size)]
+    columns = [kinematics.torque(angles, unit) for unit in units]
+    rows = [list(row) for row in zip(*columns, rest, strict=True)]
+    for k in range(size):  # Gauss and Jordan: the same bits on every machine, for verification
+        pivot = max(range(k, size), key=lambda i: abs(rows[i][k]))
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        if rows[k][k] == 0.0:
+            return tip
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(size):
+            if i != k:
+                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return tuple([f + row[-1] for f, row in zip(tip, rows, strict=True)])
 
 
 def link_angle(near: float, far: float, reach: float) -> float | None:

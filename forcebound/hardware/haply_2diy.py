@@ -30,23 +30,22 @@ that.
 forcebound resists that. Both motors are counted so, whatever the wiring.
 
 **What goes wrong ends in zero torque and a DeviceError**, once: a reply that is short, of another
-address, or not in whole counts; bytes that nobody asked for; silence for half of the watchdog limit
-(10 ms); a port that is gone; a guardian that had to step in (:mod:`forcebound.hardware.line`). A
-reply later than ``reply_within`` is counted and used: it makes a late tick, whose force the ledger
-knows. Nothing can say that the arm is in its home pose when it is set up, but the user who puts it
-there.
+address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
+half of the watchdog limit (10 ms); a port that is gone; a guardian that is gone or had to step in
+(:mod:`forcebound.hardware.line`). A reply later than ``reply_within`` is counted and used: it makes
+a late tick, whose force the ledger knows. Nothing can say that the arm is in its home pose when it
+is set up, but the user who puts it there.
 """
 
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from forcebound.devices.five_bar import SOURCES, FiveBar, FiveBarNumbers
+from forcebound.devices.five_bar import FiveBar, FiveBarNumbers
 from forcebound.devices.kinematics import ArmKinematics
-from forcebound.devices.stated import Source
 from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
@@ -55,6 +54,7 @@ from forcebound.hardware.hapi import (
     exchange_message,
     held_torque,
     parse_reply,
+    rest_message,
     setup_message,
 )
 from forcebound.hardware.line import Line
@@ -63,7 +63,7 @@ from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
-from forcebound.quantities import POSITIVE, AngularSpeed, Range, Time
+from forcebound.quantities import Range, Time
 
 KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
@@ -90,14 +90,9 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
     board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
-    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
     version: Literal[2, 3] = 3
     address: Annotated[int, Range(at_least=1, at_most=254)] = 5
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: {**SOURCES, "largest_speed": "assumed"},
-        hash=False,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -128,8 +123,9 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         """Return the device, set up in its home pose; see ``DeviceModel``."""
-        zero = exchange_message(self.address, (0.0, 0.0))
-        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator)
+        rest = rest_message(self.address, WIRINGS[self.version])
+        limit, parts = self.longest_force, self.mechanism()
+        line = Line(KIND, self.port, rest, limit, parts, operator, zero_reply=REPLY_SIZE)
         try:
             return OpenHaply(self, line)
         except BaseException:

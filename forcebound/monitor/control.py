@@ -68,8 +68,8 @@ def ask_launcher(run_dir: Path, request: Request) -> LauncherStatus:
     """
     if not has_control(run_dir, LAUNCHER):
         raise ConfigError(
-            f"no launcher answers in {run_dir}: it is still starting, or the nodes were started by "
-            "hand; stop such a node with Ctrl-C in its terminal"
+            f"no launcher answers in {run_dir}: it is still starting, or an environment by itself"
+            " runs there; stop that with Ctrl-C in its terminal"
         )
     answer = ask(run_dir, LAUNCHER, request, ANSWER_TIMEOUT)
     if isinstance(answer, Refused):

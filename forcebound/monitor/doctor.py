@@ -76,7 +76,7 @@ def examine(seen: Observations) -> list[Finding]:
 
 def _launcher(seen: Observations) -> Iterator[Finding]:
     if seen.launcher is None:
-        words = "no launcher: the nodes were started by hand, and none is restarted"
+        words = "no launcher: an environment by itself, which none restarts"
         yield Finding("note", "no_launcher", "launcher", words)
     elif seen.phase is None:
         yield _silent("launcher", seen.launcher)

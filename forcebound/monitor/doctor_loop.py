@@ -123,7 +123,7 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
         )
         causes.append(Cause("load", advice))
     unknown = "cause unknown, see what this machine can do"
-    return tuple(causes) or (Cause("unknown", unknown, "forcebound bench servo"),)
+    return tuple(causes) or (Cause("unknown", unknown, "forcebound doctor --measure"),)
 
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
@@ -159,11 +159,12 @@ def _law(seen: Observations) -> Iterator[Finding]:
         command = "forcebound param set device.law:=certified"
         yield Finding("note", "no_law", "device", words, command=command)
         return
-    if not is_limited(seen.telemetry):
+    section = to_document(seen.config)["device"]
+    if not is_limited(seen.telemetry, section):
         return
-    limited, pushing = limited_ticks(seen.telemetry)
+    limited, pushing = limited_ticks(seen.telemetry, section)
     share = float(limited.sum() / pushing.sum())
-    commanded, applied = (float(one[limited].mean()) for one in magnitudes(seen.telemetry))
+    commanded, applied = (float(one[limited].mean()) for one in magnitudes(seen.telemetry, section))
     words = (
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
@@ -174,7 +175,6 @@ def _law(seen: Observations) -> Iterator[Finding]:
     if status is not None:
         overruns = seen.device.growth(lambda one: one.bounder.overruns)
         report = replace(status.bounder, overruns=overruns)
-    section = to_document(seen.config)["device"]
     causes = tuple(causes_of_little_force(seen.telemetry, section, report))
     yield Finding("note", "law_limits", "device", words, data=data, causes=causes)
 

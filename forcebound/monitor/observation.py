@@ -84,7 +84,7 @@ class Observations:
     processes: Mapping[str, Seen[Any]]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
-    launcher: Seen[Any] | None = None  # None: the nodes were started by hand
+    launcher: Seen[Any] | None = None  # None: an environment by itself
     recording: RecordingSeen = field(default_factory=RecordingSeen)
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used
@@ -151,7 +151,7 @@ def _look(run_dir: Path, duration: float) -> Observations:
     launcher = ProcessState("running", run.launcher)
     growth = max(0, _size(run.record) - size)
     return Observations(
-        config=configuration(run_dir, serves=False),
+        config=configuration(run_dir, with_code=False),
         launcher=_seen(launcher, None, last.launcher, interval) if last.has_launcher else None,
         processes=processes,
         telemetry=telemetry,
@@ -190,6 +190,6 @@ def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:
     found = []
     for other in (path for path, run in running().items() if path != run_dir and run.core == core):
         with suppress(ConfigError):  # it ended just now
-            if configuration(other, serves=False).realtime.policy == "fifo":
+            if configuration(other, with_code=False).realtime.policy == "fifo":
                 found.append(str(other))
     return tuple(found)

@@ -33,7 +33,7 @@ class GraphStatus(Struct, frozen=True):
 
     run_dir: Path
     run: RunDocument
-    has_launcher: bool  # False: the nodes were started by hand
+    has_launcher: bool  # False: an environment by itself
     launcher: LauncherStatus | None  # None: it does not answer
     processes: dict[str, ProcessState]  # that the launcher runs, or that have a control socket
     answers: dict[str, ProcessStatus]  # of the processes that answered, by name

@@ -13,11 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
-from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
+from forcebound.config.names import LAW
+from forcebound.config.parameters import (
+    differences,
+    parameters,
+    processes_of,
+    unknown_parameter,
+)
 from forcebound.config.problems import Problems, unknown
-from forcebound.config.resolved import ALL_CODE, restore, to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import (
@@ -60,13 +66,13 @@ class Change:
     notes: tuple[Note, ...] = ()  # a node that has it later, or does not serve
 
 
-def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph; the user's own code is run if it ``serves``.
+def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files.
 
     Raises:
         ConfigError: If the run directory has no launch document.
     """
-    return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
+    return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
@@ -184,7 +190,11 @@ def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None 
         RunError: If a node refuses, or does not answer; it will read the change later. If another
             command does not end its change.
     """
-    now, graph, concerned = configuration(run_dir), snapshot(run_dir), sorted(holders(settings))
+    now, graph, concerned = (
+        configuration(run_dir),
+        snapshot(run_dir),
+        sorted(processes_of(settings)),
+    )
     _check_files(graph.run, settings, now)
     other = other_environment(graph) if "environment" in concerned else None
     if LAW in settings:
@@ -283,15 +293,14 @@ def _check_reach(names: Iterable[str], here: Collection[str]) -> None:
 
 def _elsewhere(names: Iterable[str], here: Collection[str]) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
-    return {name: node for name in names for node in holders([name]) if node not in here}
+    return {name: node for name in names for node in processes_of([name]) if node not in here}
 
 
 def _why_down(node: str, graph: GraphStatus) -> Note:
     """Return why a node that has a change does not run."""
     process = graph.processes.get(node)
     if process is None:
-        words = f"no {node} is running here; started by hand, it reads its own launch file"
-        return Note("no_node", words)
+        return Note("no_node", f"no {node} is running here")
     if process.state == "stopped":
         words = f"{node} is stopped on request, and has the change when it starts again"
         return Note("node_stopped", f"{words} (`forcebound start {node}`)")

@@ -63,7 +63,7 @@ class ControlServer:
 
 
 class ControlClient:
-    """Asks a :class:`ControlServer`, without ever waiting."""
+    """Sends requests to a :class:`ControlServer`, without ever waiting."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
@@ -74,7 +74,7 @@ class ControlClient:
         return _has(self._socket, _POLLIN)
 
     def ask(self, request: Request) -> bool:
-        """Send a request and forget the one before; return False while no server is there."""
+        """Send a request in place of the one before; return False while no server is there."""
         if not _has(self._socket, _POLLOUT):
             return False
         with suppress(zmq.Again):
@@ -100,7 +100,7 @@ def _has(socket: "zmq.Socket[bytes]", event: int) -> bool:
 
 
 def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
-    """Return the message that EVENTS promised; None if it was not for us.
+    """Return the message that EVENTS announced; None if there is none.
 
     EVENTS also counts an answer to a request that was given up, and a peer that has left since.
     """

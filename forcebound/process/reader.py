@@ -43,8 +43,7 @@ class Reader:
         self._cores = realtime.leave_core(core)
         self.network = Network()
         self._subscribers = [
-            (topic, self.network.subscriber(endpoint, newest_only=False))
-            for topic, endpoint in streams
+            (topic, self.network.subscriber(endpoint)) for topic, endpoint in streams
         ]
         self.forget()
 
