@@ -307,7 +307,8 @@ def test_a_servo_by_hand_engages_when_the_first_command_has_come(
     commands = Sender(network, run_dir, "force_command")
     device = StopsWhenEngaged()
     node = DeviceNode(device, DISSIPATION, ServoSettings(law="none"))
-    runner(node, "device", run_dir, network).run(stop, engages_itself=True)
+    node.engage()
+    runner(node, "device", run_dir, network).run(stop)
     assert device.engaged_ns is not None
 
 

@@ -14,7 +14,7 @@ from forcebound.config.graph import RemoteConfig
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
 from forcebound.errors import ConfigError
-from forcebound.launch.worker import run_node
+from forcebound.launch.worker import serve_environment
 from forcebound.network.keys import new_key
 
 # --- Launch files and the command ----------------------------------------------------------------
@@ -220,21 +220,19 @@ def load_remote(file: Path) -> RemoteConfig:
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "message"),
+    ("text", "message"),
     [
-        ("environment", "forcebound: 1\ninclude: stiff_wall.yaml\n", "no section remote"),
-        ("controller", "forcebound: 1\ninclude: stiff_wall.yaml\n", "--run-dir"),
+        ("forcebound: 1\ninclude: stiff_wall.yaml\n", "no section remote"),
         (
-            "environment",
             "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 192.0.2.1}\n",
             "without keys",
         ),
     ],
 )
-def test_a_node_that_cannot_meet_anybody_says_what_is_missing(
-    tmp_path: Path, kind: str, text: str, message: str
+def test_an_environment_that_cannot_serve_says_what_is_missing(
+    tmp_path: Path, text: str, message: str
 ) -> None:
     file = tmp_path / "graph.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        run_node(kind, file, None, supervised=False)
+        serve_environment(file)
