@@ -61,8 +61,7 @@ bench: $(STAMP)
 
 # The page of all keys of launch files, from their schema.
 reference: $(STAMP)
-	$(BIN)/python -c 'from forcebound.config.schema import reference_page as page; print(page(), end="")' \
-	  > docs/launch-files.md
+	$(BIN)/python docs/launch_files.py > docs/launch-files.md
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

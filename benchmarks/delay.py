@@ -85,7 +85,7 @@ class WatchedLink(Link[Packet]):
     """A link that keeps the delay added to each packet, in ns, by ``seq``."""
 
     def __init__(self, impairment: Impairment) -> None:
-        super().__init__(impairment, SEED, newest_only=True)
+        super().__init__(impairment, SEED)
         self.added_ns: dict[int, int] = {}
         self._twin = Chances(impairment, Draws(SEED))  # draws what the link draws
 

@@ -6,7 +6,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import differences, parameters
 from forcebound.config.resolved import with_parameters
 from forcebound.errors import ConfigError
@@ -58,7 +59,7 @@ class Tuner:
     def __call__(self, runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
         """Apply newer parameters; return the changes in this process but for the law.
 
-        The device node itself tells its law, as soon as it has taken it.
+        The device node itself reports its law, as soon as it has taken it.
 
         Raises:
             ConfigError: If the request is not of this form, or the device cannot take this law.
@@ -74,8 +75,9 @@ class Tuner:
             for name, value in settings.items()
             if name.startswith(here) and value != self._known.get(name)
         }
-        self._config = with_parameters(self._config, changed)
-        _apply(changed, self._config, runner)
+        config = with_parameters(self._config, changed)
+        _apply(changed, config, runner)
+        self._config = config
         self._known |= changed
         self._time_ns = time_ns
         return {name: value for name, value in changed.items() if name != LAW}
@@ -92,13 +94,14 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
 
 
 def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
-    links = {name.split(".")[1] for name in changed if name.startswith("links.")}
-    for topic in sorted(links):
+    names = [ParameterName.parse(name) for name in changed]
+    if any(name.section == "environment" for name in names):  # first, since it may be refused
+        for node in graph.nodes:
+            if isinstance(node, EnvironmentNode):
+                change_environment(node, new.environment)
+    for topic in sorted({name.topic for name in names if name.topic is not None}):
         _change_link(graph, topic, new)
-    changes_environment = any(name.startswith("environment.") for name in changed)
     for node in graph.nodes:
-        if changes_environment and isinstance(node, EnvironmentNode):
-            change_environment(node, new.environment)
         if LAW in changed and isinstance(node, DeviceNode):
             node.take_law(new.device.servo.law)
 

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from forcebound import realtime
-from forcebound.config.graph import LAW, GraphConfig
-from forcebound.config.parameters import differences, holders
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW
+from forcebound.config.parameters import differences, processes_of
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_tell_contacts
@@ -212,7 +213,7 @@ def _begin(run_dir: Path, part: Part) -> Mapping[str, dict[str, Any]]:
         config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
         request = write_launch_document(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(holders(differences(before, config))), request)
+    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
 
 
 def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
@@ -222,7 +223,7 @@ def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, 
     except ConfigError:
         return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
-    return {name: value for name, value in changed.items() if node in holders([name])}
+    return {name: value for name, value in changed.items() if node in processes_of([name])}
 
 
 def _starts_here(config: GraphConfig) -> bool:

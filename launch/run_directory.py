@@ -20,7 +20,7 @@ from typing import Any
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import parameters
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import run_document
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
@@ -96,7 +96,7 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
         :class:`forcebound.launch.application.Tuner`.
     """
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
-    unfinished.write_text(json.dumps(to_document(config)), encoding="utf-8")
+    unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
     unfinished.replace(run_dir / LAUNCH_FILE)
     return {
         "request": "configure",

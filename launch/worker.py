@@ -21,7 +21,7 @@ from typing import Any
 from forcebound import process, realtime
 from forcebound.config.document import folder_of
 from forcebound.config.graph import GraphConfig
-from forcebound.config.resolved import CODE_OF_PROCESS, restore
+from forcebound.config.resolved import made, restore
 from forcebound.errors import ConfigError, DeviceError, GuardianError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
@@ -61,7 +61,7 @@ def run_node(kind: str, run_dir: Path) -> int:
         realtime.die_with_parent(PROCESSES[kind].death_signal)
         try:
             if _has_launcher(run):  # it may have ended before the line above
-                config = restore(read_launch_document(run_dir), CODE_OF_PROCESS[kind])
+                config = restore(read_launch_document(run_dir))
                 return _run_or_lose(kind, config, run, run_dir, stop)
         except (ConfigError, DeviceError):
             raise
@@ -120,7 +120,7 @@ def _run_or_lose(
     try:
         _run(kind, config, run, run_dir, stop)
     except DeviceError as failure:
-        on_loss = getattr(config.device.model, "on_loss", "end")
+        on_loss = getattr(made("device", config.device.model), "on_loss", "end")
         if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)

@@ -7,9 +7,10 @@ from unittest.mock import Mock
 
 import pytest
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, load
-from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.names import LAW
+from forcebound.config.parameters import differences, parameters, processes_of
 from forcebound.errors import ConfigError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_device
@@ -148,9 +149,9 @@ def test_a_section_stands_for_its_parameters(config: GraphConfig) -> None:
 
 def test_a_link_belongs_to_the_process_that_receives() -> None:
     names = ["links.environment_query.delay", "links.force_command.loss"]
-    assert holders(names) == {"environment", "device"}
-    assert holders(["environment.stiffness"]) == {"environment"}
-    assert holders([LAW]) == {"device"}
+    assert processes_of(names) == {"environment", "device"}
+    assert processes_of(["environment.stiffness"]) == {"environment"}
+    assert processes_of([LAW]) == {"device"}
 
 
 # --- In a running process ------------------------------------------------------------------------
@@ -200,5 +201,5 @@ def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig
 def test_a_damaged_request_changes_nothing(config: GraphConfig, damaged: dict[str, Any]) -> None:
     process = Mock(nodes=[EnvironmentNode(config.environment.model)])
     whole = {"time_ns": 5, "parameters": {}} if damaged else {}
-    with pytest.raises(ConfigError, match=r"expected parameters|no parameters of this graph"):
+    with pytest.raises(ConfigError, match=r"expected parameters|cannot be made"):
         Tuner(config)(process, {**whole, **damaged})

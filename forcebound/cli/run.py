@@ -284,17 +284,20 @@ def _configuration(
     if show_args:
         _show_arguments(file, as_json)
         return None
-    config = load_tried(file, arguments)
+    config = load_tried(file, arguments, _try_start if check else None)
     if seed is not None:
         config = replace(config, seed=seed)
     if not check:
         return config
-    from forcebound.launch.trial import try_start
-
     also(config)
-    try_start(config)
     print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
+
+
+def _try_start(config: "GraphConfig") -> None:
+    from forcebound.launch.trial import try_start
+
+    try_start(config)
 
 
 def _show_arguments(file: str, as_json: bool) -> None:

@@ -8,7 +8,8 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import LAW, EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import takeable_laws
 from forcebound.config.tree import scalar
 from forcebound.network.impairment import Impairment
@@ -47,7 +48,7 @@ def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
 
 
 def _hint(config: GraphConfig, name: str) -> Any:
-    section, _, entry = name.partition(".")
+    place = ParameterName.parse(name)
     beside: dict[str, tuple[type, ...]] = {
         "environment": (type(config.environment.model), EnvironmentConfig),
         "device": (type(config.device.model), ServoSettings),
@@ -56,8 +57,8 @@ def _hint(config: GraphConfig, name: str) -> Any:
         "realtime": (RealtimeConfig,),
         "links": (Impairment,),
     }
-    for kind in beside.get(section, (GraphConfig,)):
-        field = fields_of(kind).get(entry.rpartition(".")[2] or section)
+    for kind in beside.get(place.section, (GraphConfig,)):
+        field = fields_of(kind).get(place.last)
         if field is not None:
             return field.hint
     return None

@@ -16,7 +16,6 @@ from forcebound import realtime
 from forcebound.bounding import ForceBounder
 from forcebound.config.resolved import restore
 from forcebound.launch.run_directory import RunDocument, read_launch_document
-from forcebound.nodes.servo import dissipation_of
 
 PATIENCE = 60.0  # s, for a busy machine; then the device compiles itself what is missing
 
@@ -61,10 +60,9 @@ class Kernels:
 
 def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
     """Compile the kernels of laws for the device of a graph, into the cache on disk."""
-    config = restore(read_launch_document(run_dir), ())
-    dissipation = dissipation_of(config.device.model, config.device.servo)
+    facts = restore(read_launch_document(run_dir)).device.facts
     for law in laws:
-        ForceBounder(law, dissipation, config.device.model.axes)
+        ForceBounder(law, facts.dissipation, facts.axes)
 
 
 if __name__ == "__main__":

@@ -140,7 +140,7 @@ def _look(run_dir: Path, run: RunDocument, duration: float) -> Observations:
         for name, process in known.items()
     }
     return Observations(
-        config=configuration(run_dir, serves=False),
+        config=configuration(run_dir, with_code=False),
         launcher=processes.pop(LAUNCHER, None),
         processes=processes,
         telemetry=telemetry,
@@ -183,7 +183,7 @@ def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:
     found = []
     for other in (path for path, run in running().items() if path != run_dir and run.core == core):
         with suppress(ConfigError):  # it ended just now
-            if configuration(other, serves=False).realtime.policy == "fifo":
+            if configuration(other, with_code=False).realtime.policy == "fifo":
                 found.append(str(other))
     return tuple(found)
 

@@ -13,11 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
-from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
+from forcebound.config.names import LAW
+from forcebound.config.parameters import (
+    differences,
+    parameters,
+    processes_of,
+    unknown_parameter,
+)
 from forcebound.config.problems import Problems, unknown
-from forcebound.config.resolved import ALL_CODE, restore, to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import (
@@ -53,13 +59,13 @@ class Change:
     notes: tuple[Fact, ...] = ()  # a node that has it later, or does not serve
 
 
-def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph; the user's own code is run if it ``serves``.
+def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files.
 
     Raises:
         ConfigError: If the run directory does not say.
     """
-    return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
+    return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
 
 
 def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
@@ -195,7 +201,7 @@ def set_parameters(
         _check_reach(settings, here)
         request = write_launch_document(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
-    concerned = sorted(holders(settings))
+    concerned = sorted(processes_of(settings))
     down = {
         node for node in concerned if here.states.get(node) in DOWN or node not in here.reachable
     }
@@ -275,7 +281,7 @@ def _check_reach(names: Iterable[str], here: Present) -> None:
 
 def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
-    return {name: node for name in names for node in holders([name]) if node not in here.nodes}
+    return {name: node for name in names for node in processes_of([name]) if node not in here.nodes}
 
 
 def _why_down(node: str, here: Present) -> Fact:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW
 from forcebound.config.parameters import takeable_laws
 from forcebound.environments import StatefulEnvironment
 from forcebound.environments.fixtures import WithFixtures
@@ -48,7 +49,7 @@ class Controls:
     def __init__(self, run_dir: Path, recordings: Path) -> None:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
-        self._config = configuration(run_dir, serves=False)
+        self._config = configuration(run_dir, with_code=False)
         status = ask(run_dir, "device", {"request": "status"}) or {}
         self.energy_before = float(status.get("energy_before", 0.0))
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
@@ -67,22 +68,22 @@ class Controls:
     def describe(self) -> dict[str, Any]:
         """Return what a page needs to know of the graph before its first frame."""
         config = self._config
-        model, servo = config.device.model, config.device.servo
+        facts, servo = config.device.facts, config.device.servo
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
             "description": config.description,
-            "axes": model.axes,
+            "axes": facts.axes,
             "laws": takeable_laws(),
             "links": list(LINKS),
             "period": servo.period_ns * 1e-9,
             "hand": _hand(config),
-            "workspace": getattr(model, "workspace", None),
+            "workspace": facts.workspace,
         }
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
-        config = configuration(self._run_dir, serves=False)
+        config = configuration(self._run_dir, with_code=False)
         found = find_parameters(config, ())
         return {
             "type": "parameters",
