@@ -52,16 +52,12 @@ examples: $(STAMP)
 
 # Some 20 minutes on two idle cores: 20,000 attacks on each certificate, 90,000 on the laws.
 audit: $(STAMP)
-	$(BIN)/forcebound audit --runs 5000 --search 5000 --out docs/audit.md
-	$(BIN)/forcebound audit worlds --runs 100 --search 100 --out docs/audit-worlds.md
+	$(BIN)/forcebound audit --runs 5000 --search 5000 --output docs/audit.md
+	$(BIN)/forcebound audit worlds --runs 100 --search 100 --output docs/audit-worlds.md
 
+# All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
 bench: $(STAMP)
-	$(BIN)/forcebound bench servo
-	$(BIN)/forcebound bench loop
-	$(BIN)/forcebound bench delay
-	$(BIN)/forcebound bench sweep
-	$(BIN)/forcebound bench virtual
-	$(BIN)/python benchmarks/codec.py
+	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
 # The page of all keys of launch files, from their schema.
 reference: $(STAMP)

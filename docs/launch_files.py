@@ -22,7 +22,6 @@ from forcebound.config.schema import SUBSTITUTION, properties
 from forcebound.geometry.proxy import Surface
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.servo import ServoSettings
 
 _HEAD = """# Keys of launch files
@@ -55,7 +54,6 @@ def _lines() -> Iterator[str]:
         yield from ("", f"## `{section}`")
         if section == "device":
             yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
-            yield from ("", "### `late_ticks`", *_table(LateTicks))
         elif section == "environment":
             yield from _table(EnvironmentConfig, "Beside the keys of its kind:", BESIDE_MODEL)
             yield from _inner(EnvironmentConfig, BESIDE_MODEL)

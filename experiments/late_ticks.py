@@ -16,7 +16,7 @@ from typing import Any
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
 from forcebound.launch.virtual import run_virtual
-from forcebound.nodes.late_ticks import LateTicks
+from forcebound.simulation import LateTicks
 
 LAWS = ("certified", "certified_memoryless")
 RATES = (0.0, 2.0, 20.0)  # late ticks per second
@@ -32,12 +32,11 @@ WATCHDOGS: dict[str, dict[str, float]] = {
 ALLOWANCE = 100e-3  # J, that late holds may leak where there is no watchdog
 
 
-def case(law: str, watchdog: str, rate: float, hold_limit: float | str, seed: int) -> GraphConfig:
+def case(law: str, watchdog: str, hold_limit: float | str) -> GraphConfig:
     """Return the press of one cell."""
     config = load("stiff_wall", [f"law:={law}", f"hold_limit:={hold_limit}"])
-    late_ticks = LateTicks(rate=rate, jitter=JITTER, seed=seed)
     allowance = ALLOWANCE if watchdog == "none" else 0.0
-    servo = replace(config.device.servo, late_ticks=late_ticks, allowance=allowance)
+    servo = replace(config.device.servo, allowance=allowance)
     model: Any = config.device.model
     model = replace(model, watchdog=watchdog, **WATCHDOGS[watchdog])
     return replace(config, device=replace(config.device, model=model, servo=servo))
@@ -67,8 +66,9 @@ def main() -> None:
                 for hold_limit in HOLD_LIMITS:
                     values = []
                     for seed in range(1, options.seeds + 1):
-                        config = case(law, watchdog, rate, hold_limit, seed)
-                        summary = run_virtual(config, options.duration).summary
+                        config = case(law, watchdog, hold_limit)
+                        late = LateTicks(rate=rate, jitter=JITTER, seed=seed)
+                        summary = run_virtual(config, options.duration, late_ticks=late).summary
                         values.append((summary["displayed_stiffness_n_per_m"] or 0.0) * 1e-3)
                         lowest = min(lowest, summary["true_energy_min_j"])
                         most = max(most, summary["largest_allowance_j"] or 0.0)

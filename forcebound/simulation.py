@@ -13,15 +13,61 @@ Strategy:
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from heapq import heappop, heappush
+from random import Random
+from typing import Annotated
 
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import TOPIC_OF, TOPICS, Packet
 from forcebound.network.link import Link
 from forcebound.nodes import Node
+from forcebound.nodes.servo import ServoSettings
+from forcebound.quantities import NOT_NEGATIVE, Frequency, Time, check_ranges
 
 _ARRIVAL, _WAKE = 0, 1  # order of entries of the same time
+
+
+@dataclass(frozen=True)
+class LateTicks:
+    """Late ticks on purpose: the writes of a servo come late, as on a busy machine.
+
+    Drawn from a seed, the same for every law and setting, so that they can be compared.
+
+    Attributes:
+        rate: Late ticks per second on average.
+        shortest: Least lateness of a late tick.
+        longest: Largest; in between all are equally likely.
+        jitter: Every other write comes early or late by up to this.
+        seed: Of the random numbers.
+
+    Raises:
+        ConfigError: If a value is out of range or ``longest`` is less than ``shortest``.
+    """
+
+    rate: Annotated[Frequency, NOT_NEGATIVE] = 0.0
+    shortest: Annotated[Time, NOT_NEGATIVE] = 0.3e-3
+    longest: Annotated[Time, NOT_NEGATIVE] = 2e-3
+    jitter: Annotated[Time, NOT_NEGATIVE] = 0.0
+    seed: Annotated[int, NOT_NEGATIVE] = 1
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.longest < self.shortest:
+            message = f"longest must be >= shortest, {self.shortest:g} s, got {self.longest:g} s"
+            raise ConfigError(message, field="longest")
+
+    def of(self, servo: ServoSettings) -> Callable[[], int]:
+        """Return what draws how late the next write of a servo is, in ns; negative: early."""
+        chance, random = self.rate * servo.period_ns * 1e-9, Random(self.seed)
+
+        def draw_ns() -> int:
+            is_late = random.random() < chance
+            least, most = (self.shortest, self.longest) if is_late else (-self.jitter, self.jitter)
+            return round(random.uniform(least, most) * 1e9)
+
+        return draw_ns
 
 
 class Simulation:

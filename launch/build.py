@@ -78,8 +78,12 @@ def dead_lease_ns(config: GraphConfig) -> int:
     return round(2e9 * config.device.servo.age_limit)
 
 
-def build_device(config: GraphConfig, clock: Callable[[], int] | None = None) -> DeviceNode:
-    """Return the device node with its device, opened; ``clock`` as in :func:`build_node`.
+def build_device(
+    config: GraphConfig,
+    clock: Callable[[], int] | None = None,
+    lateness: Callable[[], int] | None = None,
+) -> DeviceNode:
+    """Return the device node with its device, opened; see :class:`DeviceNode`.
 
     Raises:
         DeviceError: If the device cannot be opened.
@@ -92,7 +96,7 @@ def build_device(config: GraphConfig, clock: Callable[[], int] | None = None) ->
         raise DeviceError(f"the device cannot be opened: {words}") from error
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
         device = GuardedDevice(device)
-    return DeviceNode(device, dissipation_of(model, servo), servo, clock)
+    return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
 
 
 def change_link(link: Link[Packet], impairment: Impairment) -> None:

@@ -43,8 +43,8 @@ from forcebound.launch.restarts import GIVE_UP_DEATHS, GIVE_UP_NS, Restarts
 from forcebound.processes import LOST, PROCESSES, RESTARTED, STOP_GROUPS
 
 ADVICE = (
-    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then press"
-    " Enter here, or say `forcebound device resume`. Ctrl-C ends the run"
+    "the device is lost: zero force. Plug it in, switch it on, hold it in its home pose; then say"
+    " `forcebound device resume` in another terminal. Ctrl-C ends the run"
 )
 
 

@@ -108,7 +108,6 @@ def run_live(
             metadata,
             file,
             str(folder.resolve()),
-            is_temporary=True,
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
@@ -234,7 +233,7 @@ def _starts_here(config: GraphConfig) -> bool:
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
     program = [sys.executable, "-m", "forcebound", "node", name]
-    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir), "--supervised"]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
 
 
 def _taken_cores() -> list[int | None]:

@@ -57,7 +57,6 @@ class RunDocument:
     file: str = ""  # launch file with its arguments, to identify the graph
     folder: str = ""  # the files that a parameter names while the graph runs are in it or below
     is_graph: bool = True  # False: one environment for a graph on another machine
-    is_temporary: bool = False  # created for this run and removed after it
 
     def write(self, run_dir: Path) -> None:
         """Write this for the processes."""
@@ -181,14 +180,14 @@ def own_run_directories(folders: Iterable[Path]) -> list[Path]:
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     """Remove run directories of this user that remain from a crash; return them.
 
-    Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
-    hold no recording: after a crash it may be of use.
+    Only those whose owner is dead (:mod:`.run_lock`), and that hold no recording: after a crash it
+    may be of use.
     """
     removed = []
     for run_dir in own_run_directories(folders):
         try:
-            run = RunDocument.read(run_dir)
-            if not run.is_temporary or (run_dir / RECORDING).exists():
+            RunDocument.read(run_dir)
+            if (run_dir / RECORDING).exists():
                 continue
         except (OSError, ConfigError):
             continue  # no run, or one that is just beginning or ending

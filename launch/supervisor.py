@@ -26,7 +26,6 @@ from forcebound import realtime
 from forcebound.ending import end_group
 from forcebound.errors import RunError
 from forcebound.launch.actions import (
-    DEVICE_LOST,
     Action,
     Announce,
     Ended,
@@ -43,7 +42,6 @@ from forcebound.launch.actions import (
     Terminate,
 )
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
-from forcebound.launch.confirmation import Confirmation
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.launch.screen import Screen, doing
 from forcebound.messages.codec import encode
@@ -125,7 +123,6 @@ class Supervisor:
             control = network.control_server(control_endpoint(self._run_dir, LAUNCHER))
             signals = stack.enter_context(Signals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
-            self._confirmation = Confirmation(self._selector)
             for descriptor in (signals.descriptor, control.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
@@ -168,8 +165,6 @@ class Supervisor:
             events: list[Event | None] = [*self._answers(), *self._ends()]
             if signals.take():
                 events.append(Interrupted())
-            if self._confirmation.take():
-                events.append(Resumed())
             awaited = self._awaited(lifecycle)
             for event in events or [None]:
                 advance(event)
@@ -312,8 +307,6 @@ class Supervisor:
             case Terminate(name):
                 self._children[name].process.terminate()
             case Start(name):
-                if name == "device":
-                    self._confirmation.withdraw()
                 self._restart(name)
             case Announce():
                 self._announce(action)
@@ -324,8 +317,6 @@ class Supervisor:
             time.monotonic_ns(), action.event, action.message, data, is_fault=action.is_fault
         )
         self._publish(encode(event))
-        if action.event == DEVICE_LOST:
-            self._confirmation.ask()
 
     def _announce_changes(self, node: str) -> None:
         """Publish the changed parameters that a restarted node has read."""

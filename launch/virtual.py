@@ -21,7 +21,7 @@ from forcebound.nodes.events import PHASE_BEGINS, EventLog
 from forcebound.processes import LAUNCHER, NODES
 from forcebound.realtime import without_garbage_collection
 from forcebound.recording import Recorder
-from forcebound.simulation import Simulation
+from forcebound.simulation import LateTicks, Simulation
 from forcebound.telemetry import TelemetryCollector
 
 Progress = Callable[[int, int], None]  # takes what is done, and the total
@@ -37,6 +37,7 @@ def run_virtual(
     *,
     may_end_early: bool = False,
     progress: Progress = lambda done, total: None,
+    late_ticks: LateTicks | None = None,
 ) -> RunResult:
     """Run a graph in virtual time.
 
@@ -46,6 +47,7 @@ def run_virtual(
         record: Where to write a recording; the same configuration writes the same bytes.
         may_end_early: Whether an interrupt ends the run early, and gives the result until then.
         progress: Called now and then with the virtual time, and its end, in ms.
+        late_ticks: Lateness of the servo's ticks; None: all are punctual.
 
     Raises:
         ConfigError: If the device lives in real time only.
@@ -59,7 +61,7 @@ def run_virtual(
         recorder = None if record is None else Recorder(record, run_metadata(config))
         observer = _Observer(recorder, may_tell_contacts(config.environment.model))
         stack.callback(observer.close)
-        simulation = _open(config, observer)
+        simulation = _open(config, observer, late_ticks)
         for node in simulation.nodes:
             stack.callback(node.close)
             stack.callback(node.stop, end_ns)
@@ -141,9 +143,10 @@ class _Observer:
             self._recorder.close()
 
 
-def _open(config: GraphConfig, observer: _Observer) -> Simulation:
+def _open(config: GraphConfig, observer: _Observer, late_ticks: LateTicks | None) -> Simulation:
     """Return the graph, its force engaged."""
-    device = build_device(config)
+    lateness = None if late_ticks is None else late_ticks.of(config.device.servo)
+    device = build_device(config, lateness=lateness)
     others = [build_node(kind, config) for kind in NODES if kind != "device"]
     links = build_links(config)
     simulation = Simulation([*others, device], links, observer.take, observer.packets)

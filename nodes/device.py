@@ -28,7 +28,6 @@ from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.closing import close_part
 from forcebound.nodes.device_events import DeviceEvents
 from forcebound.nodes.events import EventLog
-from forcebound.nodes.late_ticks import Lateness
 from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import ServoSettings
 from forcebound.nodes.velocity import low_pass, low_pass_gain
@@ -54,6 +53,13 @@ class DeviceNode(Node):
 
     It publishes states and writes zero force from its first step on; the force engages, and a
     simulated hand begins to move, after :meth:`engage`.
+
+    Args:
+        device: Opened.
+        dissipation: What its law relies on.
+        servo: Its settings.
+        clock: Returns the time, in ns, for a device without stamps; None: virtual time.
+        lateness: Returns how late the next write is to be, in ns; None: none is, on purpose.
     """
 
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
@@ -67,6 +73,7 @@ class DeviceNode(Node):
         dissipation: Dissipation,
         servo: ServoSettings,
         clock: Callable[[], int] | None = None,
+        lateness: Callable[[], int] | None = None,
     ) -> None:
         self._device = device
         self._servo = servo
@@ -101,8 +108,7 @@ class DeviceNode(Node):
         self._position = self._zero
         self._velocity = self._zero
         self._read_ns = 0
-        late = servo.late_ticks
-        self._lateness = None if late is None else Lateness(late, servo.period_ns * 1e-9)
+        self._lateness = lateness
         self.deadline_misses = 0
         self.events = EventLog("device")
         self._tells = DeviceEvents(self.events, servo.age_limit, servo.period_ns)
@@ -253,7 +259,7 @@ class DeviceNode(Node):
         self._wake_ns = max(due_ns, time_ns + self._least_wait_ns)
         if self._lateness is not None:
             early_ns = max(self._wake_ns - time_ns, 0) // 2  # at most: reading comes first
-            self._wake_ns += max(self._lateness.draw_ns(), -early_ns)
+            self._wake_ns += max(self._lateness(), -early_ns)
         return state
 
     def _write(self, time_ns: int) -> Telemetry:

@@ -13,7 +13,7 @@ carries the contact, and a scene is sent in steps of its own (:mod:`forcebound.n
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any, ClassVar, TypeAlias
 
@@ -59,7 +59,6 @@ class EnvironmentNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply, Scene, Event)
     wakes_on_arrival: ClassVar[bool] = True
-    requests: ClassVar[tuple[str, ...]] = ("scene",)
 
     def __init__(
         self,
@@ -142,14 +141,6 @@ class EnvironmentNode(Node):
         if was_wanted and (self._seq == answered or not self._scene.may_wait(time_ns)):
             packets += self._scene.tell(time_ns, self._proxy)
         return packets
-
-    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``scene``: tell the scene in the next step; see :class:`forcebound.nodes.Node`."""
-        if request.get("request") != "scene":
-            return None
-        if not self._scene.request():
-            return {"error": "this environment tells no scene"}
-        return {"scene_follows": True}
 
     def _take(self, query: EnvironmentQuery, time_ns: int) -> None:
         """Let a query wait for its answer if it is sound and this environment may serve it."""

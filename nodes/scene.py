@@ -49,12 +49,6 @@ class SceneTeller:
             self.is_wanted = True
             self._patience_ns = time_ns + PATIENCE_NS
 
-    def request(self) -> bool:
-        """Want a scene now, changed or not; return whether the environment has any."""
-        self.is_wanted = self._ask is not None
-        self._repeat_ns = 0
-        return self.is_wanted
-
     def may_wait(self, time_ns: int) -> bool:
         """Whether an answer that leaves now goes first."""
         return time_ns < self._patience_ns

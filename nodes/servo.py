@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from forcebound.bounding import Dissipation
+from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.nodes.hold_limit import FIXED, FLOOR
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -39,7 +39,6 @@ class ServoSettings:
         age_limit: An answer to an older state gives no force.
         engage_time: From no force to full force.
         velocity_cutoff: Of the low-pass on the backward difference.
-        late_ticks: Late ticks on purpose, for experiments.
     """
 
     law: str = "certified"
@@ -51,7 +50,6 @@ class ServoSettings:
     age_limit: Annotated[Time, POSITIVE] = 0.1
     engage_time: Annotated[Time, NOT_NEGATIVE] = 0.1
     velocity_cutoff: Annotated[Frequency, POSITIVE] = 100.0
-    late_ticks: LateTicks | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -100,6 +98,14 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         ConfigError: If the numbers are out of range or do not go together.
     """
     stated = {name: getattr(model, name, None) for name in STATED}
+    if stated["watchdog"] is None or (
+        stated["watchdog"] == "silent" and stated["watchdog_tolerance"] is None
+    ):
+        raise ConfigError(
+            "the device does not state what drops a force that nobody renews: expected a field"
+            f" watchdog, one of {', '.join(WATCHDOGS)}; silent also needs watchdog_tolerance, the"
+            f" share of the hold limit by which it may be early or late; got {stated['watchdog']}"
+        )
     if stated["watchdog_limit"] == "auto":
         stated["watchdog_limit"] = getattr(model, "auto_watchdog_limit", None)
     dissipation = Dissipation(

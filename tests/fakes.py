@@ -23,7 +23,7 @@ from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.pressing import PressingHand
 from forcebound.process import topic_endpoint
-from forcebound.simulation import Simulation
+from forcebound.simulation import LateTicks, Simulation
 
 DISSIPATION = Dissipation(
     damping=0.27, friction=0.12, resolution=0.0, period=1e-3, hold_limit=1.25e-3, saturation=8.5
@@ -76,16 +76,20 @@ def press(
     servo: ServoSettings | None = None,
     environment: EnvironmentModel | None = None,
     computation: ComputationTime | None = None,
+    late_ticks: LateTicks | None = None,
     **impairments: Impairment,
 ) -> list[Packet]:
     """Press a hand into a wall in virtual time; return every packet that was sent."""
     servo = replace(servo or ServoSettings(reply_wait=0.0), law=law)
     model = PhantomPremium15()
     device = DeviceNode(
-        model.open(PressingHand(), servo.longest_hold), dissipation_of(model, servo), servo
+        model.open(PressingHand(), servo.longest_hold),
+        dissipation_of(model, servo),
+        servo,
+        lateness=None if late_ticks is None else late_ticks.of(servo),
     )
     links = {
-        topic: Link[Packet](impairment, link_seed(1, topic), newest_only=True)
+        topic: Link[Packet](impairment, link_seed(1, topic))
         for topic, impairment in impairments.items()
     }
     nodes: list[Node] = [

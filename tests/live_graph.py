@@ -149,7 +149,7 @@ class LiveGraph:
         """Wait for telemetry of a certain kind."""
         with Network() as network:
             endpoint = topic_endpoint(self.run_dir, "telemetry")
-            subscriber = network.subscriber(endpoint, newest_only=False)
+            subscriber = network.subscriber(endpoint)
 
             def came() -> bool:
                 packets = [decode(data) for data in subscriber.receive()]

@@ -213,7 +213,7 @@ def test_the_command_ends_with_status_1_only_for_a_broken_promise(
     report = tmp_path / "audit.md"
     options = ["audit", "--runs", "40", "--search", "0", "--workers", "0"]
     done = CliRunner().invoke(
-        main, [*options, "--law", "certified", "--out", str(report), "--json"]
+        main, [*options, "--law", "certified", "--output", str(report), "--json"]
     )
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["laws"][0]["holds"]
@@ -227,7 +227,7 @@ def test_the_command_ends_with_status_1_only_for_a_broken_promise(
 def test_the_command_shows_a_run_again_and_draws_it(tmp_path: Path) -> None:
     picture = tmp_path / "run.png"
     options = ["audit", "replay", "aol", "3", "--duration", "200 ms"]
-    done = CliRunner().invoke(main, [*options, "--out", str(picture), "--json"])
+    done = CliRunner().invoke(main, [*options, "--output", str(picture), "--json"])
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
     assert document["loss_and_work_min"] == replay("aol", 3, 0.2)[0].loss_and_work_min

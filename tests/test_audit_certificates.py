@@ -209,7 +209,7 @@ def test_the_command_attacks_a_certificate_and_shows_a_run_again(
     monkeypatch.undo()
     picture = tmp_path / "run.png"
     again = ["audit", "replay", "certified", "plain:3"]
-    done = CliRunner().invoke(main, [*again, "--out", str(picture), "--json"])
+    done = CliRunner().invoke(main, [*again, "--output", str(picture), "--json"])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["margin"] == replay_path("certified", "plain:3")[0].margin
     assert picture.read_bytes().startswith(b"\x89PNG")

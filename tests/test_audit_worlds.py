@@ -82,7 +82,7 @@ def test_a_name_that_is_none_is_refused(name: str, message: str) -> None:
 def test_the_command_writes_a_page_and_repeats_a_run(tmp_path: Path) -> None:
     page = tmp_path / "worlds.md"
     options = "--runs 3 --search 0 --world holed_wall --controller direct --law certified"
-    chosen = ["audit", "worlds", *options.split(), "--workers", "0", "--out", str(page)]
+    chosen = ["audit", "worlds", *options.split(), "--workers", "0", "--output", str(page)]
     done = CliRunner().invoke(main, chosen, catch_exceptions=False)
     assert done.exit_code == 0
     assert "holed_wall" in done.output
@@ -97,7 +97,7 @@ def test_the_command_writes_a_page_and_repeats_a_run(tmp_path: Path) -> None:
 
 def test_a_run_against_a_world_is_not_drawn(tmp_path: Path) -> None:
     picture = tmp_path / "run.png"
-    words = ["audit", "replay", "none", "holed_wall/direct:2", "--out", str(picture)]
+    words = ["audit", "replay", "none", "holed_wall/direct:2", "--output", str(picture)]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 2
     assert "not drawn" in done.output

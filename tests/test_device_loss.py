@@ -1,11 +1,8 @@
 """A device that is lost and returns: only when the user says so, and with a force that is new."""
 
 import math
-import os
-import selectors
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -33,7 +30,6 @@ from forcebound.launch.actions import (
     Start,
     Terminate,
 )
-from forcebound.launch.confirmation import Confirmation
 from forcebound.launch.lifecycle import ADVICE, Phase
 from forcebound.messages.packets import Telemetry
 from forcebound.monitor.control import resume_device
@@ -89,45 +85,6 @@ def test_a_run_without_its_device_ends_as_others_do() -> None:
     lifecycle.advance(500, Ended("device", LOST))
     actions = lifecycle.advance(501, Interrupted())
     assert actions == [Terminate("controller"), Terminate("environment")]
-
-
-IN_A_TERMINAL = """
-import fcntl, os, pty, select, selectors, termios
-from forcebound.launch.confirmation import Confirmation
-
-keys, terminal = pty.openpty()
-fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
-with selectors.DefaultSelector() as selector:
-    confirmation = Confirmation(selector, terminal)
-    os.write(keys, b"\\n")
-    select.select((terminal,), (), ())  # typed too early
-    confirmation.ask()
-    assert not selector.select(0)
-    os.write(keys, b"\\n")
-    [(key, _)] = selector.select()
-    assert not key.data.read()
-    assert confirmation.take()
-    assert not confirmation.take()
-    confirmation.withdraw()
-    assert not selector.get_map()
-"""
-
-
-@pytest.mark.live
-def test_enter_counts_from_the_loss_on() -> None:
-    subprocess.run([sys.executable, "-c", IN_A_TERMINAL], check=True, start_new_session=True)
-
-
-def test_in_a_pipe_nobody_is_asked_to_press_enter() -> None:
-    reader, writer = os.pipe()
-    with selectors.DefaultSelector() as selector:
-        confirmation = Confirmation(selector, reader)
-        confirmation.ask()
-        assert not selector.get_map()
-        confirmation.withdraw()
-        assert not confirmation.take()
-    os.close(reader)
-    os.close(writer)
 
 
 def test_counts_go_on_when_a_device_returns() -> None:

@@ -44,7 +44,7 @@ def test_a_loop_that_is_late_with_no_delay_injected_is_a_problem() -> None:
     assert (finding.severity, finding.kind) == ("problem", "late_loop")
     assert (finding.data["injected"], finding.data["period"]) == (0.0, 1e-3)
     assert codes(finding) == ["unknown"]
-    assert wording.commands(finding) == ["forcebound bench servo"]
+    assert wording.commands(finding) == ["forcebound doctor --measure"]
     asked_for = healthy(graph("delay:=5 ms"))
     assert examine(replace(asked_for, telemetry=telemetry(loop_delay=0.01))) == []
 

@@ -15,9 +15,9 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import Packet, Telemetry, Vector
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.overload import Overload
 from forcebound.nodes.servo import ServoSettings
+from forcebound.simulation import LateTicks
 
 WATCHDOGS = sorted(PRICES)
 
@@ -27,7 +27,7 @@ def write_times(packets: list[Packet]) -> list[int]:
 
 
 def run(law: str, late_ticks: LateTicks) -> list[Packet]:
-    return press(law, 1.0, servo=ServoSettings(reply_wait=0.4, late_ticks=late_ticks))
+    return press(law, 1.0, servo=ServoSettings(reply_wait=0.4), late_ticks=late_ticks)
 
 
 # Late ticks on purpose
@@ -66,8 +66,8 @@ def test_time_never_goes_backwards_and_no_two_writes_are_at_once(
     rate: float, longest: float, jitter: float, reply_wait: float
 ) -> None:
     late_ticks = LateTicks(rate=rate, shortest=0.0, longest=longest, jitter=jitter)
-    servo = ServoSettings(reply_wait=reply_wait, late_ticks=late_ticks)
-    packets = press("certified", 0.05, servo=servo)
+    servo = ServoSettings(reply_wait=reply_wait)
+    packets = press("certified", 0.05, servo=servo, late_ticks=late_ticks)
     assert all(before < now for before, now in pairwise(write_times(packets)))
     times = [packet.time_ns for packet in packets]
     assert times == sorted(times)

@@ -294,7 +294,7 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         rates = json.loads(look("hz", "telemetry", *short, "--json").stdout)
         assert rates["telemetry"]["packets"] > 0
         assert rates["telemetry"]["interval_ms"]["min"] > 0.0
-        assert "kB/s" in look("bw", "telemetry", *short).stdout
+        assert "kB/s" in look("hz", "telemetry", *short).stdout
         edges = json.loads(look("graph", *short, "--json").stdout)
         assert [edge["receiver"] for edge in edges] == [
             "controller", "environment", "controller", "device",
@@ -307,7 +307,10 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
         links = look("delay", "stiff_wall", "--links", "--duration", "500ms", "--json")
         hops = json.loads(links.stdout)["links_ms"]
         assert 0.0 < hops["environment_query"]["p50"] < hops["loop"]["max"]
-        assert json.loads(look("top", "--duration", "100ms", "--json").stdout)["core"] is not None
+        assert (
+            json.loads(look("list", "--watch", "--duration", "100ms", "--json").stdout)[0]["core"]
+            is not None
+        )
         check_law(graph, look)
 
         check_bridge(graph.run_dir)

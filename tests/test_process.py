@@ -142,7 +142,7 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
 
 def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
-    link: Link[Packet] = Link(Impairment(delay=0.005), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(delay=0.005), 1)
     listening = runner(node, "environment", run_dir, network, {"environment_query": link})
     sender = Sender(network, run_dir, "environment_query")
 
@@ -161,7 +161,7 @@ def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -
 
 def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
-    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1)
     listening = runner(node, "environment", run_dir, network, {"environment_query": link})
     sender = Sender(network, run_dir, "environment_query")
 
@@ -181,10 +181,10 @@ def test_after_a_pause_only_the_newest_packet_counts(
     node = ListeningNode()
     links: dict[str, Link[Packet]] = {}
     if delay:
-        links["environment_query"] = Link(Impairment(delay=delay), 1, newest_only=True)
+        links["environment_query"] = Link(Impairment(delay=delay), 1)
     listening = runner(node, "environment", run_dir, network, links)
     sender = Sender(network, run_dir, "environment_query")
-    witness = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=False)
+    witness = network.subscriber(topic_endpoint(run_dir, "environment_query"))
     heard: list[bytes] = []
 
     def connected() -> bool:
@@ -252,7 +252,7 @@ def test_a_stopped_servo_writes_zero_and_says_so(
     network: Network, run_dir: Path, stop: Stop
 ) -> None:
     node, device = device_node()
-    witness = network.subscriber(topic_endpoint(run_dir, "telemetry"), newest_only=False)
+    witness = network.subscriber(topic_endpoint(run_dir, "telemetry"))
     servo = runner(node, "device", run_dir, network)
     until(lambda: _spoken(servo, witness), "a witness")
     stop.request()
@@ -307,7 +307,8 @@ def test_a_servo_by_hand_engages_when_the_first_command_has_come(
     commands = Sender(network, run_dir, "force_command")
     device = StopsWhenEngaged()
     node = DeviceNode(device, DISSIPATION, ServoSettings(law="none"))
-    runner(node, "device", run_dir, network).run(stop, engages_itself=True)
+    node.engage()
+    runner(node, "device", run_dir, network).run(stop)
     assert device.engaged_ns is not None
 
 
@@ -315,8 +316,8 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
     controller = runner(ControllerNode(DirectController()), "controller", run_dir, network)
     states = Sender(network, run_dir, "device_state")
     replies = Sender(network, run_dir, "environment_reply")
-    queries = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=True)
-    commands = network.subscriber(topic_endpoint(run_dir, "force_command"), newest_only=True)
+    queries = network.subscriber(topic_endpoint(run_dir, "environment_query"))
+    commands = network.subscriber(topic_endpoint(run_dir, "force_command"))
     heard: dict[str, list[bytes]] = {"query": [], "command": []}
 
     def both() -> bool:

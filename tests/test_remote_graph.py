@@ -85,9 +85,9 @@ def pair(request: pytest.FixtureRequest, run_dir: Path) -> Iterator[Pair]:
 
 def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -> None:
     here = pair.folders["here"]
-    commands = pair.here.subscriber(topic_endpoint(here, "force_command"), newest_only=False)
-    replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"), newest_only=False)
-    queries = pair.here.subscriber(topic_endpoint(here, "environment_query"), newest_only=False)
+    commands = pair.here.subscriber(topic_endpoint(here, "force_command"))
+    replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"))
+    queries = pair.here.subscriber(topic_endpoint(here, "environment_query"))
     heard: dict[str, list[bytes]] = {"commands": [], "replies": [], "queries": []}
 
     def all_came() -> bool:
@@ -127,7 +127,7 @@ def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
 
 def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
     endpoint = event_endpoint(pair.folders["here"], "controller")
-    events = pair.here.subscriber(endpoint, newest_only=False)
+    events = pair.here.subscriber(endpoint)
     told: list[str] = []
 
     def connected() -> bool:
@@ -159,7 +159,7 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
 ) -> None:
     runner, publisher = perfect(run_dir, network)
     assert runner.link("environment_query") is None
-    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1)
     runner.set_link("environment_query", link)
     seq = 0
 
@@ -179,7 +179,7 @@ def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
     network: Network, run_dir: Path
 ) -> None:
     runner, _ = perfect(run_dir, network, lambda runner, request: {"environment.stiffness": 5.0})
-    events = network.subscriber(event_endpoint(run_dir, "environment"), newest_only=False)
+    events = network.subscriber(event_endpoint(run_dir, "environment"))
     told: list[Packet] = []
 
     def came() -> bool:

@@ -113,7 +113,7 @@ def test_a_second_admitted_peer_neither_displaces_nor_impersonates_the_one_that_
     peer, first, second = three
     links: dict[str, Link[Packet]] = {}
     if impairment is not None:
-        links["environment_reply"] = Link(impairment, 1, newest_only=True)
+        links["environment_reply"] = Link(impairment, 1)
     graph = Graph(peer, links)
     attack(graph, first, second, name)
     assert set(graph.forces) == {TRUE}

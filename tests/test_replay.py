@@ -13,20 +13,19 @@ from click.testing import CliRunner, Result
 from msgspec.structs import replace
 
 from forcebound.cli import main
-from forcebound.config.graph import DeviceConfig, GraphConfig
+from forcebound.config.graph import DeviceConfig
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device, build_node
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import TOPICS, Telemetry
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.operators.trajectory import TrajectoryHand
 from forcebound.processes import NODES
 from forcebound.recording import Recorder, read
 from forcebound.recordings.rerun import device_of, graph_of
 from forcebound.recordings.verification import Verified, verify
-from forcebound.simulation import Simulation
+from forcebound.simulation import LateTicks, Simulation
 
 
 def recorded(path: Path, *words: str, duration: float = 0.3) -> Path:
@@ -93,18 +92,15 @@ def test_recorded_inputs_give_the_recorded_forces_to_the_bit(
     assert found.unknown_commands == 0
 
 
-def with_late_ticks(config: GraphConfig, **fields: object) -> GraphConfig:
-    model: Any = config.device.model
-    servo = with_fields(config.device.servo, late_ticks=LateTicks(rate=40.0))
-    return with_fields(config, device=DeviceConfig(with_fields(model, **fields), servo))
-
-
 @pytest.mark.parametrize("watchdog", ["silent", "reporting", "guarding", "none"])
 def test_late_ticks_and_a_watchdog_s_cuts_are_heard_again(tmp_path: Path, watchdog: str) -> None:
     path = tmp_path / "run.mcap"
     config = load("stiff_wall")
+    model: Any = config.device.model
     limit = 5e-3 if watchdog == "none" else "auto"
-    run_virtual(with_late_ticks(config, watchdog=watchdog, watchdog_limit=limit), 0.6, path)
+    model = with_fields(model, watchdog=watchdog, watchdog_limit=limit)
+    config = with_fields(config, device=DeviceConfig(model, config.device.servo))
+    run_virtual(config, 0.6, path, late_ticks=LateTicks(rate=40.0))
     assert verified(path).is_same
     cuts = [p for p in read(path).packets("telemetry") if getattr(p, "cut_ns", None) is not None]
     assert bool(cuts) == (watchdog in ("reporting", "guarding"))

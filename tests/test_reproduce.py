@@ -1,7 +1,6 @@
 """The paper's experiments: required numbers, and a self-contained report."""
 
 import json
-import re
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -198,26 +197,18 @@ def test_the_time_varying_wall_is_shown_whole_by_the_laws_with_memory(runs: Runs
         assert number.ours == pytest.approx(1.0, abs=0.005), name
 
 
-# --- The report and the command ------------------------------------------------------------------
+# --- The files and the command -------------------------------------------------------------------
 
 
-def test_the_report_is_one_file_that_loads_nothing(done: Reproduction) -> None:
-    page = (done.folder / "report.html").read_text()
-    sources = re.findall(r"""(?:src|href|data|action)\s*=\s*["']([^"']*)""", page)
-    assert sources
-    assert all(source.startswith(("data:image/png;base64,", "#")) for source in sources)
-    assert "http:" not in page
-    assert "https:" not in page
-    assert "@import" not in page
-    assert "<script" not in page
+def test_pictures_and_numbers_are_written(done: Reproduction) -> None:
+    document = json.loads((done.folder / "numbers.json").read_text())
+    assert document["command"] == "forcebound reproduce table1 fig7 fig18"
     for name in SHOWN:
-        assert f'<section id="{name}">' in page
-        assert (done.folder / f"{name}.png").stat().st_size > 10_000
-        assert (done.folder / f"{name}.svg").read_text().startswith("<?xml")
-    assert "forcebound reproduce table1 fig7 fig18" in page
+        picture = document["experiments"][name]["picture"]
+        assert (done.folder / picture).stat().st_size > 10_000
 
 
-def test_the_commands_in_the_report_repeat_the_run(runs: Runs) -> None:
+def test_the_commands_of_the_document_repeat_the_run(runs: Runs) -> None:
     import shlex
 
     from forcebound.experiments.setup import wall_command
@@ -232,16 +223,16 @@ def test_the_commands_in_the_report_repeat_the_run(runs: Runs) -> None:
 
 def test_the_command_prints_one_document(tmp_path: Path) -> None:
     out = tmp_path / "new" / "folder"
-    words = ["reproduce", "eq41", "eq42", "--out", str(out), "--json"]
+    words = ["reproduce", "eq41", "eq42", "--output", str(out), "--json"]
     result = CliRunner().invoke(main, words, catch_exceptions=False)
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert list(document["experiments"]) == ["eq41_42"]
-    assert (out / "report.html").exists()
+    assert (out / "eq41_42.png").exists()
 
 
 def test_an_unknown_experiment_is_an_error_that_names_the_known_ones(tmp_path: Path) -> None:
-    result = CliRunner().invoke(main, ["reproduce", "fig99", "--out", str(tmp_path)])
+    result = CliRunner().invoke(main, ["reproduce", "fig99", "--output", str(tmp_path)])
     assert result.exit_code == 2
     assert "no experiment 'fig99'" in result.stderr
     assert "eq41_42" in result.stderr

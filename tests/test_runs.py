@@ -157,7 +157,7 @@ def test_a_directory_of_no_run_is_refused_with_those_that_run(
 def test_a_link_of_anybody_in_a_shared_folder_disables_nothing(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    run_dir = make_run(tmp_path, "a")
     (tmp_path / "forcebound-x").symlink_to("forcebound-x")
     (tmp_path / "forcebound-y").symlink_to(run_dir)
     assert find(None, [tmp_path]) == run_dir
@@ -169,7 +169,7 @@ def test_a_link_of_anybody_in_a_shared_folder_disables_nothing(
 def test_a_pipe_in_place_of_the_document_is_not_waited_for(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    run_dir = make_run(tmp_path, "a")
     other = tmp_path / "forcebound-b"
     other.mkdir(mode=0o700)
     os.mkfifo(other / RUN_FILE)
@@ -270,7 +270,7 @@ import os, sys
 from pathlib import Path
 from forcebound.launch.run_directory import (RunDocument, run_directory)
 with run_directory() as run_dir:
-    RunDocument(os.getpid(), None, "", [], is_temporary=True).write(run_dir)
+    RunDocument(os.getpid(), None, "", []).write(run_dir)
     print(run_dir, flush=True)
     sys.stdin.read()
 """
@@ -306,15 +306,14 @@ def test_the_directory_of_a_killed_owner_is_removed_by_the_next_run(
 def test_only_what_is_provably_dead_and_of_no_use_is_removed(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    make_run(tmp_path, "lives", is_temporary=True)
-    make_run(tmp_path, "of-a-person", is_alive=False)
-    make_run(tmp_path, "recorded", is_alive=False, is_temporary=True).joinpath(RECORDING).touch()
-    make_run(tmp_path, "older", is_alive=False, is_temporary=True).joinpath(LOCK_FILE).unlink()
-    make_run(tmp_path, "begins", is_alive=False, is_temporary=True).joinpath(RUN_FILE).unlink()
-    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    make_run(tmp_path, "lives")
+    make_run(tmp_path, "recorded", is_alive=False).joinpath(RECORDING).touch()
+    make_run(tmp_path, "older", is_alive=False).joinpath(LOCK_FILE).unlink()
+    make_run(tmp_path, "begins", is_alive=False).joinpath(RUN_FILE).unlink()
+    dead = make_run(tmp_path, "dead", is_alive=False)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    linked = make_run(elsewhere, "linked", is_alive=False, is_temporary=True)
+    linked = make_run(elsewhere, "linked", is_alive=False)
     (tmp_path / "forcebound-link").symlink_to(linked)
     kept = set(tmp_path.iterdir()) - {dead}
     assert remove_left_over([tmp_path]) == [dead]
@@ -325,7 +324,7 @@ def test_only_what_is_provably_dead_and_of_no_use_is_removed(
 def test_what_somebody_else_has_left_is_not_touched(
     tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    dead = make_run(tmp_path, "dead", is_alive=False)
     monkeypatch.setattr(os, "getuid", lambda: dead.stat().st_uid + 1)
     assert remove_left_over([tmp_path]) == []
     assert dead.is_dir()

@@ -190,17 +190,6 @@ def test_a_scene_that_stays_is_repeated_once_a_second_and_with_another_proxy() -
     assert free.proxy is None
 
 
-def test_a_scene_is_told_on_request() -> None:
-    node = EnvironmentNode(Floor())
-    answer(node, 0)
-    assert answer(node, 10 * MS)[1:] == []
-    assert node.handle({"request": "scene"}) == {"scene_follows": True}
-    assert node.wake_ns is not None
-    assert len(scenes(node.step(11 * MS, []))) == 1
-    answered = EnvironmentNode(Wall()).handle({"request": "scene"})
-    assert answered == {"error": "this environment tells no scene"}
-
-
 def test_what_does_not_fit_is_left_out_and_said_once() -> None:
     many = tuple(SceneObject(f"ball {place}", "sphere") for place in range(MAX_LENGTH + 6))
     node = EnvironmentNode(Floor(objects=many))
@@ -244,13 +233,12 @@ def test_other_parameters_open_a_new_environment_whose_scene_is_told() -> None:
     assert scenes(answer(node, 40 * MS)) == [Scene(0, 40 * MS, (BALL,), (0.01,))]
 
 
-def test_an_environment_without_a_scene_may_follow_one_whose_scene_is_wanted() -> None:
+def test_an_environment_without_a_scene_may_follow_one_whose_scene_is_due() -> None:
     node = EnvironmentNode(Floor())
     node.step(1, [query(1)])
-    assert node.handle({"request": "scene"}) == {"scene_follows": True}
+    assert node.wake_ns is not None
     node.change(Wall(), Impairment(0.0))
     assert node.step(2, []) == []
-    assert node.handle({"request": "scene"}) == {"error": "this environment tells no scene"}
 
 
 # --- The contract --------------------------------------------------------------------------------

@@ -221,7 +221,7 @@ def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "ANSWER_TIMEOUT", 0.1)
-    with pytest.raises(ConfigError, match=r"no launcher answers in .*started by hand"):
+    with pytest.raises(ConfigError, match=r"no launcher answers in"):
         ask_launcher(run_dir, {"request": "status"})
     (run_dir / "control-launcher").touch()
     with pytest.raises(RunError, match=r"has not answered for 0.1 s"):

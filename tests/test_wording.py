@@ -37,8 +37,8 @@ def test_the_causes_of_a_finding_add_to_its_advice_and_commands() -> None:
     first, load, unknown = wording.advice(finding).split("; ")
     assert first == "forcebound start a"
     assert load.startswith("the load is 3.0 on 2 cores")
-    assert unknown.endswith(": forcebound bench servo")
-    assert wording.commands(finding) == ["forcebound start a", "forcebound bench servo"]
+    assert unknown.endswith(": forcebound doctor --measure")
+    assert wording.commands(finding) == ["forcebound start a", "forcebound doctor --measure"]
 
 
 @pytest.mark.parametrize("code", sorted(realtime.SENTENCES))

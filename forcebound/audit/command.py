@@ -63,7 +63,7 @@ def run(
         chosen = "".join(f" --law {law}" for law in laws)
         chosen += "".join(f" --certificate {certificate}" for certificate in certificates)
         command = f"forcebound audit --runs {runs} --search {searched} --seed {seed}{chosen}"
-        _write(out, page(document, f"{command} --out {out}") + _written_by_hand(out))
+        _write(out, page(document, f"{command} --output {out}") + _written_by_hand(out))
     return document
 
 
@@ -148,7 +148,7 @@ def _run_world_again(
     law: str, case: str, seconds: float | None, picture: Path | None
 ) -> dict[str, Any]:
     if picture is not None:
-        raise ConfigError("a run against a world is not drawn: omit --out")
+        raise ConfigError("a run against a world is not drawn: omit --output")
     result = replay_world(law, case, seconds or SECONDS)
     document = result._asdict()
     document["case"] = {
@@ -185,7 +185,7 @@ def run_in_worlds(
         names = {"law": laws, "world": worlds, "controller": controllers}
         chosen = "".join(f" --{what} {name}" for what, given in names.items() for name in given)
         command = f"forcebound audit worlds --runs {runs} --search {searched} --seed {seed}{chosen}"
-        _write(out, world_page(document, f"{command} --out {out}"))
+        _write(out, world_page(document, f"{command} --output {out}"))
     return document
 
 

@@ -31,9 +31,8 @@ from forcebound.network.link import Link, link_seed
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.nodes.late_ticks import LateTicks
 from forcebound.nodes.servo import ServoSettings, dissipation_of
-from forcebound.simulation import Simulation
+from forcebound.simulation import LateTicks, Simulation
 
 SECONDS = 0.25  # of a run
 ENGAGE = 0.01  # s: soon at full force
@@ -141,7 +140,8 @@ def replay_world(law: str, name: str, seconds: float = SECONDS) -> WorldResult:
     numbers = case.numbers
     model, servo = device_of(case), servo_of(law, case)
     device = WatchedDevice(model, hand_of(case), servo.opening_hold)
-    device_node = DeviceNode(device, dissipation_of(model, servo), servo)
+    lateness = _late_ticks_of(case).of(servo)
+    device_node = DeviceNode(device, dissipation_of(model, servo), servo, lateness=lateness)
     nodes = [
         EnvironmentNode(WORLDS[case.world](numbers), axes=case.axes),
         _controller_of(case),
@@ -195,21 +195,24 @@ def hand_of(case: WorldCase) -> SpaceHand:
 
 
 def servo_of(law: str, case: WorldCase) -> ServoSettings:
-    """Return the servo of a case; its ticks may be late."""
+    """Return the servo of a case."""
     numbers = case.numbers
-    late = LateTicks(
-        rate=numbers["late_rate"],
-        shortest=SHORTEST_LATE,
-        longest=numbers["lateness"],
-        jitter=numbers["jitter"],
-        seed=case.seed,
-    )
     return ServoSettings(
         law=law,
         reply_wait=numbers["reply_wait"],
         hold_limit=1.0 + numbers["hold_limit"] if numbers["hold_limit"] else "auto",
         engage_time=ENGAGE,
-        late_ticks=late,
+    )
+
+
+def _late_ticks_of(case: WorldCase) -> LateTicks:
+    numbers = case.numbers
+    return LateTicks(
+        rate=numbers["late_rate"],
+        shortest=SHORTEST_LATE,
+        longest=numbers["lateness"],
+        jitter=numbers["jitter"],
+        seed=case.seed,
     )
 
 
@@ -227,4 +230,4 @@ def _links_of(case: WorldCase) -> dict[str, Link[Packet]]:
     if impairment == Impairment():
         return {}
     topics: Sequence[str] = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
-    return {topic: Link(impairment, link_seed(case.seed, topic), True) for topic in topics}
+    return {topic: Link(impairment, link_seed(case.seed, topic)) for topic in topics}

@@ -41,11 +41,9 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
     "Look at a running graph": (
         view.view,
         look.list_graphs,
-        look.top,
         topics.draw_graph,
         topics.echo,
         topics.hz,
-        topics.bw,
         topics.delay,
         topics.log,
         look.doctor,
@@ -65,7 +63,7 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
         identify.identify,
         check.check,
     ),
-    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce, study.bench),
+    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce),
     "This machine": (start.completion, keys.keys_group, run.schema),
 }
 

@@ -155,14 +155,6 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
 
 @offering
-def benchmarks(_: click.Context, begun: str) -> Iterable[str]:
-    """Benchmarks."""
-    from forcebound.benchmark import BENCHMARKS
-
-    return BENCHMARKS
-
-
-@offering
 def laws(_: click.Context, begun: str) -> Iterable[str]:
     """Laws that come with forcebound."""
     from forcebound.bounding import LAWS

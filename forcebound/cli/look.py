@@ -1,7 +1,8 @@
-"""Commands that look at processes: list, top, doctor."""
+"""Commands that look at processes: list, doctor."""
 
+import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ import click
 from forcebound.cli.common import (
     UNKNOWN,
     duration_option_for,
-    json_lines_option,
     json_option,
     print_json,
     print_json_line,
@@ -27,24 +27,45 @@ if TYPE_CHECKING:
     from forcebound.monitor.listing import ListedGraph
 
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
+MEASURE_S = 12.0  # of all contestants together, without their start
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
 @click.command("list", short_help="List the graphs that run here, with their nodes.")
+@click.option("--watch", is_flag=True, help="Again each second, as long as a graph runs.")
+@run_option
+@duration_option_for("Time after which --watch ends. Default: with the last graph.")
 @json_option
 @reports_errors
-def list_graphs(as_json: bool) -> None:
+def list_graphs(watch: bool, run_dir: Path | None, duration: float | None, as_json: bool) -> None:
     r"""List the graphs that run here: nodes, states, processor, memory, restarts.
+
+    With --watch and --json, one document on each line.
 
     \b
     forcebound list
-    forcebound list --json
+    forcebound list --watch --run stiff_wall --duration 10s
     """
-    from forcebound.monitor.listing import list_graphs as find_graphs
+    import time
 
-    graphs = find_graphs()
-    if as_json:
-        print_json([_as_document(graph) for graph in graphs])
+    from forcebound.monitor.listing import list_graphs as find_graphs
+    from forcebound.monitor.runs import find
+
+    only = None if run_dir is None else find(run_dir)
+    if not watch:
+        _show_graphs(find_graphs(only=only), print_json if as_json else None)
+        return
+    end = math.inf if duration is None else time.monotonic() + duration
+    while time.monotonic() < end and (graphs := find_graphs(1.0, only)):
+        if not as_json:
+            click.clear()  # of a terminal only
+        _show_graphs(graphs, print_json_line if as_json else None)
+
+
+def _show_graphs(graphs: "Sequence[ListedGraph]", write: Callable[[Any], None] | None) -> None:
+    """Show graphs as tables, or ``write`` them as one JSON document."""
+    if write is not None:
+        write([_as_document(graph) for graph in graphs])
         return
     if not graphs:
         show("no graph of yours runs on this machine; start one with `forcebound launch FILE`")
@@ -52,36 +73,9 @@ def list_graphs(as_json: bool) -> None:
         _show_graph(graph)
 
 
-@click.command(short_help="Show what the nodes of a graph use, each second.")
-@run_option
-@duration_option_for("Time after which it ends. Default: with the graph.")
-@json_lines_option
-@reports_errors
-def top(run_dir: Path | None, duration: float | None, as_json: bool) -> None:
-    r"""Show what the processes of a graph use, anew each second, until Ctrl-C.
-
-    \b
-    forcebound top
-    forcebound top --run stiff_wall --duration 10s --json
-    """
-    import time
-
-    from forcebound.monitor.listing import list_graphs as find_graphs
-    from forcebound.monitor.runs import find
-
-    run = find(run_dir)
-    end = None if duration is None else time.monotonic() + duration
-    while (end is None or time.monotonic() < end) and (found := find_graphs(1.0, run)):
-        if as_json:
-            print_json_line(_as_document(found[0]))
-            continue
-        click.clear()  # of a terminal only
-        _show_graph(found[0])
-
-
 def _show_graph(graph: "ListedGraph") -> None:
     core = "any core" if graph.core is None else f"core {graph.core}"
-    show(f"{graph.name}  ({graph.phase or 'nodes by hand'}, {core}, {graph.run_dir})")
+    show(f"{graph.name}  ({graph.phase or 'an environment'}, {core}, {graph.run_dir})")
     print_rows(HEAD, _rows(graph))
 
 
@@ -103,17 +97,22 @@ def _as_document(graph: "ListedGraph") -> dict[str, Any]:
 
 
 @click.command()
+@click.option("--measure", is_flag=True, help=f"Measure this machine, too: {MEASURE_S:g} s.")
 @run_option
 @json_option
 @reports_errors
-def doctor(run_dir: Path | None, as_json: bool) -> None:
+def doctor(measure: bool, run_dir: Path | None, as_json: bool) -> None:
     r"""Diagnose the running graph, else this machine.
+
+    With --measure, also how late wake-ups of a servo are at 1 kHz, and how long the loop of a graph
+    takes, beside one of bare sockets; best when nothing else runs.
 
     Exit status 0: no problem; 1: at least one problem, or the graph ended meanwhile; 2: no such
     graph.
 
     \b
     forcebound doctor
+    forcebound doctor --measure
     forcebound doctor --run stiff_wall --json
     """
     from forcebound.monitor import doctor, machine, runs
@@ -122,17 +121,34 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
     graph = None if run_dir is None and not runs.running() else runs.find(run_dir)
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
+    measured = _measured() if measure else {}
     if as_json:
         name = None if graph is None else str(graph)
         documents = [_document(finding) for finding in findings]
-        print_json({"graph": name, "is_well": is_well, "findings": documents})
+        found = {"graph": name, "is_well": is_well, "findings": documents}
+        print_json(found | ({"measured": measured} if measure else {}))
     else:
         show("this machine; no graph runs" if graph is None else f"graph in {graph}")
         for document in map(_document, findings):
             _show_finding(document)
         if is_well:
             show("no problem found")
+        if measure:
+            head = ("measured at 1 kHz", *next(iter(measured.values())))
+            print_rows(head, [(name, *map(str, one.values())) for name, one in measured.items()])
     sys.exit(0 if is_well else 1)
+
+
+def _measured() -> dict[str, dict[str, float]]:
+    """Return what this machine is capable of, by what was measured."""
+    from forcebound.monitor.measure import SHARES, measure, percentile
+
+    return {
+        name: {f"{share}_us": round(percentile(rounds, share) / 1e3, 1) for share in SHARES}
+        | {"ticks": sum(len(one.times_ns) for one in rounds)}
+        | {"missed": sum(one.missed for one in rounds)}
+        for name, rounds in measure(MEASURE_S, 1000.0).items()
+    }
 
 
 def _document(finding: "Finding") -> dict[str, Any]:

@@ -30,8 +30,9 @@ from forcebound.cli.common import (
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
-from forcebound.errors import RunError
+from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable, content_of
+from forcebound.processes import PROCESSES
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
@@ -172,34 +173,25 @@ def simulate(
     report(result, record, as_json)
 
 
-@click.command(short_help="Run one node of a launch file by hand.")
-@click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
+@click.command(short_help="Serve a graph on another machine.")
+@click.argument("kind", metavar="environment", type=click.Choice([*PROCESSES]))
 @click.argument("file", shell_complete=complete.launch_files)
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings)
-@click.option(
-    "--run-dir",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of the run's sockets, the same for every node of a run. Without it, an "
-    "environment serves a graph on another machine, as set in section remote: of FILE.",
-)
-@click.option(
-    "--supervised",
-    is_flag=True,
-    hidden=True,
-    help="End with the process that started it; engage on its request.",
-)
+@click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
 @reports_errors
-def node(
-    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
-) -> None:
-    r"""Run one node of a launch file by hand, for a graph on this machine or another.
+def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
+    r"""Run the environment of FILE for a graph on another machine, as its section remote: says.
 
     \b
     forcebound node environment remote_wall
     """
-    from forcebound.launch.worker import run_node
+    from forcebound.launch.worker import run_node, serve_environment
 
-    sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
+    if run_dir is not None:  # a launcher starts its processes so
+        sys.exit(run_node(kind, run_dir))
+    if kind != "environment":
+        raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
+    serve_environment(Path(file), arguments)
 
 
 @click.command(short_help="Draw recordings side by side.")

@@ -1,4 +1,4 @@
-"""Commands for benchmarks, audits, sweeps and the paper's experiments."""
+"""Commands for audits, sweeps and the paper's experiments."""
 
 import sys
 from collections.abc import Callable
@@ -16,49 +16,18 @@ from forcebound.cli.common import (
     json_option,
     print_document,
     print_json,
-    print_rows,
     reports_errors,
     show,
 )
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import RunError
 
-OUTPUT = ("-o", "--output", "--out", "out")  # as with every command; --out is the older name
+OUTPUT = ("-o", "--output", "out")
 
 workers_option = click.option(
     "--workers",
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-
-
-@click.command(short_help="Measure against a reference implementation.")
-@click.argument("name", shell_complete=complete.benchmarks)
-@duration_option
-@click.option("--rate", default=1000.0, show_default=True, help="Sampling rate, in Hz.")
-@json_option
-@reports_errors
-def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    r"""Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
-
-    Most are measured beside a reference implementation.
-
-    \b
-    forcebound bench loop
-    forcebound bench servo --rate 4000 --duration 10s --json
-    """
-    from forcebound.benchmark import BENCHMARKS, tables
-
-    if name not in BENCHMARKS:
-        known = "; ".join(f"{key}: {one.summary}" for key, one in BENCHMARKS.items())
-        raise ConfigError(f"no benchmark {name!r}; known are {known}")
-    if not rate > 0:
-        raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
-    result = BENCHMARKS[name].run(duration, rate, lambda line: show(line, err=True))
-    if as_json:
-        print_json(result)
-        return
-    for table in tables(result):
-        print_rows(table.columns, table.rows, table.title)
 
 
 def _campaign_options(
@@ -212,7 +181,7 @@ def sensitivity(kind: str, runs: int, workers: int | None, as_json: bool) -> Non
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/reproduce"),
     show_default=True,
-    help="Folder for pictures, numbers and the report.",
+    help="Folder for pictures and numbers.",
 )
 @json_option
 @reports_errors
@@ -234,7 +203,7 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 
     for table in tables(done):
         Console().print(table)
-    show(f"report: {out / 'report.html'}")
+    show(f"pictures and numbers: {out}")
 
 
 @click.command(short_help="Run a graph over a grid of its parameters.")
@@ -251,10 +220,8 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool) -> None:
 @click.option("--overwrite", is_flag=True, help="Replace the result of another sweep.")
 @click.option("--plot", "as_plot", is_flag=True, help="Also draw the map of the sweep.")
 @json_option
-@click.pass_context
 @reports_errors
 def sweep(
-    context: click.Context,
     file: str,
     arguments: tuple[str, ...],
     output: Path | None,
@@ -267,17 +234,10 @@ def sweep(
 ) -> None:
     r"""Run a sweep file, e.g. z_width or stability_map; continue an interrupted sweep.
 
-    `forcebound sweep audit` runs `forcebound audit`.
-
     \b
     forcebound sweep stability_map --plot
     forcebound sweep my_sweep.yaml -o my_sweep.parquet --workers 2
     """
-    if file == "audit":
-        if arguments or cluster or restart or overwrite or as_plot:
-            raise ConfigError("sweep audit takes --output, --workers and --json; see audit --help")
-        context.invoke(audit, workers=workers, out=output, as_json=as_json)
-        return
     from forcebound.sweep.command import run
 
     try:

@@ -132,67 +132,41 @@ def _text(value: Any) -> str:
     return UNKNOWN if value is None else str(value)
 
 
-def _measuring(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the topics, the graph, a duration and ``--json``."""
-    for option in (reports_errors, json_option, _measuring_option, run_option, topics_argument):
-        command = option(command)
-    return command
-
-
-@click.command(short_help="Measure how often topics are sent.")
-@_measuring
+@click.command(short_help="Measure how often topics are sent, and their bytes.")
+@topics_argument
+@run_option
+@_measuring_option
+@json_option
+@reports_errors
 def hz(
     topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
 ) -> None:
-    r"""Measure how often topics are sent, by their senders' time stamps. Default: all topics.
+    r"""Measure how often topics are sent, and how many bytes. Default: all topics.
+
+    Rate and intervals are by the senders' time stamps.
 
     \b
     forcebound hz
     forcebound hz telemetry force_command --duration 10s --json
     """
-    head = ("topic", "rate", "mean", "min", "max", "deviation", "packets", "missing")
-    _show_figures(_measured(topics, run_dir, duration), as_json, head, _regularity)
+    figures = _measured(topics, run_dir, duration)
+    if as_json:
+        print_json(figures)
+        return
+    times = ("rate", "mean", "min", "max", "deviation")
+    head = ("topic", *times, "packets", "missing", "bandwidth", "mean size")
+    print_rows(head, [(topic, *_stream(one)) for topic, one in figures.items()])
 
 
-def _regularity(figures: Mapping[str, Any]) -> tuple[str, ...]:
+def _stream(figures: Mapping[str, Any]) -> tuple[str, ...]:
     interval = figures["interval_ms"] or {}
     times = [interval.get(name) for name in ("mean", "min", "max", "deviation")]
     shown = [UNKNOWN if time is None else f"{time:.3f} ms" for time in times]
     rate = f"{figures['rate_hz']:.1f} Hz"
-    return (rate, *shown, str(figures["packets"]), str(figures["missing"]))
-
-
-@click.command()
-@_measuring
-def bw(
-    topics: tuple[str, ...], run_dir: Path | None, duration: float | None, as_json: bool
-) -> None:
-    r"""Measure how many bytes topics need. Default: all topics.
-
-    \b
-    forcebound bw
-    forcebound bw telemetry --duration 10s
-    """
-    head = ("topic", "bandwidth", "mean size", "packets")
-    _show_figures(_measured(topics, run_dir, duration), as_json, head, _sizes)
-
-
-def _sizes(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    counts = (str(figures["packets"]), str(figures["missing"]))
     size = figures["mean_size_b"]
     mean = UNKNOWN if size is None else f"{size:.0f} B"
-    return (f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean, str(figures["packets"]))
-
-
-def _show_figures(
-    figures: Mapping[str, Mapping[str, Any]],
-    as_json: bool,
-    head: Sequence[str],
-    row: Callable[[Mapping[str, Any]], tuple[str, ...]],
-) -> None:
-    if as_json:
-        print_json(figures)
-    else:
-        print_rows(head, [(topic, *row(one)) for topic, one in figures.items()])
+    return (rate, *shown, *counts, f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean)
 
 
 def _measured(

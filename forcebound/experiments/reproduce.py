@@ -1,4 +1,4 @@
-"""Reproduction: runs experiments and writes their pictures, numbers and the report."""
+"""Reproduction: runs experiments and writes their pictures and numbers."""
 
 import json
 import shlex
@@ -12,7 +12,6 @@ from forcebound.analysis.plots import save
 from forcebound.errors import ConfigError
 from forcebound.experiments import ALIASES, EXPERIMENTS
 from forcebound.experiments.outcome import Outcome, label
-from forcebound.experiments.report import report, show
 from forcebound.experiments.setup import Runs
 
 
@@ -26,7 +25,7 @@ class Reproduction:
 
 
 def reproduce(names: Sequence[str], out: Path, runs: Runs) -> Reproduction:
-    """Run experiments and write ``NAME.png``, ``NAME.svg``, ``numbers.json`` and ``report.html``.
+    """Run experiments and write ``NAME.png`` and ``numbers.json``.
 
     Args:
         names: Keys of ``EXPERIMENTS`` or ``ALIASES``; none: all of them.
@@ -45,13 +44,10 @@ def reproduce(names: Sequence[str], out: Path, runs: Runs) -> Reproduction:
     for name in chosen:
         runs.progress(name)
         outcome = outcomes[name] = EXPERIMENTS[name](runs)
-        for suffix in ("png", "svg"):
-            save(outcome.drawing, out / f"{name}.{suffix}")
+        save(outcome.drawing, out / f"{name}.png")
     command = shlex.join(["forcebound", "reproduce", *names])
     document = to_document(outcomes, command)
     _write(out / "numbers.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
-    pictures = {name: (out / f"{name}.png").read_bytes() for name in outcomes}
-    _write(out / "report.html", report(outcomes, pictures, command))
     return Reproduction(outcomes, document, out)
 
 
@@ -82,7 +78,7 @@ def to_document(outcomes: dict[str, Outcome], command: str) -> dict[str, Any]:
             "paper": outcome.paper,
             "finding": outcome.finding,
             "numbers": [number.to_json() for number in outcome.numbers],
-            "pictures": [f"{name}.png", f"{name}.svg"],
+            "picture": f"{name}.png",
             "commands": list(outcome.commands),
         }
         for name, outcome in outcomes.items()
@@ -107,6 +103,17 @@ def tables(done: Reproduction) -> Iterator[Any]:
             table.add_row(number.quantity, number.law, show(number.ours), show(number.paper), unit)
         yield table
         yield f"{outcome.finding}\n"
+
+
+def show(value: float | None) -> str:
+    """Return a number with three significant digits, or a dash."""
+    if value is None:
+        return "–"
+    if value == 0.0:
+        return "0"
+    if abs(value) < 1e-3 or abs(value) >= 1e5:
+        return f"{value:.1e}"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def _write(path: Path, text: str) -> None:

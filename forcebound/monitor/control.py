@@ -62,8 +62,8 @@ def ask_launcher(run_dir: Path, request: Mapping[str, Any]) -> dict[str, Any]:
     """
     if not has_control(run_dir, LAUNCHER):
         raise ConfigError(
-            f"no launcher answers in {run_dir}: it is still starting, or the nodes were started by "
-            "hand; stop such a node with Ctrl-C in its terminal"
+            f"no launcher answers in {run_dir}: it is still starting, or an environment by itself"
+            " runs there; stop that with Ctrl-C in its terminal"
         )
     answer = ask(run_dir, LAUNCHER, request, ANSWER_TIMEOUT)
     if answer is None:

@@ -50,7 +50,7 @@ class ListedGraph:
 
     name: str  # launch file with its arguments
     run_dir: Path
-    phase: str | None  # of the run; SILENT; None: nodes that were started by hand
+    phase: str | None  # of the run; SILENT; None: an environment by itself
     core: int | None  # that its nodes share; None: any
     processes: tuple[Listed, ...]
 

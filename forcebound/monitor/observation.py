@@ -82,7 +82,7 @@ class Observations:
     processes: Mapping[str, ProcessSeen]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
-    launcher: ProcessSeen | None = None  # None: the nodes were started by hand
+    launcher: ProcessSeen | None = None  # None: an environment by itself
     recording: RecordingSeen = field(default_factory=RecordingSeen)
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used

@@ -2,8 +2,8 @@
 
 A run directory is named ``forcebound-...``, lies in the user's runtime folder
 (:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
-document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher or by
-nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
+document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher, or by an
+environment for a graph on another machine (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
@@ -47,8 +47,8 @@ def find(
 
     Args:
         run: Its run directory, as :func:`running` gives it, or the name of its launch file; None:
-            the only graph that runs. A node that was started by hand counts only where no launcher
-            runs a graph.
+            the only graph that runs. An environment by itself counts only where no launcher runs a
+            graph.
         folders: As in :func:`running`.
         of_graph: Whether an environment alone, for a graph on another machine, is not enough.
         option: How a command takes a run directory, for messages.
@@ -94,7 +94,7 @@ class Watch:
     """Tells whether a graph has ended, also while its launcher still computes the result.
 
     Attributes:
-        was_launched: Whether a launcher was seen; a graph of nodes by hand has none.
+        was_launched: Whether a launcher was seen; an environment by itself has none.
     """
 
     def __init__(self, run_dir: Path) -> None:

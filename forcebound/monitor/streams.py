@@ -59,7 +59,7 @@ def read_topics(
     """
     with while_running(run_dir), _aside(RunDocument.read(run_dir).core), Network() as network:
         streams = [
-            (topic, network.subscriber(endpoint, newest_only=False))
+            (topic, network.subscriber(endpoint))
             for topic, endpoint in recorded_streams(run_dir, tuple(topics))
             if topic in topics
         ]

@@ -33,7 +33,7 @@ _ROOM = ("make room, or name another folder", "XDG_RUNTIME_DIR=FOLDER forcebound
 
 # Of a graph.
 FINDINGS: dict[str, Text] = {
-    "no_launcher": Text("no launcher: the nodes were started by hand, and none is restarted"),
+    "no_launcher": Text("no launcher: an environment by itself, which none restarts"),
     "starting": Text("the run is {phase}: no force yet"),
     "stopping": Text("the run is ending"),
     "suspended": Text(
@@ -244,7 +244,7 @@ CAUSES: dict[str, Text] = {
         "the core (taskset, isolcpus)"
     ),
     "unknown": Text(
-        action="cause unknown, see what this machine can do", command="forcebound bench servo"
+        action="cause unknown, see what this machine can do", command="forcebound doctor --measure"
     ),
     "injected_loss": Text(
         action="its parameters lose every packet; see and set them",
@@ -271,7 +271,7 @@ _PUNCTUAL = "a quieter machine, realtime.policy: fifo"
 CAUSES |= {
     "missed_ticks": Text(
         action=f"{{share:.1%}} of the ticks are missed: {_PUNCTUAL}, or a lower device.rate",
-        command="forcebound bench servo",
+        command="forcebound doctor --measure",
     ),
     "delay": Text(
         action="half of the answers are {p50:.2g ms} old or older: less delay on the links, an "
@@ -312,7 +312,7 @@ CAUSES |= {
 
 # Notes on a change of parameters.
 NOTES: dict[str, Text] = {
-    "no_node": Text("no {node} is running here; started by hand, it reads its own launch file"),
+    "no_node": Text("no {node} is running here"),
     "node_stopped": Text(
         "{node} is stopped on request, and has the change when it starts again",
         command="forcebound start {node}",

@@ -45,7 +45,7 @@ class ControlServer:
 
 
 class ControlClient:
-    """Asks a :class:`ControlServer`, without ever waiting."""
+    """Sends requests to a :class:`ControlServer`, without ever waiting."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
@@ -56,7 +56,7 @@ class ControlClient:
         return _has(self._socket, _POLLIN)
 
     def ask(self, request: Mapping[str, Any]) -> bool:
-        """Send a request, forgetting the one before; return False while nobody is there."""
+        """Send a request in place of the one before; return False while no server is there."""
         if not _has(self._socket, _POLLOUT):
             return False
         with suppress(zmq.Again):
@@ -76,9 +76,9 @@ def _has(socket: "zmq.Socket[bytes]", event: int) -> bool:
 
 
 def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
-    """Return the message that EVENTS promised; None if it was not for us.
+    """Return the message that EVENTS announced; None if there is none.
 
-    EVENTS also counts an answer to a request that was given up, and a peer that left meanwhile.
+    EVENTS also counts an answer to a request that was given up, and a peer that has left since.
     """
     try:
         return b"".join(socket.recv_multipart(zmq.DONTWAIT))

@@ -94,9 +94,7 @@ class _Inbox:
         self.sink = sink
         self._counts = {topic: 0 for topic, _ in streams}
         self._rejected: dict[str, int] = {}
-        self._subscribers = [
-            (topic, network.subscriber(endpoint, newest_only=False)) for topic, endpoint in streams
-        ]
+        self._subscribers = [(topic, network.subscriber(endpoint)) for topic, endpoint in streams]
 
     def take(self) -> bool:
         """Record what has come; return whether anything had."""

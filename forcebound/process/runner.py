@@ -109,22 +109,19 @@ class Runner:
         self.steps = 0
         self._next_complaint_ns = 0
 
-    def run(
-        self, stop: Stop, facts: Sequence[realtime.Fact] = (), engages_itself: bool = False
-    ) -> None:
+    def run(self, stop: Stop, facts: Sequence[realtime.Fact] = ()) -> None:
         """Step the node until ``stop`` is requested; then force zero and the last telemetry.
 
         Args:
             stop: Ends the loop.
             facts: What the status answers under ``realtime``.
-            engages_itself: Whether a servo engages when it is ready, rather than on request.
         """
         self._facts = facts
         try:
             if self._node.wakes_on_arrival:
                 self._run_on_arrival(stop)
             else:
-                self._run_on_schedule(stop, engages_itself)
+                self._run_on_schedule(stop)
         finally:
             self._node.stop(time.monotonic_ns())
         self._emit_last_events()
@@ -270,12 +267,9 @@ class Runner:
         while not (stop.requested or self._stop_requested):
             self.wait(stop.descriptor)
 
-    def _run_on_schedule(self, stop: Stop, engages_itself: bool) -> None:
+    def _run_on_schedule(self, stop: Stop) -> None:
         while not (stop.requested or self._stop_requested):
             self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-            if engages_itself and self.status()["ready"]:
-                self.answer({"request": "engage"})
-                engages_itself = False
 
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
@@ -296,7 +290,6 @@ def run(
     links: Mapping[str, Link[Packet]],
     settings: realtime.Settings,
     stop: Stop,
-    engages_itself: bool = False,
     configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
     remote_end: RemoteEnd | None = None,
 ) -> dict[str, Any]:
@@ -309,7 +302,6 @@ def run(
         links: Impaired links by topic; a topic that is not here has a perfect link.
         settings: How punctual to be.
         stop: Ends the loop.
-        engages_itself: Whether a servo engages when it is ready, rather than on request.
         configure: See :class:`Runner`.
         remote_end: This end of the link to another machine.
 
@@ -323,7 +315,7 @@ def run(
             end = None if remote_end is None else RemoteLink(network, remote_end)
             runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
             realtime.freeze_garbage()
-            runner.run(stop, facts, engages_itself)
+            runner.run(stop, facts)
             return runner.status()
     finally:
         node.close()

@@ -34,7 +34,6 @@ from forcebound.operators.grip import SoftGrip
 from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
 
-FEEDS = ("hand", "network", "environment")
 _GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
 _COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 

@@ -43,7 +43,7 @@ class Feed:
         self._cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking disturbs nobody
         self._network = Network()
         self._streams = [
-            (TOPICS[topic].packet, self._network.subscriber(endpoint, newest_only=False))
+            (TOPICS[topic].packet, self._network.subscriber(endpoint))
             for topic, endpoint in recorded_streams(run_dir, SHOWN)
         ]
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
