@@ -26,7 +26,7 @@ from benchmarks.harness import Figure, Result, note
 from benchmarks.turns import ALONE, END_TIMEOUT_S, Graph, Turn, graph, servo
 from forcebound.errors import RunError
 from forcebound.messages.packets import TOPICS
-from forcebound.monitor.listing import processor_time
+from forcebound.monitor.snapshot import use_of
 
 PORTS = {"plotjuggler": 19872, "foxglove": 18765}
 POLL = 0.1  # s
@@ -47,9 +47,9 @@ def run(duration: float, rate: float) -> Result:
                 taken.append(_turn(ALONE, running))
                 for program in CLIENTS:
                     with bridge(program, running) as (pid, received):
-                        before = np.array((processor_time(pid), received.count))
+                        before = np.array((_processor_time(pid), received.count))
                         taken.append(_turn(program, running))
-                        after = np.array((processor_time(pid), received.count))
+                        after = np.array((_processor_time(pid), received.count))
                         rates[program].append((after - before) / (SETTLE + SECONDS))
         contestants, figures = servo(record, taken)
     for program, of in rates.items():
@@ -148,3 +148,9 @@ def bridge(program: str, running: Graph) -> Iterator[tuple[int, Received]]:
         client.join()
         serving.send_signal(signal.SIGINT)
         serving.wait(END_TIMEOUT_S)
+
+
+def _processor_time(pid: int) -> float:
+    use = use_of(pid)
+    assert use is not None  # it still runs
+    return use.processor_time

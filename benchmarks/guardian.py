@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.harness import Contestant, Result, alternate, at
 from forcebound.devices.truth_file import TruthFile
+from forcebound.messages.control import GetStatus
 from forcebound.monitor.control import ask_launcher
 from forcebound.monitor.measure import Round, Timing
 
@@ -165,9 +166,10 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
 
     _awaited(has_torque, launch)
     (run_dir,) = (each.parent for each in folder.glob("*/control-launcher"))
-    device = ask_launcher(run_dir, {"request": "status"})["nodes"]["device"]["pid"]
+    device = ask_launcher(run_dir, GetStatus()).nodes["device"].pid
     _awaited(has_torque, launch)
     start_ns = time.monotonic_ns()
+    assert device is not None  # it runs
     os.kill(device, signal.SIGKILL)
     end = time.monotonic() + TIMEOUT_S
     while has_torque() and time.monotonic() < end:

@@ -136,7 +136,7 @@ def ticks(
             spent_ns += time.monotonic_ns() - begun_ns
         return spent_ns
 
-    while not runner.status()["ready"]:
+    while runner.status().waiting_for:
         tick()
         if time.monotonic_ns() > ready_ns:
             raise RunError("the servo got no answer: the answering process is missing")

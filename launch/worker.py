@@ -13,10 +13,9 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from forcebound import process, realtime
 from forcebound.config.document import folder_of
@@ -36,6 +35,7 @@ from forcebound.launch.run_directory import (
     run_directory,
     write_launch_document,
 )
+from forcebound.messages.control import ProcessStatus, RecorderStatus
 from forcebound.messages.packets import TOPICS
 from forcebound.network.ends import RemoteEnd
 from forcebound.nodes.environment import EnvironmentNode
@@ -150,7 +150,7 @@ def _run(
 ) -> None:
     if kind == "recorder":
         _logger.info("recording to %s", run.record)
-        record_run(run, run_dir, stop)
+        _log_rejected(_record(run, run_dir, stop))
         return
     import numpy  # noqa: F401  # a link that is impaired later must not load it in the loop
 
@@ -173,40 +173,28 @@ def _run(
     _log_rejected(status)
 
 
-def record_run(
-    run: RunDocument,
-    run_dir: Path,
-    stop: process.Stop,
-    name: str = "recorder",
-    is_over: Callable[[str], bool] | None = None,
-) -> dict[str, Any]:
+def _record(run: RunDocument, run_dir: Path, stop: process.Stop) -> RecorderStatus:
     """Record the streams of a run into its file; return the last status of the recorder.
-
-    Arguments are those of :func:`forcebound.process.record`.
 
     Raises:
         ConfigError: If the file cannot be created.
     """
     from forcebound.recording import Recorder  # slow to import; no other process needs it
 
-    offset_ns = time.time_ns() - time.monotonic_ns()
-    recorder = Recorder(run.record, run.metadata, offset_ns)
+    recorder = Recorder(run.record, run.metadata, time.time_ns() - time.monotonic_ns())
     is_complete = False
     try:
-        streams = [(topic, endpoint) for topic, endpoint in run.streams]
-        status = process.record(recorder, name, run_dir, streams, run.core, stop, is_over)
-        is_complete = status["recording"] == process.COMPLETE
+        status = process.record(recorder, "recorder", run_dir, run.streams, run.core, stop)
+        is_complete = status.recording == process.COMPLETE
     finally:
         with suppress(OSError):  # a full disk, which was reported; the file stays readable
             recorder.close() if is_complete else recorder.abandon()
-    _log_rejected(status)
     return status
 
 
-def _log_rejected(status: Mapping[str, Any]) -> None:
-    reasons = status["rejected"]
-    if reasons:
-        counts = ", ".join(f"{reason.replace('_', ' ')} {n}" for reason, n in reasons.items())
+def _log_rejected(status: ProcessStatus) -> None:
+    if status.rejected:
+        counts = ", ".join(f"{why.replace('_', ' ')} {n}" for why, n in status.rejected.items())
         _logger.warning("rejected packets, by reason: %s", counts)
 
 

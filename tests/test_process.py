@@ -14,6 +14,16 @@ from waiting import PATIENCE, until
 
 from forcebound.controllers.direct import DirectController
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.control import (
+    Accepted,
+    Engage,
+    Engaged,
+    EnvironmentStatus,
+    GetStatus,
+    NodeStatus,
+    Refused,
+    StopProcess,
+)
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -94,7 +104,7 @@ def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
     listening = runner(node, "environment", run_dir, network)
     sender = Sender(network, run_dir, "environment_query")
-    assert listening.status()["waiting_for"] == ["environment_query"]
+    assert listening.status().waiting_for == ("environment_query",)
 
     def heard() -> bool:
         sender.send(query(7))
@@ -104,9 +114,8 @@ def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
     until(heard, "a query")
     assert node.heard[0] == query(7)
     status = listening.status()
-    assert status["ready"]
-    assert status["waiting_for"] == []
-    assert status["received"]["environment_query"] >= 1
+    assert not status.waiting_for
+    assert status.received["environment_query"] >= 1
 
 
 def test_a_node_with_nothing_to_do_is_not_stepped(network: Network, run_dir: Path) -> None:
@@ -132,12 +141,12 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
             device.turn(0)
-            return reason in device.status()["rejected"]
+            return reason in device.status().rejected
 
         until(counted, reason)
-    assert node.status()["rejected"].keys() == {"malformed", "version", "keys"}
+    assert node.status().rejected.keys() == {"malformed", "version", "keys"}
     assert "expected version 3 of the wire format, got 2: use one version" in caplog.text
-    assert not device.status()["ready"]
+    assert device.status().waiting_for
 
 
 def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -> None:
@@ -168,7 +177,7 @@ def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None
     def lost() -> bool:
         sender.send(query(1))
         listening.turn(MS)
-        return bool(listening.status()["links"]["environment_query"]["lost"])
+        return bool(listening.status().links["environment_query"]["lost"])
 
     until(lost, "a loss")
     assert node.heard == []
@@ -191,7 +200,7 @@ def test_after_a_pause_only_the_newest_packet_counts(
         sender.send(query(0))
         listening.turn(MS)
         heard.extend(witness.receive())
-        return bool(listening.status()["ready"] and heard)
+        return bool(not listening.status().waiting_for and heard)
 
     until(connected, "a subscription")
     for seq in range(1, 101):
@@ -219,24 +228,32 @@ def test_the_status_and_the_force_are_asked_for_on_the_control_socket(
 ) -> None:
     node, device = device_node()
     servo = runner(node, "device", run_dir, network)
-    assert servo.answer({"request": "status"})["deadline_misses"] == 0
-    assert servo.answer({"request": "engage"}) == {"engaged": True}
+    assert servo.answer(GetStatus()) == servo.status()
+    assert isinstance(servo.answer(Engage()), Engaged)
     servo.turn(0)
     assert device.engaged_ns == 0
-    assert servo.answer({"request": "stop"}) == {"stopping": True}
-    assert "known: status, stop, configure, engage" in servo.answer({"request": "dance"})["error"]
-    assert "unknown request None" in servo.answer({})["error"]
+    assert isinstance(servo.answer(StopProcess()), Accepted)
 
 
-def test_only_a_servo_engages(network: Network, run_dir: Path) -> None:
+def test_only_a_servo_engages(network: Network, run_dir: Path, stop: Stop) -> None:
     listening = runner(ListeningNode(), "environment", run_dir, network)
-    assert "known: status, stop" in listening.answer({"request": "engage"})["error"]
+    client = network.control_client(control_endpoint(run_dir, "environment"))
+    until(lambda: client.ask(Engage()), "a connection")
+
+    def answered() -> bool:
+        listening.wait(stop.descriptor)
+        return client.pending()
+
+    until(answered, "the refusal")
+    answer = client.answer()
+    assert isinstance(answer, Refused)
+    assert "status, stop, configure" in answer.error
 
 
 def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop: Stop) -> None:
     listening = runner(ListeningNode(), "environment", run_dir, network)
     client = network.control_client(control_endpoint(run_dir, "environment"))
-    until(lambda: client.ask({"request": "status"}), "a connection")
+    until(lambda: client.ask(GetStatus()), "a connection")
 
     def answered() -> bool:
         listening.wait(stop.descriptor)
@@ -244,8 +261,8 @@ def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop
 
     until(answered, "the status")
     answer = client.answer()
-    assert answer is not None
-    assert answer["waiting_for"] == ["environment_query"]
+    assert isinstance(answer, NodeStatus)
+    assert answer.waiting_for == ("environment_query",)
 
 
 def test_a_stopped_servo_writes_zero_and_says_so(
@@ -258,7 +275,7 @@ def test_a_stopped_servo_writes_zero_and_says_so(
     stop.request()
     servo.run(stop)
     assert device.written[-1][1] == (0.0,)
-    assert not node.status()["engaged"]
+    assert not node.status().engaged
     heard: list[bytes] = []
 
     def heard_the_last() -> bool:
@@ -351,6 +368,8 @@ def test_an_environment_says_its_name_and_how_often_its_code_failed(
 
     node = EnvironmentNode(Failing(), name="here/1/a")
     answering = runner(node, "environment", run_dir, network)
-    assert (answering.status()["name"], answering.status()["failures"]) == ("here/1/a", 0)
+    status = answering.status()
+    assert isinstance(status, EnvironmentStatus)
+    assert (status.name, status.failures) == ("here/1/a", 0)
     node.step(5, [query(1)])
-    assert answering.status()["failures"] == 1
+    assert node.status().failures == 1

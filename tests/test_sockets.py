@@ -3,9 +3,7 @@
 import os
 import socket
 import threading
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import pytest
@@ -13,6 +11,7 @@ import zmq
 from waiting import PATIENCE, until
 
 from forcebound.errors import ConfigError
+from forcebound.messages.control import Accepted, GetStatus, Refused, StopNode
 from forcebound.network import sockets
 from forcebound.network.control import SERVE_LIMIT, ControlClient
 from forcebound.network.keys import KeyPair
@@ -181,43 +180,43 @@ def test_tcp_works_with_both_families(network: Network, host: str) -> None:
 
 
 def test_a_frame_that_is_too_large_does_not_arrive(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     raw = zmq.Context()
     peer = raw.socket(zmq.DEALER, socket_class=zmq.Socket)
     try:
         peer.linger = 0
         peer.connect(f"ipc://{run_dir}/control")
         peer.send_multipart([b"", bytes(MAX_FRAME + 1)])
-        heard: list[Mapping[str, Any]] = []
+        heard: list[GetStatus | StopNode] = []
 
-        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        def answer(request: GetStatus | StopNode) -> Accepted:
             heard.append(request)
-            return {}
+            return Accepted()
 
         def heard_again() -> bool:  # libzmq has ended the connection, and the peer tries again
-            peer.send_multipart([b"", msgpack.packb({"request": "after"})])
+            peer.send_multipart([b"", msgpack.packb({"request": "status"})])
             server.serve(answer)
             return bool(heard)
 
         until(heard_again, "the peers to meet again")
-        assert {request["request"] for request in heard} == {"after"}
+        assert set(heard) == {GetStatus()}
     finally:
         raw.destroy()
 
 
 def test_a_request_is_answered(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     client = network.control_client(f"ipc://{run_dir}/control")
-    until(lambda: client.ask({"request": "status"}), "a connection")
+    until(lambda: client.ask(GetStatus()), "a connection")
     assert client.answer() is None
     until(server.pending, "the request")
-    server.serve(lambda request: {"heard": request["request"]})
+    server.serve(lambda request: Refused(type(request).__name__))
     until(client.pending, "the answer")
-    assert client.answer() == {"heard": "status"}
+    assert client.answer() == Refused("GetStatus")
 
 
 def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     raw = zmq.Context()
     flood = raw.socket(zmq.DEALER, socket_class=zmq.Socket)
     try:
@@ -228,10 +227,10 @@ def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Pat
         until(server.pending, "the requests")
         answered: list[object] = []
 
-        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        def answer(request: GetStatus) -> Accepted:
             answered.append(request)
             sockets.wait((), 1_000_000)  # so that more are there by then
-            return {}
+            return Accepted()
 
         until(lambda: server.serve(answer), "more requests than one turn serves")
         turns = 1
@@ -246,34 +245,47 @@ def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Pat
 
 
 def test_a_request_may_follow_one_without_an_answer(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     client = network.control_client(f"ipc://{run_dir}/control")
-    until(lambda: client.ask({"request": 1}), "a connection")
-    assert client.ask({"request": 2})
+    until(lambda: client.ask(StopNode("1")), "a connection")
+    assert client.ask(StopNode("2"))
     answers: list[object] = []
 
     def answered() -> bool:
-        server.serve(lambda request: {"to": request["request"]})
+        server.serve(lambda request: Refused(request.node))
         answer = client.answer()
         if answer is not None:
-            answers.append(answer["to"])
+            answers.append(answer)
         return bool(answers)
 
     until(answered, "the answer")
-    assert answers == [2]
+    assert answers == [Refused("2")]
 
 
 def test_nobody_to_ask_is_no_error(network: Network, run_dir: Path) -> None:
     client = network.control_client(f"ipc://{run_dir}/nobody")
-    assert not client.ask({"request": "status"})
+    assert not client.ask(GetStatus())
     assert client.answer() is None
 
 
-@pytest.mark.parametrize("junk", [b"", b"\xc1", msgpack.packb([1, 2]), b"\x81" * 500])
-def test_a_request_that_is_no_map_gets_an_error(
+JUNK = [
+    b"",
+    b"\xc1",
+    b"\x81" * 500,
+    msgpack.packb([1, 2]),
+    msgpack.packb({}),
+    msgpack.packb({"request": "dance"}),
+    msgpack.packb({"request": "stop_node"}),
+    msgpack.packb({"request": "stop_node", "node": 3}),
+    msgpack.packb({"request": "status", "quickly": True}),
+]
+
+
+@pytest.mark.parametrize("junk", JUNK)
+def test_a_request_that_the_process_does_not_take_gets_an_error(
     network: Network, run_dir: Path, junk: bytes
 ) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     raw = zmq.Context()
     request = raw.socket(zmq.REQ, socket_class=zmq.Socket)
     try:
@@ -283,24 +295,26 @@ def test_a_request_that_is_no_map_gets_an_error(
         until(server.pending, "the request")
         server.serve(lambda request: pytest.fail("asked the node"))
         assert request.poll(round(PATIENCE * 1000))
-        assert "error" in msgpack.unpackb(request.recv())
+        answer = msgpack.unpackb(request.recv())
+        assert answer["answer"] == "error"
+        assert "status, stop_node" in answer["error"]
     finally:
         raw.destroy()
 
 
-def test_an_answer_that_is_no_map_is_no_answer(network: Network, run_dir: Path) -> None:
+def test_an_answer_that_cannot_be_read_is_an_error(network: Network, run_dir: Path) -> None:
     raw = zmq.Context()
     reply = raw.socket(zmq.REP, socket_class=zmq.Socket)
     try:
         reply.linger = 0
         reply.bind(f"ipc://{run_dir}/control")
         client: ControlClient = network.control_client(f"ipc://{run_dir}/control")
-        until(lambda: client.ask({}), "a connection")
+        until(lambda: client.ask(GetStatus()), "a connection")
         assert reply.poll(round(PATIENCE * 1000))
         reply.recv()
         reply.send(b"\xc1")
         until(client.pending, "the answer")
-        assert client.answer() is None
+        assert isinstance(client.answer(), Refused)
     finally:
         raw.destroy()
 
@@ -308,7 +322,7 @@ def test_an_answer_that_is_no_map_is_no_answer(network: Network, run_dir: Path) 
 def test_closing_does_not_hang_on_a_peer_that_never_came(run_dir: Path) -> None:
     network = Network(linger_ms=50)
     client = network.control_client(f"ipc://{run_dir}/nobody")
-    client.ask({"request": "status"})
+    client.ask(GetStatus())
     network.close()  # hangs for ever with ZeroMQ's defaults
 
 

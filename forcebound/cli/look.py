@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +107,7 @@ def doctor(measure: bool, run_dir: Path | None, as_json: bool) -> None:
     With --measure, also how late wake-ups of a servo are at 1 kHz, and how long the loop of a graph
     takes, beside one of bare sockets; best when nothing else runs.
 
-    Exit status 0: no problem; 1: at least one problem, or the graph ended meanwhile; 2: no such
+    Exit status 0: no problem; 1: at least one problem, or the graph ended; 2: no such
     graph.
 
     \b
@@ -124,13 +124,13 @@ def doctor(measure: bool, run_dir: Path | None, as_json: bool) -> None:
     measured = _measured() if measure else {}
     if as_json:
         name = None if graph is None else str(graph)
-        documents = [_document(finding) for finding in findings]
+        documents = [finding.document() for finding in findings]
         found = {"graph": name, "is_well": is_well, "findings": documents}
         print_json(found | ({"measured": measured} if measure else {}))
     else:
         show("this machine; no graph runs" if graph is None else f"graph in {graph}")
-        for document in map(_document, findings):
-            _show_finding(document)
+        for finding in findings:
+            _show_finding(finding)
         if is_well:
             show("no problem found")
         if measure:
@@ -151,17 +151,8 @@ def _measured() -> dict[str, dict[str, float]]:
     }
 
 
-def _document(finding: "Finding") -> dict[str, Any]:
-    """Return a finding as a map: its codes and data, and its words."""
-    from forcebound.monitor import wording
-
-    words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}
-    return {**asdict(finding), **words, "commands": wording.commands(finding)}
-
-
-def _show_finding(document: Mapping[str, Any]) -> None:
-    severity = document["severity"]
-    label = click.style(f"{severity:<8}", fg=COLOURS[severity])
-    click.echo(f"{label} " + printable(f"{document['where']}: {document['seen']}"))
-    if document["advice"]:
-        show(f"{'':8} -> {document['advice']}")
+def _show_finding(finding: "Finding") -> None:
+    label = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
+    click.echo(f"{label} " + printable(f"{finding.where}: {finding.seen}"))
+    if finding.advice:
+        show(f"{'':8} -> {finding.advice}")

@@ -335,7 +335,8 @@ def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
         print_json(result.summary)
         return
     print_table([result])
-    _explain(result.summary["little_force"])
+    for cause in result.summary["little_force"]:
+        show(f"little force: {cause['advice']}")
     if result.summary["phases"]:
         from forcebound.analysis.tables import phase_rows
 
@@ -344,14 +345,3 @@ def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
         print_rows(head, rows)
     if record is not None:
         show(f"recording: {record}")
-
-
-def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
-    """Say what to do about little force."""
-    if not causes:
-        return
-    from forcebound.monitor.findings import Fact
-    from forcebound.monitor.wording import remedy
-
-    for cause in causes:
-        show(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")

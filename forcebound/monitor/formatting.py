@@ -12,6 +12,7 @@ from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConf
 from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import takeable_laws
 from forcebound.config.tree import scalar
+from forcebound.messages.control import Parameters
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
 from forcebound.quantities import Range, Unit
@@ -20,7 +21,7 @@ from forcebound.quantities import Range, Unit
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
 
 
-def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]:
+def as_written(config: GraphConfig, values: Parameters) -> dict[str, str]:
     """Return parameters as YAML, each fit for ``forcebound param set``.
 
     Args:

@@ -17,7 +17,7 @@ from forcebound.bounding import ForceBounder
 from forcebound.config.resolved import restore
 from forcebound.launch.run_directory import RunDocument, read_launch_document
 
-PATIENCE = 60.0  # s, for a busy machine; then the device compiles itself what is missing
+COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itself what is missing
 
 
 class Kernels:
@@ -41,10 +41,10 @@ class Kernels:
             none = subprocess.DEVNULL
             process = subprocess.Popen(command, stdin=none, stdout=none, stderr=none)
             self._processes.append(process)
-            self._under_way |= dict.fromkeys(new, PATIENCE)
+            self._under_way |= dict.fromkeys(new, COMPILE_TIMEOUT_S)
 
     def wait(self, law: str) -> None:
-        """Wait until the kernels of a law are in the cache, for :data:`PATIENCE` at most."""
+        """Wait until the kernels of a law are in the cache, but not for ever."""
         self.begin([law])
         for process in self._processes:
             with suppress(subprocess.TimeoutExpired):

@@ -38,6 +38,7 @@ import zmq
 from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.errors import ConfigError
+from forcebound.messages.control import Request
 from forcebound.network.control import ControlClient, ControlServer
 from forcebound.network.keys import KeyPair
 from forcebound.network.limits import (
@@ -215,9 +216,9 @@ class Network:
             socket.connect(endpoint)
         return Subscriber(socket)
 
-    def control_server(self, endpoint: str) -> ControlServer:
-        """Open the socket on which this process answers requests."""
-        return ControlServer(self._open(zmq.REP, endpoint, bind=True))
+    def control_server(self, endpoint: str, requests: Sequence[type[Request]]) -> ControlServer:
+        """Open the socket on which this process answers requests of these classes."""
+        return ControlServer(self._open(zmq.REP, endpoint, bind=True), requests)
 
     def control_client(self, endpoint: str) -> ControlClient:
         """Open a socket that sends requests to another process's :meth:`control_server`."""
