@@ -15,7 +15,6 @@ import click
 
 from benchmarks.harness import Figure, Measured, Result, conditions
 from forcebound.cli.common import print_rows
-from forcebound.errors import ForceboundError
 
 NAMES = (
     "servo",
@@ -128,10 +127,10 @@ def main(
         try:
             module = importlib.import_module(f"benchmarks.{name}")
             result: Result = module.run(duration or module.DURATION, rate)
-        except (ImportError, ForceboundError) as error:
+        except Exception as error:  # the other figures are not lost by it
             if names:
-                raise click.ClickException(f"{name}: {error}") from error
-            parts.append(f"\n## {name}\n\nNot run here: {error}.")
+                raise
+            parts.append(f"\n## {name}\n\nNot run here: {type(error).__name__}: {error}.")
             continue
         documents[name] = as_document(result)
         parts.append(section(name, result))

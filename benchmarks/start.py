@@ -30,7 +30,7 @@ def run(duration: float, rate: float) -> Result:
 def _start(_: Timing) -> Round:
     with tempfile.TemporaryDirectory(prefix="fb-") as folder:
         recording = Path(folder) / "run.mcap"
-        words = ["launch", "stiff_wall", "--duration", "0.2s", "--record", str(recording)]
+        words = ["launch", "stiff_wall", "--duration", "1s", "--record", str(recording)]
         began_ns = time.monotonic_ns()
         command = [sys.executable, "-m", "forcebound", *words]
         subprocess.run(command, check=True, capture_output=True, env=AS_INSTALLED)

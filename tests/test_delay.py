@@ -214,7 +214,7 @@ def test_a_trace_replaces_no_other_file(tmp_path: Path) -> None:
     for output, status in ((run, 2), (launch, 2), (trace, 0), (trace, 0)):
         result = CliRunner().invoke(main, ["delay", str(run), "-o", str(output)])
         assert result.exit_code == status, result.output
-        assert ("exists and is no trace" in result.output) == (status == 2)
+        assert ("exists and is not a trace" in result.output) == (status == 2)
     assert run.read_bytes() == recorded
     assert launch.read_text() == GOOD
 

@@ -84,11 +84,11 @@ def test_a_wrong_section_is_a_problem_of_the_launch_file(
         load(remote_file(tmp_path, remote))
 
 
-def test_a_wrong_address_and_wrong_keys_are_told_at_once(tmp_path: Path) -> None:
+def test_a_wrong_address_and_a_wrong_port_are_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load(remote_file(tmp_path, "{address: 'tcp://a', port: 0, graph_key: g}"))
     message = str(caught.value)
-    for place, fragment in (("3:19", "tcp://"), ("3:36", "port"), ("3:50", "environment_keys")):
+    for place, fragment in (("3:19", "tcp://"), ("3:36", "port")):
         assert re.search(rf"remote.yaml:{place}: .*{fragment}", message), message
 
 

@@ -12,9 +12,9 @@ import pytest
 from launch_texts import written
 
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load
+from forcebound.config.loader import load
 from forcebound.config.parameters import parameters
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument, updating
@@ -62,7 +62,7 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
     assert codes(done) == ["no_node"]
-    model = from_document(json.loads(file.read_text())).environment.model
+    model = with_parts(restore(json.loads(file.read_text()))).environment.model
     force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
     assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):

@@ -222,7 +222,7 @@ def _check_trace(impairment: Impairment, key: str) -> None:
     try:
         trace_of(impairment)
     except ConfigError as error:
-        raise ConfigError(str(error), field=key) from error
+        raise ConfigError(f"{key}: {error}", field=key) from error
 
 
 def _settings(kind: type) -> Form:
