@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forcebound import process
+from forcebound.config.resolved import FACTS
 from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
@@ -106,8 +107,9 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) 
 
     while True:
         document, device = read_launch_document(run_dir), device_status(run_dir)
+        launch = {key: value for key, value in document.items() if key != FACTS}
         now = {
-            "launch": json.dumps(document, sort_keys=True),
+            "launch": json.dumps(launch, sort_keys=True),
             ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
         }
         offset_ns = time.time_ns() - time.monotonic_ns()
