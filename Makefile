@@ -12,13 +12,16 @@ COVERAGE := 88
 CORE_COVERAGE := 90
 FUZZ_SECONDS ?= 60# for each target
 
-.PHONY: demo test check ruff mypy pyright imports test-slow examples endurance audit bench browser \
+.PHONY: demo test coverage check ruff mypy pyright imports test-slow examples endurance audit bench browser \
   reference fuzz hapi mutation clean
 
 demo: $(STAMP)
 	$(BIN)/python experiments/demo.py
 
 test: check
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance"
+
+coverage: $(STAMP)
 	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow and not endurance" --cov --cov-report=term:skip-covered \
 	  --cov-fail-under=$(COVERAGE)
 	$(BIN)/coverage report --include='$(CORE)' --fail-under=$(CORE_COVERAGE) --format=total

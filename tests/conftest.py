@@ -35,8 +35,11 @@ def runtime_folder() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def measured_parts() -> Iterator[None]:
-    """Coverage measures the begin of each run in virtual time, and no compilation."""
+def measured_parts(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Coverage measures the beginning of each run in virtual time, and no compilation."""
+    if not request.config.getoption("cov_source"):
+        yield
+        return
     with pytest.MonkeyPatch.context() as patch:
         measure_begins_of_runs(patch)
         measure_no_compilation(patch)

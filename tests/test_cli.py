@@ -272,7 +272,7 @@ def test_wrong_input_ends_with_a_message_and_status_2(words: tuple[str, ...], me
         ("device: {rate: 10 kHz}", "a live run keeps 10 Hz to 5000 Hz, got 10000 Hz"),
         ("device: {rate: 0.1 Hz, age_limit: 20 s}", "a live run keeps 10 Hz to 5000 Hz, got 0.1"),
         ("device: {damping: 0}", "damping must be > 0"),
-        ("device: {truth: {mas: 60 g}}", "truth: has no key 'mas'"),
+        ("device: {truth: {mas: 60 g}}", "truth has no key 'mas'"),
         ("duration: 1 us", "the run ended before its first sample"),
     ],
 )

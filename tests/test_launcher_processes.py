@@ -77,10 +77,10 @@ def test_a_device_or_recorder_that_dies_ends_the_run_and_is_named(
     assert graph.process.returncode == 1
     assert f"{victim} ended unexpectedly, with signal SIGKILL" in graph.log
     assert "Traceback" not in graph.log
-    assert out == b""
     assert not any(map(is_alive, pids.values()))
     assert run_dirs(graph) == []
     if victim == "device":
+        assert json.loads(out)["samples"] > 0
         assert read(graph.record).complete
 
 

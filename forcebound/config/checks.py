@@ -83,11 +83,11 @@ def check_environment(model: EnvironmentModel, axes: int) -> None:
     if kind_of(type(model)) is None:
         return
     still = (0.0,) * axes
-    with (
-        user_code(f"force({still}, {still}, 0.0)", "kind"),
-        closing(open_environment(model, axes)) as opened,
-    ):
-        _check_vector(opened.force(still, still, 0.0), axes, "N")
+    with user_code(f"open({axes})", "kind"):
+        opened = open_environment(model, axes)
+    with closing(opened):
+        with user_code(f"force({still}, {still}, 0.0)", "kind"):
+            _check_vector(opened.force(still, still, 0.0), axes, "N")
         contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
         with user_code("contact()", "kind"):
             touched = None if contact is None else contact()
