@@ -37,13 +37,13 @@ def sphere(noise: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 def times_us(world: OpenTouchable) -> list[float]:
     """Return how long the answers of a stroke take, in us."""
     taken = []
-    world.force((0.0, 0.0, RADIUS + 0.02), STILL, 0.0)
+    world.force("", (0.0, 0.0, RADIUS + 0.02), STILL, 0.0)
     for tick in range(round(SECONDS * 1e3)):
         angle = SPEED * tick * 1e-3 / RADIUS
         away = RADIUS - DEPTH * min(tick / 500.0, 1.0)
         place = (away * math.sin(angle), 0.0, away * math.cos(angle))
         begun_ns = time.thread_time_ns()
-        world.force(place, STILL, tick * 1e-3)
+        world.force("", place, STILL, tick * 1e-3)
         taken.append((time.thread_time_ns() - begun_ns) / 1e3)
     return taken
 

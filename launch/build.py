@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of
-from forcebound.controllers.direct import DirectController
-from forcebound.controllers.guard import GuardedController
 from forcebound.devices.guard import GuardedDevice
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError, DeviceError
@@ -57,8 +55,6 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         controller = config.controller.open(config.device.model.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-    if not isinstance(controller, DirectController):  # which returns a packet's own vectors
-        controller = GuardedController(controller)
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 

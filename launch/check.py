@@ -14,7 +14,12 @@ from forcebound.config.resolved import member_document
 from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
-from forcebound.environments import Environment, EnvironmentModel, open_environment
+from forcebound.environments import (
+    Environment,
+    EnvironmentModel,
+    open_environment,
+    optional_methods,
+)
 from forcebound.environments import contract as environments
 from forcebound.environments.strokes import ACROSS, INWARDS, Touch, feel
 from forcebound.errors import ConfigError
@@ -196,15 +201,16 @@ def _touched(touch: Mapping[str, Any]) -> list[str]:
 
 
 def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -> Touch | None:
-    """What strokes feel; None of an environment that tells no contact, or no scene."""
+    """What strokes feel; None of an environment that reports no contacts, or has no scene."""
     progress("strokes towards its scene", 0, 0)
     try:
-        environment: Any = open_environment(model, axes)
+        environment = open_environment(model, axes)
         try:
-            if not all(getattr(environment, name, None) for name in ("contact", "scene")):
+            scene = environment.scene()
+            if scene is None or "contact" not in optional_methods(environment):
                 return None
             count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
-            return feel(environment, environment.scene(), axes, count)
+            return feel(environment, scene, axes, count)
         finally:
             environment.close()
     except Exception:  # reported by the contract
@@ -224,7 +230,7 @@ def _expected(text: str) -> tuple[float, float]:
 def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
     still = (0.0,) * axes
     try:
-        force = float(environment.force((position, *still[1:]), still, 1.0)[0])
+        force = float(environment.force("", (position, *still[1:]), still, 1.0)[0])
     except (Exception, SystemExit):  # reported by the contract
         return None
     return force if math.isfinite(force) else None
@@ -238,7 +244,7 @@ def _times(environment: Environment, axes: int, calls: int, progress: Progress) 
         progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
-            environment.force(position, (0.1,) * axes, 1.0)
+            environment.force("", position, (0.1,) * axes, 1.0)
         except (Exception, SystemExit):  # reported by the contract
             return []
         times.append(time.perf_counter() - began)

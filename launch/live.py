@@ -14,7 +14,7 @@ from forcebound.config.graph import LAW, GraphConfig
 from forcebound.config.parameters import differences, holders
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document, with_parameters
-from forcebound.environments import may_tell_contacts
+from forcebound.environments import may_report_contacts
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.lifecycle import Limits
@@ -93,7 +93,7 @@ def run_live(
         write_launch_document(run_dir, config)
         topics = list(TOPICS)
         if record is None:  # a summary needs no more
-            told = [REPLY] if may_tell_contacts(config.environment.model) else []
+            told = [REPLY] if may_report_contacts(config.environment.model) else []
             topics = [TELEMETRY, *told, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)

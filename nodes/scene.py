@@ -1,8 +1,7 @@
 """The scene of an environment: what there is to draw, sent now and then, after an answer.
 
 A scene is sent when it has changed, at most 30 times a second, and at least once a second, so that
-who comes later sees it. It is asked for in a step of its own, after an answer has left. A model
-without a method ``scene`` sends none.
+late subscribers receive it. It is made in a step of its own, after an answer has left.
 """
 
 import logging
@@ -40,12 +39,13 @@ class SceneTeller:
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
-        self._ask = getattr(environment, "scene", None)
+        self._has_scene = True  # until it answers that it has none
+        self._environment = environment
         self.is_wanted = False  # until its next answer: it may have none
 
     def note_answer(self, time_ns: int) -> None:
         """Want a scene if one is due: the environment may have changed."""
-        if not self.is_wanted and self._ask is not None and time_ns >= self._due_ns:
+        if not self.is_wanted and self._has_scene and time_ns >= self._due_ns:
             self.is_wanted = True
             self._patience_ns = time_ns + PATIENCE_NS
 
@@ -62,14 +62,17 @@ class SceneTeller:
         """
         self.is_wanted = False
         self._due_ns = time_ns + PERIOD_NS
-        assert self._ask is not None
         try:
-            objects = tuple(self._ask())
+            drawn = self._environment.scene()
+            if drawn is None:
+                self._has_scene = False
+                return []
+            objects = tuple(drawn)
             if (objects, proxy) == self._told and time_ns < self._repeat_ns:
                 return []
             scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], proxy))
         except Exception as error:  # of a user's own code, or no scene
-            self._ask = None
+            self._has_scene = False
             _logger.warning("the environment's scene: %s", describe_user_error(error))
             message = "the environment's scene cannot be told: its log gives the reason"
             return [self._events.emit(time_ns, "scene_failed", message, is_fault=True)]

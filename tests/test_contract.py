@@ -80,7 +80,7 @@ def test_what_is_no_value_is_found() -> None:
     class Local:
         """It cannot be pickled."""
 
-        def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+        def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
             return zeros(position, velocity, elapsed)
 
     assert broken(Local(), "value").where == "pickle"
@@ -90,7 +90,7 @@ def test_what_is_no_value_is_found() -> None:
 class NeverEqual:
     number: float = field(default=float("nan"))
 
-    def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+    def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
         return zeros(position, velocity, elapsed)
 
 

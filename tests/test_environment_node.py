@@ -89,14 +89,14 @@ def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
 class Broken:
     """An environment of a user who makes mistakes."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         raise ZeroDivisionError
 
 
 class OneAxisShort:
     """Another one: it forgets an axis."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return position[1:]
 
 

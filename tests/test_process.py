@@ -345,7 +345,7 @@ def test_an_environment_says_its_name_and_how_often_its_code_failed(
     network: Network, run_dir: Path
 ) -> None:
     class Failing:
-        def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
             raise ArithmeticError
 
     node = EnvironmentNode(Failing(), name="here/1/a")

@@ -33,7 +33,7 @@ from forcebound.quantities import Stiffness
 class Mine:
     stiffness: Stiffness = 500.0
 
-    def force(self, position, velocity, elapsed):
+    def force(self, user, position, velocity, elapsed):
         return tuple(self.stiffness * x for x in position)
 """
 FIRST, CLASS, ANSWER = "\n\n@dataclass", "    stiffness: ", "        return tuple"

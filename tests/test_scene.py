@@ -9,7 +9,7 @@ import pytest
 from builders import MS, telemetry_packet
 from msgspec.structs import replace
 
-from forcebound.environments import may_tell_contacts, open_environment
+from forcebound.environments import may_report_contacts, open_environment
 from forcebound.environments.contract import check
 from forcebound.environments.wall import Wall
 from forcebound.messages.codec import MAX_SCENE_BYTES, encode
@@ -52,7 +52,7 @@ class OpenFloor:
         self.objects = model.objects
         self.asked = 0  # for the scene
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         self.position = position
         depth = max(0.0, position[0] - 0.01)
         return (self.model.stiffness * depth, *(0.0,) * (self.axes - 1))
@@ -133,8 +133,8 @@ def test_a_stateless_model_may_tell_its_scene() -> None:
 
     node = EnvironmentNode(Drawn())
     assert scenes(answer(node, 0)) == [Scene(0, 0, (BALL,), None)]
-    assert not may_tell_contacts(Drawn())
-    assert may_tell_contacts(Floor())
+    assert not may_report_contacts(Drawn())
+    assert may_report_contacts(Floor())
     assert getattr(open_environment(Wall(), 1), "scene", None) is None
 
 

@@ -163,7 +163,7 @@ class OpenFloor:
     def __init__(self, stiffness, axes):
         self.stiffness, self.place = stiffness, (0.0,) * axes
 
-    def force(self, position, velocity, elapsed):
+    def force(self, user, position, velocity, elapsed):
         self.place = position
         return (self.stiffness * max(0.0, position[0] - 0.01), *[0.0] * (len(position) - 1))
 

@@ -25,7 +25,7 @@ OBJECTS = [
 class RoughBall:
     """The ball with a force across its normal, half of that along it."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         offset = sub((position[0], position[1], position[2]), BALL.position)
         self.normal = unit(offset)
         self.depth = BALL.size[0] - norm(offset)
@@ -35,7 +35,7 @@ class RoughBall:
         push = scale(self.normal, -500.0 * self.depth)
         return tuple(p + 250.0 * self.depth * a for p, a in zip(push, across, strict=True))
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         if self.depth <= 0.0:
             return None
         proxy = (c + BALL.size[0] * n for c, n in zip(BALL.position, self.normal, strict=True))

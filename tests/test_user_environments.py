@@ -39,7 +39,7 @@ class MySpring:
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 500.0
     rest: Length = 0.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return (self.stiffness * (position[0] - self.rest), *[0.0] * (len(position) - 1))
 """
 LAUNCH = GOOD.replace("kind: wall", "kind: my_spring.py")
@@ -53,7 +53,7 @@ def own(folder: Path, source: str = SPRING, launch: str = LAUNCH) -> Path:
 
 def force_of(config: GraphConfig, position: Vector) -> Vector:
     model = config.environment.model
-    return open_environment(model, len(position)).force(position, (0.0,) * len(position), 0.0)
+    return open_environment(model, len(position)).force("", position, (0.0,) * len(position), 0.0)
 
 
 def invoke(*words: str) -> Result:
@@ -294,10 +294,10 @@ def test_the_template_keeps_the_contract_and_its_launch_file_runs() -> None:
 
 def test_the_template_pushes_out_of_the_ball_on_either_side() -> None:
     ball = member_of("environment", str(EXAMPLES / "my_environment.py"), ["damping:=0"])
-    assert ball.force((0.011, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(1.0), 0.0)
-    assert ball.force((0.029, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(-1.0), 0.0)
-    assert ball.force((0.020, 0.009), (0.0, 0.0), 0.0)[1] == pytest.approx(-1.0)
-    assert ball.force((0.009, 0.0), (1.0, 0.0), 0.0) == (0.0, 0.0)
+    assert ball.force("", (0.011, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(1.0), 0.0)
+    assert ball.force("", (0.029, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(-1.0), 0.0)
+    assert ball.force("", (0.020, 0.009), (0.0, 0.0), 0.0)[1] == pytest.approx(-1.0)
+    assert ball.force("", (0.009, 0.0), (1.0, 0.0), 0.0) == (0.0, 0.0)
 
 
 def test_the_check_prints_one_document(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ class Ball:
     radius: Annotated[Length, POSITIVE] = 0.010  # m
     centre: Length = 0.020  # m, on the first axis
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force, in N, one entry per axis.
 
         A force is positive when it *resists* motion in the positive direction.

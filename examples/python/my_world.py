@@ -45,7 +45,7 @@ class TouchedBall:
         self.model = model
         self.centre = (model.x, model.y, model.z)
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force of the spring from the proxy to the tip, F = k (x - p), in N."""
         tip = pad3(position)
         offset = sub(tip, self.centre)
@@ -63,7 +63,7 @@ class TouchedBall:
             return self.touched[1]
         return unit(offset) if 0.0 < norm(offset) < math.inf else (-1.0, 0.0, 0.0)
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return what the last question touched; None: free motion."""
         if self.touched is None:
             return None

@@ -51,7 +51,7 @@ class AnswerNode(Node):
         commands: list[Packet] = []
         for state in received:
             if type(state) is DeviceState:
-                force = self._wall.force(state.position, state.velocity, state.elapsed)
+                force = self._wall.force("", state.position, state.velocity, state.elapsed)
                 commands.append(ForceCommand(self._seq, time_ns, state.seq, state.time_ns, force))
                 self._seq += 1
         return commands

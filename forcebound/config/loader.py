@@ -247,7 +247,7 @@ def _check_together(made: Mapping[str, Any], sections: Mapping[str, Section], as
     axes = device.model.axes
     if made["operator"]:
         check_path(made["operator"], axes, sections["operator"])
-    if environment and not getattr(controller, "answers_states", False):
+    if environment and not controller.answers_states:
         check_delays(device.servo, environment, made["links"], sections["device"])
     if environment and asks:
         check_environment(environment.model, axes, sections["environment"])

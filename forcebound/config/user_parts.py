@@ -17,7 +17,7 @@ from forcebound.config.fields import Section, check_fields
 from forcebound.config.graph import KINDS, DeviceConfig, GraphConfig
 from forcebound.config.resolved import member_document
 from forcebound.config.tree import Value
-from forcebound.controllers import Cautious, ControllerModel
+from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
@@ -141,16 +141,15 @@ def check_environment(model: EnvironmentModel, axes: int, section: Section) -> N
         _noting(section, f"force({still}, {still}, 0.0)"),
         closing(open_environment(model, axes)) as opened,
     ):
-        _check_vector(opened.force(still, still, 0.0), axes, "N")
-        contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
+        _check_vector(opened.force("", still, still, 0.0), axes, "N")
         with _noting(section, "contact()"):
-            told = None if contact is None else contact()
-            if told is not None:
-                proxy, normal = told
+            touched = opened.contact("")
+            if touched is not None:
+                proxy, normal = touched
                 _check_vector(proxy, axes, "m")
                 _check_vector(normal, axes, "1")
         with _noting(section, "scene()"):
-            objects = () if scene is None else tuple(scene())
+            objects = tuple(opened.scene() or ())
             decode(encode(Scene(0, 0, objects, None)), Scene)
 
 
@@ -174,8 +173,6 @@ def check_controller(model: ControllerModel, axes: int, section: Section) -> Non
 
 def warn_cautions(config: GraphConfig) -> None:
     """Log what the controller has to say about its parameters on this device."""
-    if not isinstance(config.controller, Cautious):
-        return
     servo = config.device.servo
     damping = dissipation_of(config.device.model, servo).least_damping
     period = servo.period_ns * 1e-9
