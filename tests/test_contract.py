@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.environments import EnvironmentModel
+from forcebound.environments import EnvironmentModel, StatelessEnvironment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.environments.damper import Damper
 from forcebound.environments.wall import Wall
@@ -18,14 +18,12 @@ Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 
 
 @dataclass(frozen=True)
-class Answers:
+class Answers(StatelessEnvironment):
     """An environment that answers what it is told to."""
 
     answer: Answer
 
-    def force(
-        self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float
-    ) -> Any:
+    def force(self, user: str, position: Any, velocity: Any, elapsed: float) -> Any:
         return self.answer(position, velocity, elapsed)
 
 
@@ -71,13 +69,14 @@ def test_a_memory_is_found() -> None:
 
 
 def test_what_is_no_value_is_found() -> None:
-    class Plain:
-        force = staticmethod(zeros)
+    class Plain(StatelessEnvironment):
+        def force(self, user: str, position: Any, velocity: Any, elapsed: float) -> Any:
+            return zeros(position, velocity, elapsed)
 
     assert broken(Plain(), "value").expected == "@dataclass(frozen=True)"
 
     @dataclass(frozen=True)
-    class Local:
+    class Local(StatelessEnvironment):
         """It cannot be pickled."""
 
         def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
@@ -87,7 +86,7 @@ def test_what_is_no_value_is_found() -> None:
 
 
 @dataclass(frozen=True)
-class NeverEqual:
+class NeverEqual(StatelessEnvironment):
     number: float = field(default=float("nan"))
 
     def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:

@@ -14,11 +14,12 @@ from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
 from forcebound.operators.pressing import PressingHand
 
 
 @dataclass(frozen=True)
-class StillHand:
+class StillHand(Operator):
     """A hand that stays where it is."""
 
     mass: float = 0.1

@@ -154,7 +154,7 @@ def test_what_a_device_breaks_is_found(
 
 
 @dataclass(frozen=True)
-class OddHand:
+class OddHand(Operator):
     mass: float = 0.1
     stiffness: float = 100.0
     damping: float = 1.0
@@ -230,7 +230,7 @@ def test_the_command_prints_one_document(tmp_path: Path) -> None:
 def test_the_command_names_a_broken_promise_and_ends_with_1(tmp_path: Path) -> None:
     file = tmp_path / "my_hand.py"
     file.write_text(
-        "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Jump:\n"
+        "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Jump(Operator):\n"
         "    mass: float = -1.0\n    stiffness: float = 1.0\n    damping: float = 1.0\n\n"
         "    def target(self, elapsed: float) -> tuple[float, ...]:\n        return (0.0,)\n"
     )

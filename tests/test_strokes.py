@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.strokes import ACROSS, INWARDS, feel, strokes
 from forcebound.geometry.vectors import norm, scale, sub, unit
 from forcebound.messages.packets import Contact, SceneObject, Vector
@@ -22,7 +23,7 @@ OBJECTS = [
 ]
 
 
-class RoughBall:
+class RoughBall(StatelessEnvironment):
     """The ball with a force across its normal, half of that along it."""
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
@@ -71,7 +72,7 @@ def test_strokes_feel_stiffness_and_what_goes_across() -> None:
 
 def test_where_nothing_is_touched_there_is_no_stiffness() -> None:
     class Nothing(RoughBall):
-        def contact(self) -> Any:
+        def contact(self, user: str) -> Any:
             return None
 
     touch = feel(Nothing(), [BALL], 3, 4)

@@ -35,7 +35,7 @@ from forcebound.messages.packets import Vector
 
 
 @dataclass(frozen=True)
-class StillHand:
+class StillHand(Operator):
     mass: float = 0.3
     stiffness: float = 500.0
     damping: float = 3.0

@@ -12,12 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Length, Stiffness
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(StatelessEnvironment):
     """A ball that pushes outwards, along the line from its centre, and damps motion inside."""
 
     # The parameters, as a launch file gives them: with a unit, a range, a default, in SI.

@@ -15,8 +15,9 @@ To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to
 (docs/write-your-own-controller.md).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.parts import Form, Table
@@ -29,15 +30,15 @@ class Notice(NamedTuple):
     message: str  # for people
 
 
-class Controller:
+class Controller(ABC):
     """An open controller, which may keep state; ``query`` alone has no default.
 
     The same calls, in the same order from ``open`` on, return the same forces.
     """
 
+    @abstractmethod
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
         """Return the position, in m, and velocity, in m/s, to send to the environment."""
-        raise NotImplementedError(f"{type(self).__name__} has no method query")
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Return the force to command now, in N, one entry per axis; None: no command.
@@ -65,7 +66,7 @@ class Controller:
         """Release what ``open`` took; called once."""
 
 
-class ControllerModel:
+class ControllerModel(ABC):
     """Parameters of a kind of controller: a frozen dataclass.
 
     Attributes:
@@ -73,11 +74,11 @@ class ControllerModel:
             away than the device's age limit.
     """
 
-    answers_states = False
+    answers_states: ClassVar[bool] = False
 
+    @abstractmethod
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""
-        raise NotImplementedError(f"{type(self).__name__} has no method open")
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
         """Return what to know about the parameters before a start, a sentence each; it is logged.

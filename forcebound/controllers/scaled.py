@@ -80,7 +80,7 @@ class Scaled(ControllerModel):
         return self.motion_scale if self.force_scale == "auto" else self.force_scale
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start; see :class:`forcebound.controllers.ControllerModel`."""
+        """Return what to know before a start; see ``ControllerModel``."""
         gain = self.force_factor / self.motion_scale
         if gain <= 1.0:
             return ()

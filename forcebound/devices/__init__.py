@@ -198,5 +198,5 @@ DEVICES: Table[type[DeviceModel]] = Table(
         "phantom_premium_1_5": "forcebound.devices.phantom:PhantomPremium15",
         "serial_arm": "forcebound.devices.serial_arm:SerialArm",
     },
-    Form(methods={"open": 2}),
+    Form("forcebound.devices:DeviceModel"),
 )

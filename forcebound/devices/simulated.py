@@ -91,7 +91,7 @@ class SimulatedDevice:
         parameters: BodyModel = model
         truth = parameters.truth or TrueMotor()
         self._operator = operator
-        has_buttons = bool(getattr(operator, "presses", ()))
+        has_buttons = operator.buttons(0.0) is not None
         self.buttons: Callable[[], int] | None = self._buttons if has_buttons else None
         self._axes, self._saturation = parameters.axes, parameters.saturation
         self._body = parameters.body(operator)
@@ -173,9 +173,10 @@ class SimulatedDevice:
         return tuple([g * (f + c) for g, f, c in total])
 
     def _buttons(self) -> int:
-        hand: Any = self._operator
         began_ns = self._engaged_ns
-        return 0 if began_ns is None else int(hand.buttons((self._read_ns - began_ns) * 1e-9))
+        if began_ns is None:
+            return 0
+        return self._operator.buttons((self._read_ns - began_ns) * 1e-9) or 0
 
     def _target_at(self, elapsed: float) -> Vector:
         return pad(self._operator.target(elapsed), self._axes)

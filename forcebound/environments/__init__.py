@@ -16,6 +16,7 @@ pushes into answers a positive force.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 from forcebound.errors import ConfigError
@@ -24,13 +25,14 @@ from forcebound.parts import Form, Table
 from forcebound.parts.user_module import describe_user_error
 
 
-class Environment:
+class Environment(ABC):
     """An open environment, which may keep state from one query to the next.
 
     The same queries, in the same order from ``open`` on, have the same answers; ``contact`` and
     ``scene`` change none of them. Only ``force`` has no default.
     """
 
+    @abstractmethod
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force on a hand, in N, one entry per axis.
 
@@ -40,7 +42,6 @@ class Environment:
             velocity: Of the device, in m/s, same shape.
             elapsed: Time since the force engaged, in s; 0 before.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no method force")
 
     def contact(self, user: str) -> Contact | None:
         """Return the contact of a hand at its last query; None: free motion, or unknown."""
@@ -65,12 +66,12 @@ class Environment:
         """Release what ``open`` took; called once."""
 
 
-class EnvironmentModel:
+class EnvironmentModel(ABC):
     """Parameters of a kind of environment: a frozen dataclass."""
 
+    @abstractmethod
     def open(self, axes: int) -> Environment:
         """Return a new instance in its initial state, for vectors of this many entries."""
-        raise NotImplementedError(f"{type(self).__name__} has no method open")
 
     def check_files(self) -> None:
         """Read the files that the parameters name, before anything starts.

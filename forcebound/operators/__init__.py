@@ -9,11 +9,13 @@ write ``my_operator.py`` and one line in ``OPERATORS``; ``tests/test_operators.p
 all the others. Or name a file of your own (docs/write-your-own-device.md).
 """
 
+from abc import ABC, abstractmethod
+
 from forcebound.messages.packets import Vector
 from forcebound.parts import Form, Table
 
 
-class Operator:
+class Operator(ABC):
     """The hand on a simulated device; ``target`` alone has no default.
 
     Attributes:
@@ -26,12 +28,12 @@ class Operator:
     stiffness: float
     damping: float
 
+    @abstractmethod
     def target(self, elapsed: float) -> Vector:
         """Return the target of the hand, in m, ``elapsed`` s after the force engaged.
 
         A path of fewer axes than the device leaves the hand at 0 in the remaining ones.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no method target")
 
     def buttons(self, elapsed: float) -> int | None:
         """Return which buttons are down, bit i for button i; None: the device has none."""

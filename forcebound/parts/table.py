@@ -68,6 +68,9 @@ class Form:
             raise ConfigError(
                 f"class {name} must be a frozen dataclass: write @dataclass(frozen=True) above"
             )
+        missing = sorted(part.__abstractmethods__)
+        if missing:
+            raise ConfigError(f"class {name} has no method {' and '.join(missing)}")
         for base in part.__mro__:
             if base.__module__.startswith("forcebound."):
                 for method in vars(base):
