@@ -62,7 +62,9 @@ SAMPLES: tuple[Packet, ...] = (
         write_ns=NOW,
     ),
 )
-FOR_VERIFICATION = ("read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position")
+FOR_VERIFICATION = (
+    *("read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position", "ahead_ns"),
+)
 
 Work = Callable[[], object]
 

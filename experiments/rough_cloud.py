@@ -1,15 +1,22 @@
-"""Time of an answer on a cloud of points, by the noise of the points and by friction.
+"""What a hand feels of a cloud of points, and how long an answer takes.
 
-Usage: python experiments/rough_cloud.py
+Usage: python experiments/rough_cloud.py [--times]
 
-A tip strokes at 0.2 m/s and 3 mm deep over points on a sphere of 30 mm, each moved by noise on
-every axis. Processor time of the answers, so that a busy machine counts for little.
+The points are on a sphere of 30 mm, evenly or at random, and have the radius that they get where
+nothing is said. The hand presses straight on it at 60 places, until it is 10 mm below the points.
+The force must be along the radius; where it is less than half of what 10 mm give, the hand has
+fallen through a hole.
+
+With ``--times`` a tip strokes at 0.2 m/s and 3 mm deep over 5000 points spread evenly, each moved
+by noise on every axis. Processor time of the answers, so that a busy machine counts for little.
 """
 
+import argparse
 import math
 import tempfile
 import time
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,16 +29,57 @@ DEPTH, SPEED = 0.003, 0.2  # m, below the points; m/s
 SECONDS = 4.0
 NOISES, FRICTIONS = (0.0, 0.0005, 0.001), (0.0, 0.3, 0.8)  # m
 STILL = (0.0, 0.0, 0.0)
+COUNTS, PRESSES = (3_000, 10_000, 30_000), 60
+DEEPEST, FROM, STEP = 0.010, -0.015, 0.0002  # m below the points
+STIFFNESS = 1000.0  # N/m
+
+Points: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.float64]]"
 
 
-def sphere(noise: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def sphere(noise: float, count: int = POINTS) -> Points:
     """Return points spread evenly over a sphere (Fibonacci's spiral), with noise, in m."""
-    number = np.arange(POINTS)
-    height = 1.0 - 2.0 * (number + 0.5) / POINTS
+    number = np.arange(count)
+    height = 1.0 - 2.0 * (number + 0.5) / count
     turn = number * math.pi * (3.0 - math.sqrt(5.0))
     across = np.sqrt(1.0 - height**2)
     even = RADIUS * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
     return even + np.random.default_rng(1).normal(0.0, noise, even.shape)
+
+
+def at_random(count: int, seed: int = 1) -> Points:
+    """Return points spread over a sphere at random, in m."""
+    drawn = np.random.default_rng(seed).normal(size=(count, 3))
+    return np.asarray(RADIUS * drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
+def pressed(model: PointCloud) -> tuple[int, list[float]]:
+    """Return how many presses fall through, and how far the forces are off the radius, in deg."""
+    fallen, angles = 0, []
+    for out in at_random(PRESSES, seed=2) / RADIUS:
+        world, force = model.open(3), np.zeros(3)
+        for depth in np.arange(FROM, DEEPEST + STEP / 2, STEP):
+            x, y, z = ((RADIUS - depth) * out).tolist()
+            force = np.array(world.force((x, y, z), STILL, 0.0))
+            size = float(np.linalg.norm(force))
+            if depth > 0.0 and size > 0.0:
+                angles.append(math.degrees(math.acos(min(abs(float(force @ out)) / size, 1.0))))
+        fallen += bool(np.linalg.norm(force) < 0.5 * STIFFNESS * DEEPEST)
+    return fallen, angles
+
+
+def show_presses(folder: Path) -> None:
+    """Print what a hand feels that presses."""
+    print("| points | radius, mm | falls through | off the radius, p50, deg | p99, deg |")
+    print("|---|---|---|---|---|")
+    for name, spread in (("even", lambda count: sphere(0.0, count)), ("random", at_random)):
+        for count in COUNTS:
+            file = folder / f"{name}{count}.npy"
+            np.save(file, spread(count))
+            model = PointCloud(file, position=STILL, stiffness=STIFFNESS)
+            fallen, angles = pressed(model)
+            p50, p99 = np.percentile(angles, (50, 99))
+            words = f"{1e3 * model.read():.2f} | {fallen} of {PRESSES} | {p50:.1f} | {p99:.1f}"
+            print(f"| {count:,}, {name} | {words} |", flush=True)
 
 
 def times_us(world: OpenTouchable) -> list[float]:
@@ -48,19 +96,27 @@ def times_us(world: OpenTouchable) -> list[float]:
     return taken
 
 
-def main() -> None:
-    """Print the table."""
+def show_times(folder: Path) -> None:
+    """Print how long an answer takes."""
     print("| noise, mm | friction | p50, us | p99, us | max, us |\n|---|---|---|---|---|")
+    for noise in NOISES:
+        file = folder / f"{noise}.npy"
+        np.save(file, sphere(noise))
+        for friction in FRICTIONS:
+            surface = Surface(friction=friction)
+            model = PointCloud(file, position=STILL, surface=surface)
+            taken = np.percentile(times_us(model.open(3)), (50, 99, 100))
+            shown = " | ".join(f"{one:.0f}" for one in taken)
+            print(f"| {1e3 * noise:g} | {friction:g} | {shown} |", flush=True)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description="A hand on a cloud of points.")
+    parser.add_argument("--times", action="store_true", help="print how long an answer takes")
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        for noise in NOISES:
-            file = Path(folder) / f"{noise}.npy"
-            np.save(file, sphere(noise))
-            for friction in FRICTIONS:
-                surface = Surface(friction=friction)
-                model = PointCloud(file, position=STILL, surface=surface)
-                taken = np.percentile(times_us(model.open(3)), (50, 99, 100))
-                shown = " | ".join(f"{one:.0f}" for one in taken)
-                print(f"| {1e3 * noise:g} | {friction:g} | {shown} |", flush=True)
+        (show_times if options.times else show_presses)(Path(folder))
 
 
 if __name__ == "__main__":

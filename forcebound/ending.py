@@ -1,11 +1,15 @@
-"""The end of a child process: first in order, then by force."""
+"""The end of a child process and of its group: first in order, then by force."""
 
+import os
+import signal
 import subprocess
+import time
+from contextlib import suppress
 from typing import Any
 
 
 def end(process: "subprocess.Popen[Any]", patience: float) -> None:
-    """End a process if it still runs: SIGTERM, then SIGKILL after ``patience`` s."""
+    """End a process and its group if it still runs: SIGTERM, then SIGKILL after ``patience`` s."""
     if process.poll() is not None:
         return
     process.terminate()
@@ -14,3 +18,14 @@ def end(process: "subprocess.Popen[Any]", patience: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    end_group(process.pid, patience)
+
+
+def end_group(leader: int, patience: float) -> None:
+    """Kill what is left of the group of a process that has just ended, after ``patience`` s."""
+    deadline = time.monotonic() + patience
+    with suppress(ProcessLookupError):
+        while time.monotonic() < deadline:
+            os.killpg(leader, 0)
+            time.sleep(0.01)
+        os.killpg(leader, signal.SIGKILL)

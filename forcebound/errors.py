@@ -6,6 +6,7 @@
      +-- ConfigError (ValueError)   the launch file or a parameter is wrong: before start
      +-- PacketError (ValueError)   a peer sent bytes that are not the promised packet
      +-- DeviceError (OSError)      the device does not answer, or answers nonsense
+     |    +-- GuardianError         no process guards the force of the device any more
      +-- RunError (RuntimeError)    a started graph could not be kept running
 """
 
@@ -44,6 +45,10 @@ class PacketError(ForceboundError, ValueError):
 
 class DeviceError(ForceboundError, OSError):
     """A device does not answer, or answers nonsense."""
+
+
+class GuardianError(DeviceError):
+    """The guardian of a force is gone or silent; the graph waits for its user, without force."""
 
 
 class RunError(ForceboundError, RuntimeError):

@@ -28,8 +28,9 @@ DESCRIPTIONS: dict[str, str] = {
     "device_time_ns": "time_ns of the device state that is answered, device's clock, ns",
     "query_seq": "seq of the query that is answered",
     "query_time_ns": "time_ns of the query that is answered, controller's clock, ns",
-    "commanded_force": "commanded force, N; after age limit, saturation and engage ramp",
-    "applied_force": "applied force, N; written to the motor",
+    "reply_time_ns": "device_time_ns of the environment's reply in use, device's clock, ns",
+    "commanded_force": "commanded force, N; after age limit and engage ramp, before saturation",
+    "applied_force": "applied force, N; written to the motor; of an arm what its torques give",
     "force_limit": "limit force, N; largest magnitude that law and saturation allow",
     "estimated_energy": "energy in the ledger of the law, J",
     "true_energy": "energy that the hand has put into a simulated device, J; ground truth",
@@ -39,8 +40,10 @@ DESCRIPTIONS: dict[str, str] = {
     "loop_delay": "time from the answered device state to this write, s",
     "deadline_misses": "ticks skipped so far",
     "rejected": "packets rejected so far, by reason",
-    "read_ns": "when the position was read, as the bounder has it, device's clock, ns",
-    "write_ns": "from when on the force acts, as the bounder has it, device's clock, ns",
+    "read_ns": "when the position was read, device's clock, ns",
+    "write_ns": "from when on the force acts, device's clock, ns",
+    "ahead_ns": "by which the bounder's clock is ahead of the device's, ns: what was uncertain",
+    "reply_age": "time from the state that the environment's reply in use answers to this write, s",
     "joints": "angles of an arm, rad",
     "torques": "torques of an arm, N m; written to its motors",
     "cut_ns": "when the watchdog dropped the force before this one, device's clock, ns",
@@ -59,8 +62,7 @@ DESCRIPTIONS: dict[str, str] = {
 }  # meaning and unit of the packets' fields, for the schemas
 
 _UNITS_OF = {
-    "ns": ("time_ns", "device_time_ns", "query_time_ns", "read_ns", "write_ns", "cut_ns"),
-    "s": ("elapsed", "loop_delay"),
+    "s": ("elapsed", "loop_delay", "reply_age"),
     "m": ("position", "true_position", "proxy", "objects", "cut_position"),
     "rad": ("joints",),
     "N m": ("torques",),
@@ -71,7 +73,9 @@ _UNITS_OF = {
 _UNIT_OF = {name: unit for unit, names in _UNITS_OF.items() for name in names}
 
 #: Unit of each field; "" for a count, a share or a text.
-UNITS: dict[str, str] = {name: _UNIT_OF.get(name, "") for name in DESCRIPTIONS}
+UNITS: dict[str, str] = {
+    name: "ns" if name.endswith("_ns") else _UNIT_OF.get(name, "") for name in DESCRIPTIONS
+}
 
 
 def schema(packet: type[Packet]) -> dict[str, Any]:

@@ -28,8 +28,12 @@ _SAMPLE = {
         "true_energy",
         "engagement",
         "loop_delay",
+        "reply_age",
     ),
-    "vector": ("position", "commanded_force", "applied_force", "true_position", "hand_force"),
+    "vector": (
+        *("position", "commanded_force", "applied_force", "torques"),
+        *("true_position", "hand_force"),
+    ),
 }
 _CONTACT = {"int64": ("device_seq", "device_time_ns"), "vector": ("proxy", "normal")}
 
@@ -54,8 +58,9 @@ class TelemetryColumns:
     seq: NDArray[np.int64]  # (n,), tick number
     elapsed: NDArray[np.float64]  # (n,), s since the force engaged for the first time
     position: NDArray[np.float64]  # (n, axes), m, reading
-    commanded_force: NDArray[np.float64]  # (n, axes), N
+    commanded_force: NDArray[np.float64]  # (n, axes), N, before saturation
     applied_force: NDArray[np.float64]  # (n, axes), N
+    torques: NDArray[np.float64]  # (n, axes), N m, of an arm; else NaN
     force_limit: NDArray[np.float64]  # (n,), N
     estimated_energy: NDArray[np.float64]  # (n,), J
     true_energy: NDArray[np.float64]  # (n,), J
@@ -64,6 +69,7 @@ class TelemetryColumns:
     engagement: NDArray[np.float64]  # (n,), 0 to 1
     device_seq: NDArray[np.int64]  # (n,), tick that the force answers; -1: none
     loop_delay: NDArray[np.float64]  # (n,), s
+    reply_age: NDArray[np.float64]  # (n,), s, of the environment's reply in use
     deadline_misses: NDArray[np.int64]  # (n,), ticks skipped so far
     is_told: NDArray[np.bool_]  # (n,), whether the environment's answer to this tick is known
     proxy: NDArray[np.float64]  # (n, axes), m; NaN without a contact

@@ -11,7 +11,7 @@ from forcebound.ending import end
 from forcebound.files import printable
 from forcebound.process import SignalPipe
 
-LAST_CHANCE = 2.0  # s from SIGTERM to SIGKILL when the launcher itself fails
+LAST_CHANCE = 2.0  # s to SIGKILL, for the rest of a group, or when the launcher itself fails
 TAIL_LINES = 20  # of a node's log, in the message of a failure
 CHUNK = 65_536  # bytes
 MAX_LINE = 65_536  # bytes without a line end that are kept

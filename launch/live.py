@@ -65,6 +65,7 @@ def run_live(
     limits: Limits | None = None,
     file: str = "",
     screen: Screen | None = None,
+    folder: Path = Path(),
 ) -> RunResult:
     """Run a graph as processes, one per node and one that records.
 
@@ -78,11 +79,12 @@ def run_live(
         limits: How long start and stop may take.
         file: Launch file, with its arguments, by which one may know the graph.
         screen: Where to say what happens; None: on standard error, lines of the processes only.
+        folder: That has the files that a parameter may name during the run, maybe further below.
 
     Raises:
         ConfigError: As :func:`check_here`.
         RunError: If a process did not become ready, ended by itself (a controller or environment:
-            too often) or did not stop.
+            too often) or did not stop. Where the force has engaged, the result says it instead.
         KeyboardInterrupt: If the run was interrupted before its first sample; no recording is left.
     """
     check_here(config, record)
@@ -98,7 +100,14 @@ def run_live(
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         run = RunDocument(
-            os.getpid(), core, str(recording), streams, metadata, file, is_temporary=True
+            os.getpid(),
+            core,
+            str(recording),
+            streams,
+            metadata,
+            file,
+            str(folder.resolve()),
+            is_temporary=True,
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
@@ -117,14 +126,15 @@ def run_live(
                 changes=partial(_changes, to_document(config), run_dir),
                 start_cores=cores,
             )
-            interrupted = supervisor.run()
-        except RunError:
-            _discard_if_empty(recording)
-            raise
+            interrupted, failure = supervisor.run(), ""
+        except RunError as error:
+            if _discard_if_empty(recording):
+                raise
+            interrupted, failure = False, str(error)
         finally:
             os.sched_setaffinity(0, cores)
         screen.status("reading the recording for the result")
-        return _result(recording, interrupted)
+        return replace(_result(recording, interrupted), failure=failure)
 
 
 def _result(recording: Path, interrupted: bool) -> RunResult:

@@ -55,6 +55,7 @@ class RunDocument:
     streams: list[list[str]]  # topic, endpoint; for each, the loop wakes the recorder
     metadata: dict[str, str] = field(default_factory=dict)  # of the recording
     file: str = ""  # launch file with its arguments, to identify the graph
+    folder: str = ""  # the files that a parameter names while the graph runs are in it or below
     is_graph: bool = True  # False: one environment for a graph on another machine
     is_temporary: bool = False  # created for this run and removed after it
 

@@ -4,7 +4,8 @@
 a process writes a line, ends or answers, a signal arrives, or a deadline of the lifecycle.
 
 No process survives the launcher: each gets a signal from the kernel when the launcher ends
-(:mod:`forcebound.launch.worker`). Each is in a session of its own, so that Ctrl-C in the terminal
+(:mod:`forcebound.launch.worker`), and what is left of its group when it has ended, such as a
+stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order.
 
 The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import realtime
+from forcebound.ending import end_group
 from forcebound.errors import RunError
 from forcebound.launch.actions import (
     Action,
@@ -39,7 +41,7 @@ from forcebound.launch.actions import (
     StopRequested,
     Terminate,
 )
-from forcebound.launch.children import Child, Signals, name_begins
+from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.launch.screen import Screen, doing
 from forcebound.messages.codec import encode
@@ -287,6 +289,7 @@ class Supervisor:
             child = self._children[name]
             status = child.process.poll()
             if status is not None:
+                end_group(child.process.pid, LAST_CHANCE)
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
                 if name == "environment" and "controller" in self._clients:

@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from forcebound import process, realtime
+from forcebound.config.document import folder_of
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import CODE_OF_PROCESS, restore
-from forcebound.errors import ConfigError, DeviceError
+from forcebound.errors import ConfigError, DeviceError, GuardianError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_node
 from forcebound.launch.children import name_begins
@@ -73,12 +74,12 @@ def run_node(
     description = " ".join((str(file), *arguments))
     with process.Stop() as stop:
         if run_dir is None:
-            _serve_remotely(kind, _loaded(file, arguments), description, stop)
+            _serve_remotely(kind, _loaded(file, arguments), description, folder_of(file), stop)
             return 0
         if not supervised:
             config = _loaded(file, arguments)
             check_run_directory(run_dir)
-            _run_by_hand(kind, config, description, run_dir, stop)
+            _run_by_hand(kind, config, description, folder_of(file), run_dir, stop)
             return 0
         run = RunDocument.read(run_dir)
         never_wait_for_a_reader()
@@ -101,11 +102,12 @@ def run_node(
 def _run_or_lose(
     kind: str, config: GraphConfig, run: RunDocument, run_dir: Path, stop: process.Stop
 ) -> int:
-    """Run one process; return ``LOST`` for a device that failed and may wait for its user."""
+    """Run one process; return ``LOST`` for a device that failed and waits for its user."""
     try:
         _run(kind, config, run, run_dir, stop, engages_itself=False)
     except DeviceError as failure:
-        if getattr(config.device.model, "on_loss", "end") != "wait":
+        on_loss = getattr(config.device.model, "on_loss", "end")
+        if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
         return LOST
@@ -119,7 +121,9 @@ def _loaded(file: Path, arguments: Sequence[str]) -> GraphConfig:
     return load_tried(file, arguments)
 
 
-def _serve_remotely(kind: str, config: GraphConfig, description: str, stop: process.Stop) -> None:
+def _serve_remotely(
+    kind: str, config: GraphConfig, description: str, folder: Path, stop: process.Stop
+) -> None:
     if kind != "environment":
         raise ConfigError(f"a {kind} needs the run directory of the other nodes: --run-dir DIR")
     if config.remote is None:
@@ -130,13 +134,14 @@ def _serve_remotely(kind: str, config: GraphConfig, description: str, stop: proc
     config.remote.check_here("environment")
     end = config.remote.end("environment")
     with run_directory() as run_dir:
-        _run_by_hand(kind, config, description, run_dir, stop, end)
+        _run_by_hand(kind, config, description, folder, run_dir, stop, end)
 
 
 def _run_by_hand(
     kind: str,
     config: GraphConfig,
     description: str,
+    folder: Path,
     run_dir: Path,
     stop: process.Stop,
     remote_end: RemoteEnd | None = None,
@@ -153,6 +158,7 @@ def _run_by_hand(
         streams,
         metadata,
         description,
+        str(folder),
         is_graph=not is_alone,
         is_temporary=is_alone,
     )

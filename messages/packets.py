@@ -137,6 +137,7 @@ class ForceCommand(_Wire, frozen=True, tag="force_command"):
     device_seq: _Count
     device_time_ns: _Count
     force: _Vector  # N
+    reply_time_ns: _Count | None = None  # ns, device_time_ns of the environment's reply in use
 
 
 class Telemetry(_Wire, frozen=True, tag="telemetry"):
@@ -146,8 +147,8 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     time_ns: _Count  # ns, device's clock, when the force was written
     elapsed: float  # s since the force engaged for the first time; 0 before
     position: _Vector  # m, reading that the bounder used
-    commanded_force: _Vector  # N, after age limit, saturation and engage ramp
-    applied_force: _Vector  # N, written to the motor
+    commanded_force: _Vector  # N, after age limit and engage ramp, before saturation and law
+    applied_force: _Vector  # N, written to the motor; of an arm what its torques give at the tip
     force_limit: float  # N, largest magnitude that law and saturation allowed
     estimated_energy: float  # J, ledger of the law; its meaning depends on the law
     true_energy: float | None  # J, ground truth of a simulated device; None on hardware
@@ -158,12 +159,14 @@ class Telemetry(_Wire, frozen=True, tag="telemetry"):
     loop_delay: float | None  # s from that state to this write
     deadline_misses: _Count  # ticks skipped so far
     rejected: _Counts  # packets rejected so far, by reason
-    read_ns: _Count | None = None  # ns, when the position was read, as the bounder has it
-    write_ns: _Count | None = None  # ns, from when on the force acts, as the bounder has it
+    read_ns: _Count | None = None  # ns, device's clock, when the position was read
+    write_ns: _Count | None = None  # ns, device's clock, from when on the force acts
     joints: _Vector | None = None  # rad, reading of an arm
     torques: _Vector | None = None  # N m, written to the motors of an arm
     cut_ns: _Count | None = None  # ns, when the watchdog dropped the force before this one
     cut_position: _Vector | None = None  # m (of an arm rad), reading then
+    ahead_ns: _Count | None = None  # ns, by which the bounder's clock is ahead of the device's
+    reply_age: float | None = None  # s, from the state that the reply in use answers to this write
 
 
 class Scene(_Wire, frozen=True, tag="scene"):

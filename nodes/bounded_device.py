@@ -11,8 +11,9 @@ At each write the bounder hears what really happened since the last one, before 
 3. *The hold limit* of the force to come. The device is given it before the write.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
-torques, and the command becomes the torques of that force at the tip. The bounder scales the vector
-of torques, so what is applied is the same part of the commanded force at the tip.
+torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
+vector of torques, so what is applied is the same part of the commanded force at the tip, unless the
+law adds damping or the motors have steps.
 """
 
 import math
@@ -22,6 +23,7 @@ from typing import Any, NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device
+from forcebound.devices.kinematics import tip_force
 from forcebound.messages.packets import Vector
 from forcebound.nodes.hold_limit import FIXED, HoldLimit
 
@@ -32,11 +34,12 @@ class Written(NamedTuple):
     position: Vector  # m, of the reading that the bounder used
     applied: Vector  # N
     limit: float  # N, largest magnitude that law and saturation allowed in this direction
-    read_ns: int  # when the bounder takes it that the position was read
-    write_ns: int  # from when on the bounder takes it that the force acts
+    read_ns: int  # device's clock, when the position was read
+    write_ns: int  # likewise, from when on the force acts
     joints: Vector | None  # rad, reading of an arm
     torques: Vector | None  # N m, that were applied by an arm
     cut: tuple[int, Vector] | None  # of the force before: when, in ns, and the reading then
+    ahead_ns: int | None  # by how much the bounder's clock is ahead; None: its device is certain
 
 
 class _Met(NamedTuple):
@@ -151,7 +154,7 @@ class BoundedDevice:
 
         Args:
             time_ns: Now, in ns.
-            commanded: Force at the tip, in N.
+            commanded: Force at the tip, in N, before saturation.
             engagement: Factor of the engage ramp that ``commanded`` contains, 0 to 1.
         """
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
@@ -162,10 +165,10 @@ class BoundedDevice:
         if self._jitter is not None:
             self._ahead_ns += self._jitter()
         read_ns += self._ahead_ns
-        position, force, cut = reading, commanded, None
+        position, wanted, cut = reading, commanded, None
         if kinematics is not None:
             position = kinematics.position(reading)
-            force = self._torque(kinematics.torque(reading, commanded), engagement)
+            wanted = kinematics.torque(reading, commanded)
         if self._write_ns is None:  # the ledger begins here, with no force held
             bounder.start(read_ns, reading)
             bounded = self._zero
@@ -174,7 +177,7 @@ class BoundedDevice:
                 cut = self._cut()
             if cut is not None:
                 bounder.report_cut(*cut)
-            bounded = bounder.bound(read_ns, reading, force)
+            bounded = bounder.bound(read_ns, reading, self._saturated(wanted, engagement))
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
         if self._stamps is not None:
@@ -190,12 +193,14 @@ class BoundedDevice:
             self._write_ns = write_ns
         if self.learns and self._hold_limit.observe(interval_ns):
             self._change_limit()
-        if kinematics is None:
-            return Written(position, applied, bounder.limit, read_ns, write_ns, None, None, cut)
-        scale = _length(commanded) / (_length(force) or math.inf)
-        share = scale * _length(applied) / (_length(commanded) or math.inf)
-        tip, limit = tuple([share * f for f in commanded]), scale * bounder.limit
-        return Written(position, tip, limit, read_ns, write_ns, reading, applied, cut)
+        tip, limit, joints, torques = applied, bounder.limit, None, None
+        if kinematics is not None:
+            joints, torques = reading, applied
+            tip = tip_force(kinematics, reading, applied, commanded, wanted)
+            limit *= _length(commanded) / (_length(wanted) or math.inf)
+        ahead_ns = None if self._jitter is None else self._ahead_ns
+        read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
+        return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns)
 
     def describe(self) -> str:
         """Return how long a force is held, and what ends it, in words."""
@@ -246,18 +251,18 @@ class BoundedDevice:
         if self._tell is not None:
             self._tell(seconds)
 
-    def _torque(self, torque: Vector, engagement: float) -> Vector:
-        """Return no more torque than the motors have, in N m; the direction is kept.
+    def _saturated(self, wanted: Vector, engagement: float) -> Vector:
+        """Return no more force or torque than the motors have; the direction is kept.
 
-        The saturation of the safety chain is one of the force at the tip, so this is the place for
-        that of the joints; as there, the engage ramp comes after it.
+        The bounder saturates its result, too, since a law may add damping; a device clips for
+        itself, since a motor does.
         """
-        magnitude, largest = _length(torque), self._dissipation.saturation * engagement
+        magnitude, largest = _length(wanted), self._dissipation.saturation * engagement
         if magnitude <= largest:
-            return torque
+            return wanted
         if not math.isfinite(magnitude):
             return self._zero
-        return tuple([largest / magnitude * t for t in torque])
+        return tuple([largest / magnitude * f for f in wanted])
 
 
 def _length(vector: Vector) -> float:

@@ -58,6 +58,7 @@ class ControllerNode(Node):
         self.events = EventLog("controller")
         self._rejected: dict[str, int] = {}
         self._lease = Lease(self.events, lease_ns, dead_lease_ns)
+        self._reply_ns: int | None = None  # device's clock: state that the newest reply answers
         self._failures = 0  # failed calls of the controller's code
 
     def step(self, time_ns: int, received: Sequence[Packet]) -> list[Packet]:
@@ -121,7 +122,7 @@ class ControllerNode(Node):
             self._fail("on_state or query", error, time_ns, packets)
             return
         if force is not None:
-            packets.append(self._command(state.seq, state.time_ns, force, time_ns))
+            packets.append(self._command(state.seq, state.time_ns, force, time_ns, self._reply_ns))
         for event, message in notices:
             packets.append(self.events.emit(time_ns, event, message, is_fault=True))
         seq = self._queries
@@ -152,8 +153,7 @@ class ControllerNode(Node):
                 return
         if not all(map(isfinite, reply.force)):
             # A controller would keep it in its state for ever. The device rejects and counts it.
-            echo = (reply.device_seq, reply.device_time_ns)
-            packets.append(self._command(*echo, reply.force, time_ns))
+            packets.append(self._answer(reply, reply.force, time_ns))
             return
         contact = reply.contact
         if contact is not None and not all(map(isfinite, chain(*contact))):
@@ -165,14 +165,19 @@ class ControllerNode(Node):
             self._fail("on_reply", error, time_ns, packets)
             return
         if force is not None:
-            packets.append(self._command(reply.device_seq, reply.device_time_ns, force, time_ns))
+            packets.append(self._answer(reply, force, time_ns))
+        self._reply_ns = max(self._reply_ns or 0, reply.device_time_ns)
+
+    def _answer(self, reply: EnvironmentReply, force: Vector, time_ns: int) -> ForceCommand:
+        tick, measured_ns = reply.device_seq, reply.device_time_ns
+        return self._command(tick, measured_ns, force, time_ns, measured_ns)
 
     def _command(
-        self, device_seq: int, device_time_ns: int, force: Vector, time_ns: int
+        self, device_seq: int, device_time_ns: int, force: Vector, time_ns: int, reply: int | None
     ) -> ForceCommand:
         seq = self._commands
         self._commands += 1
-        return ForceCommand(seq, time_ns, device_seq, device_time_ns, force)
+        return ForceCommand(seq, time_ns, device_seq, device_time_ns, force, reply)
 
     def _fail(self, method: str, error: Exception, time_ns: int, packets: list[Packet]) -> None:
         self._failures += 1

@@ -15,7 +15,6 @@ still comes about a period after the force before.
 """
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple
@@ -92,12 +91,10 @@ class DeviceNode(Node):
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
-        is_arm = getattr(device, "kinematics", None) is not None
         self._chain = SafetyChain(
             axes=device.axes,
             age_limit_ns=round(servo.age_limit * 1e9),
             engage_time_ns=round(servo.engage_time * 1e9),
-            saturation=math.inf if is_arm else dissipation.saturation,  # in N m, of the joints
         )
         self._zero: Vector = (0.0,) * device.axes
         self._start_ns: int | None = None  # of tick 0
@@ -273,6 +270,9 @@ class DeviceNode(Node):
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
         answered = chain.answered_tick if gives else None
+        reply_ns = None if answered is None else chain.reply_ns
+        if reply_ns is not None and reply_ns > time_ns:  # a controller may say anything
+            reply_ns = None
         truth = self._device.truth() or _UNKNOWN
         telemetry = Telemetry(
             self._tick,
@@ -297,6 +297,8 @@ class DeviceNode(Node):
             written.torques,
             cut_ns,
             cut_position,
+            written.ahead_ns,
+            None if reply_ns is None else (time_ns - reply_ns) * 1e-9,
         )
         self._writes_next = False
         self._begin_next_tick(time_ns)

@@ -6,14 +6,11 @@ In this order, each stage only ever rejecting a packet or making the force small
     expected              a force command with one finite number per axis
     newest                by the device's own tick number that the command echoes
     age limit             an answer to a state older than the limit is no answer
-    saturate              the vector, its direction kept
     engage ramp           from 0 to 1 after the start, a fault, a silence
 
-The ramp comes after the saturation: before it, an absurd force would saturate in its first tick.
-The bounder saturates what remains, since a law may add damping; a device clips for itself, since a
-motor does.
-
-The bounder follows in :mod:`forcebound.nodes.device`; nothing follows the bounder.
+Saturation and bounder follow in :mod:`forcebound.nodes.bounded_device`; nothing follows the
+bounder. The largest force grows with the ramp, too: else an absurd force would saturate in its
+first tick.
 
 A command is ordered and aged by the tick that it answers, not by its sender's clock or counter: the
 device knows when it measured that tick, so neither a restarted or malicious sender nor one with
@@ -35,23 +32,23 @@ class SafetyChain:
     Attributes:
         answered_tick: Tick whose state the command in use answers; None while there is none.
         answered_ns: When that state was measured, in ns; meaningless while there is none.
+        reply_ns: When the state was measured that the environment's reply in use answers, in ns, as
+            the controller says; None: not known. Only for telemetry.
         engagement: Factor of the engage ramp, 0 to 1.
         rejected: Packets refused so far, by reason; replaced when it changes, never mutated.
     """
 
-    def __init__(
-        self, axes: int, age_limit_ns: int, engage_time_ns: int, saturation: float
-    ) -> None:
+    def __init__(self, axes: int, age_limit_ns: int, engage_time_ns: int) -> None:
         self._axes = axes
         self._age_limit_ns = age_limit_ns
         self._engage_time_ns = engage_time_ns
-        self._saturation = saturation
         self._zero: Vector = (0.0,) * axes
         self._tick_times: list[int] = [-1] * REMEMBERED
         self._newest_tick = -1
         self._command: ForceCommand | None = None
         self.answered_tick: int | None = None
         self.answered_ns = 0
+        self.reply_ns: int | None = None
         self._ramp_start_ns: int | None = None
         self.engagement = 0.0
         self.rejected: dict[str, int] = {}
@@ -79,11 +76,12 @@ class SafetyChain:
                 self._command = packet
                 self.answered_tick = packet.device_seq
                 self.answered_ns = packet.device_time_ns
+                self.reply_ns = packet.reply_time_ns
             else:
                 self.reject(reason)
 
     def force(self, time_ns: int) -> Vector:
-        """Return the force to bound at ``time_ns``, in N; zero without a fresh command."""
+        """Return the commanded force at ``time_ns``, in N; zero without a fresh command."""
         command = self._command
         if command is not None and time_ns - self.answered_ns > self._age_limit_ns:
             command = self._command = self.answered_tick = None
@@ -97,7 +95,7 @@ class SafetyChain:
             self.engagement = 1.0
         else:
             self.engagement = since / self._engage_time_ns
-        return ramped(command.force, self.engagement, self._saturation)
+        return ramped(command.force, self.engagement)
 
     def disengage(self) -> None:
         """Restart the ramp at the next fresh command."""
@@ -121,10 +119,6 @@ class SafetyChain:
         return None
 
 
-def ramped(force: Vector, engagement: float, saturation: float) -> Vector:
-    """Return a command's force after saturation and engage ramp, in N; its direction is kept."""
-    scale = engagement
-    magnitude = abs(force[0]) if len(force) == 1 else math.hypot(*force)
-    if magnitude > saturation:
-        scale *= saturation / magnitude
-    return force if scale == 1.0 else tuple([scale * f for f in force])
+def ramped(force: Vector, engagement: float) -> Vector:
+    """Return a command's force after the engage ramp, in N."""
+    return force if engagement == 1.0 else tuple([engagement * f for f in force])

@@ -25,6 +25,7 @@ SUMMARY_KEYS = {
     "answered_share",
     "same_tick_share",
     "loop_delay_ms",
+    "reply_age_ms",
     "deadline_misses",
     "hold_limit_overruns",
     "rejected_packets",
@@ -105,4 +106,6 @@ def full_telemetry(tick: int = 0, axes: int = 1) -> Telemetry:
         true_position=vector,
         hand_force=vector,
         rejected={"age": tick},
+        torques=vector,
+        reply_age=0.04,
     )

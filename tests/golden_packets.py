@@ -69,7 +69,12 @@ REPLY = EnvironmentReply(
     normal=(-1.0, 0.0),
 )
 COMMAND = ForceCommand(
-    seq=70000, time_ns=123456789312345, device_seq=7, device_time_ns=TICK_NS, force=(25.0,)
+    seq=70000,
+    time_ns=123456789312345,
+    device_seq=7,
+    device_time_ns=TICK_NS,
+    force=(25.0,),
+    reply_time_ns=123456749012345,
 )
 TELEMETRY = Telemetry(
     seq=7,
@@ -90,6 +95,8 @@ TELEMETRY = Telemetry(
     rejected={"not_finite": 1},
     read_ns=123456789400000,
     write_ns=123456789412345,
+    ahead_ns=250,
+    reply_age=0.0404,
 )
 SCENE = Scene(
     seq=12,

@@ -304,7 +304,8 @@ def test_false_forces_and_echoes_in_place_of_the_controller(tmp_path: Path) -> N
         ended = graph.end()
     check(ended)
     assert answered_between(ended, begin_ns, false_ns) == 0
-    assert np.abs(ended.columns.commanded_force).max() <= SATURATION + 1e-9
+    assert np.abs(ended.columns.commanded_force).max() > SATURATION
+    assert np.abs(ended.columns.applied_force).max() <= SATURATION + 1e-9
     reasons = set(ended.summary["rejected_packets"])
     assert {"not_finite", "wrong_length", "from_the_future", "wrong_echo", "not_newer"} <= reasons
 

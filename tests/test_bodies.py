@@ -1,6 +1,7 @@
 """Rigid bodies in MuJoCo: what the hand feels, what moves, and scenes that cannot be used."""
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.config.loader import load
-from forcebound.environments import open_environment
+from forcebound.environments import bodies, open_environment
 from forcebound.environments.bodies import Bodies
 from forcebound.errors import ConfigError
 from forcebound.launch.virtual import run_virtual
@@ -103,7 +104,7 @@ def test_bodies_that_fly_apart_begin_anew(tmp_path: Path, caplog: pytest.LogCapt
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, "is no file; expected a scene in MJCF"),
+        (None, "scene.xml: No such file or directory; expected a scene in MJCF"),
         ("<mujoco><bla/></mujoco>", "unrecognized element Element 'bla'"),
         ("no xml", "scene.xml: XML"),
         (FLOOR.format(more="").replace("0.001", "0.01"), "is too much for a probe of 10 g"),
@@ -120,6 +121,54 @@ def test_a_scene_that_cannot_be_used_is_told_with_its_file(
     assert words in str(told.value)
     graph = written(tmp_path, "include: push_boxes.yaml\nenvironment: {file: scene.xml}\n")
     assert words in problems_of(graph)
+
+
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        ('timestep="1e-320"', "timestep"),
+        ('timestep="nan"', "timestep"),
+        ('iterations="2000000000"', "iterations"),
+        ('sdf_iterations="-1"', "sdf_iterations"),
+    ],
+)
+def test_a_step_without_size_or_end_is_refused(tmp_path: Path, option: str, named: str) -> None:
+    file = written(tmp_path, f"<mujoco><option {option}/></mujoco>", "scene.xml")
+    with pytest.raises(ConfigError, match=f" {named}: expected"):
+        open_environment(Bodies(file), 3)
+
+
+MESH = '<mujoco><asset><mesh file="pipe.stl"/></asset></mujoco>'
+NESTED = "<replicate count='1000' offset='1 0 0'>"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<mujoco><include file="pipe.stl"/></mujoco>',
+        MESH,
+        f"<mujoco><worldbody>{NESTED * 4}<geom size='1'/>{'</replicate>' * 4}</worldbody></mujoco>",
+    ],
+)
+def test_a_scene_without_end_is_refused_in_bounded_time(
+    tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bodies, "SECONDS", 2.0)
+    os.mkfifo(tmp_path / "pipe.stl")
+    with pytest.raises(ConfigError, match="took too long"):
+        open_environment(Bodies(written(tmp_path, text, "scene.xml")), 3)
+
+
+def test_a_scene_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
+    file = written(tmp_path, '<mujoco><size memory="60G"/></mujoco>', "scene.xml")
+    with pytest.raises(ConfigError, match=r"scene.xml: .*memory"):
+        open_environment(Bodies(file), 3)
+
+
+def test_a_scene_is_a_regular_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "scene.xml")
+    with pytest.raises(ConfigError, match="it is a pipe, not a file"):
+        open_environment(Bodies(tmp_path / "scene.xml"), 3)
 
 
 def test_a_launch_file_needs_a_scene(tmp_path: Path) -> None:

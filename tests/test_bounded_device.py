@@ -213,7 +213,9 @@ def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() ->
     node = bounded(device)
     for tick in range(10):
         device.time_ns, device.delay_ns = tick * MS, 200_000
-        node.write(device.time_ns, (0.0,), 1.0)
+        written = node.write(device.time_ns, (0.0,), 1.0)
+        assert (written.read_ns, written.write_ns) == device.stamps()  # of the device's clock
+        assert written.ahead_ns == (tick + 1) * 100_000
     assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
 
 
@@ -265,6 +267,13 @@ def test_the_torques_of_an_arm_saturate_in_their_direction_and_the_ramp_comes_af
     assert written.applied[0] / written.applied[1] == pytest.approx(0.375)
     node.write(2 * MS, (300.0, 800.0), 0.1)
     assert math.hypot(*arm.written[-1]) == pytest.approx(0.85)
+
+
+def test_half_way_up_the_ramp_a_force_is_half_of_the_saturation() -> None:
+    device = Silent()
+    node = bounded(device)
+    node.write(0, (0.0,), 1.0)
+    assert node.write(MS, (1e6,), 0.5).applied == pytest.approx((4.25,))
 
 
 def test_a_torque_that_is_no_number_becomes_none() -> None:

@@ -219,7 +219,7 @@ def test_check_and_show_args_start_nothing() -> None:
     [
         (("simulate", "stiff_wall.yaml", "law:=certifed"), "did you mean 'certified'"),
         (("simulate", "haply_2diy"), "forcebound simulate five_bar_wall"),
-        (("emulate", "haply_2diy", "--fault", "fire"), "short, noise, nan, stall, unplug"),
+        (("emulate", "haply_2diy", "--fault", "fire"), "short, noise, nan, lost, reset, stall"),
         (("launch", "stiff_wall.yaml", "stiffness:=3 s"), "which is a time"),
         (("simulate", "stiff_wall.yaml", "stifness:=3"), "did you mean 'stiffness'"),
         (

@@ -337,7 +337,7 @@ def test_a_deep_value_is_refused_as_a_value() -> None:
     for depth in (900, 1000):  # the second is too deep for the stack where nothing is expected yet
         deep = msgpack.packb("force") + b"\x91" * depth + b"\x00"
         for body in (deep + rest, rest + deep):
-            error = refusal(b"\x87" + body)
+            error = refusal(b"\x88" + body)
             assert error.reason == "value"
             assert len(str(error)) < 400
 

@@ -42,11 +42,11 @@ def test_entries_stand_between_white_space_and_comments(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1 2\n3 x\n", r"table.dist:2: expected whole numbers.*8192 are one jitter.*got 'x'"),
-        ("1\n1.5\n", r"table.dist:2: .*got '1.5'"),
-        ("010", r"table.dist:1: .*got '010'"),
-        ("32768", r"table.dist:1: expected whole numbers, -32768 to 32767.*got '32768'"),
-        ("-32769", r"got '-32769'"),
+        ("1 2\n3 x\n", r"table.dist:2: expected whole numbers.*8192 are one jitter"),
+        ("1\n1.5\n", r"table.dist:2: expected"),
+        ("010", r"table.dist:1: expected"),
+        ("32768", r"table.dist:1: expected whole numbers, -32768 to 32767"),
+        ("-32769", r"table.dist:1: expected"),
         ("# nothing\n", rf"expected 1 to {LONGEST} whole numbers, got 0"),
         ("1 " * (LONGEST + 1), rf"expected 1 to {LONGEST} whole numbers, got {LONGEST + 1}"),
     ],
@@ -125,7 +125,9 @@ def test_a_launch_file_names_the_table_relative_to_itself(tmp_path: Path) -> Non
     assert from_document(to_document(config)) == config
 
 
-@pytest.mark.parametrize(("name", "what"), [("gone.dist", "No such file"), ("bad.dist", "got 'x'")])
+@pytest.mark.parametrize(
+    ("name", "what"), [("gone.dist", "No such file"), ("bad.dist", "expected")]
+)
 def test_a_table_that_cannot_be_read_is_told_at_its_place(
     tmp_path: Path, name: str, what: str
 ) -> None:

@@ -14,6 +14,7 @@ from forcebound.emulators import assembler
 from forcebound.emulators.emulation import Emulation
 from forcebound.emulators.faults import Faults, parse_fault
 from forcebound.errors import DeviceError
+from forcebound.hardware.hapi import WIRINGS, rest_message
 from forcebound.hardware.haply_2diy import Haply2DIY, OpenHaply
 from forcebound.nodes.servo import dissipation_of
 from forcebound.operators.pressing import PressingHand
@@ -39,6 +40,8 @@ class EmulatedLine:
         self.emulation = Emulation(assembler("haply_2diy")(model.mechanism(), HAND), wanted, truth)
         self.emulation.start(self.time_ns)
         self._sent = b""
+        self.lost: int | None = None  # place of a byte of the next message
+        self._rest = rest_message(model.address, WIRINGS[model.version])
 
     def clock(self) -> int:
         return self.time_ns
@@ -53,6 +56,8 @@ class EmulatedLine:
         if self.failures:
             raise self.failures[0]
         self.time_ns += ROUND_TRIP_NS // 2
+        if self.lost is not None:
+            message, self.lost = message[: self.lost] + message[self.lost + 1 :], None
         self._sent += self.emulation.step(message, self.time_ns)
         self.emulation.settle(self.time_ns)
 
@@ -67,6 +72,8 @@ class EmulatedLine:
 
     def fail(self, failure: DeviceError) -> None:
         self.failures.append(failure)
+        self.emulation.step(self._rest, self.time_ns)
+        self.emulation.settle(self.time_ns)
 
     def close(self) -> None:
         self.truth.close()
@@ -122,7 +129,7 @@ def test_a_bounded_wall_gives_the_hand_nothing_by_the_emulators_truth(truth: Tru
     assert min(energies) >= 0.0
 
 
-@pytest.mark.parametrize("fault", ["short", "nan", "stall"])
+@pytest.mark.parametrize("fault", ["short", "nan", "stall", "lost", "reset"])
 def test_a_fault_ends_in_a_device_error(truth: TruthFile, fault: str) -> None:
     device, _ = opened(Haply2DIY(), truth, f"{fault}:at=50ms")
     with pytest.raises(DeviceError):
@@ -132,3 +139,27 @@ def test_a_fault_ends_in_a_device_error(truth: TruthFile, fault: str) -> None:
 def read_for_ever(device: OpenHaply) -> None:
     while True:
         device.read(0)
+
+
+@pytest.mark.parametrize("place", range(10))
+@pytest.mark.parametrize("force", [(0.05, -0.02), (-0.11, 0.11), (0.0, 0.07)])
+def test_a_torque_ends_in_time_wherever_a_byte_is_lost(
+    truth: TruthFile, place: int, force: tuple[float, float]
+) -> None:
+    device, line = opened(Haply2DIY(port="auto"), truth)
+    line.wait_until(line.time_ns + 1_500 * PERIOD_NS)  # the hand brings the tip to its path
+    device.read(0)
+    device.write(0, force)
+    since, line.lost = line.time_ns, place
+    with pytest.raises(DeviceError):
+        device.write(0, force)
+    found = truth.look()
+    assert found is not None
+    assert found.torque == (0.0, 0.0)
+    assert found.torque_ns - since <= 1e9 * Haply2DIY(port="auto").longest_force
+
+
+def test_a_board_that_was_reset_is_named(truth: TruthFile) -> None:
+    device, _ = opened(Haply2DIY(), truth, "reset:at=50ms")
+    with pytest.raises(DeviceError, match="the board was reset"):
+        read_for_ever(device)

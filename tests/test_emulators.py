@@ -255,3 +255,30 @@ def test_a_wrong_number_names_its_model() -> None:
     with pytest.raises(ConfigError, match="FiveBar"):
         assembler("haply_2diy")({"friction": "much"}, None)
     assert restored_operator({"kind": "pressing", "mass": 0.5}) == PressingHand(mass=0.5)
+
+
+def test_a_byte_of_one_message_is_lost_and_its_torque_waits_for_it(truth: TruthFile) -> None:
+    replies = Client(truth, parse_fault("lost:at=5ms")).exchange_for(0.02)
+    assert [len(reply) == 9 for reply in replies[:5]] == [True] * 5
+    assert b"".join(replies[5:]) != 15 * replies[0]
+
+
+def test_a_board_that_is_reset_keeps_its_torque_and_gives_no_angles(truth: TruthFile) -> None:
+    client = Client(truth, parse_fault("reset:at=2ms"))
+    replies = [client.exchange(PUSH) for _ in range(3)]
+    assert [len(reply) for reply in replies] == [9, 9, 1]
+    client.exchange(NO_TORQUE)
+    found = truth.look()
+    assert found is not None
+    assert found.torque == pytest.approx((0.05, -0.02), abs=1e-4)
+
+
+def test_an_odrive_that_is_reset_gives_no_torque() -> None:
+    board, _ = assembler("odrive")({}, None)
+    start = b"w axis0.controller.config.control_mode 1\nw axis0.requested_state 8\n"
+    board.receive(start + b"w axis0.controller.config.enable_torque_mode_vel_limit 0\n", 0)
+    board.receive(b"c 0 0.1\n", 10 * MS)
+    assert board.torque == pytest.approx((0.1,))
+    board.reset()
+    board.receive(b"c 0 0.1\n", 20 * MS)
+    assert board.torque == (0.0,)

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -10,7 +12,8 @@ import pytest
 from waiting import until
 
 from benchmarks.guardian import FATES, FORCE, ZERO, watch
-from forcebound.errors import DeviceError
+from forcebound.ending import end_group
+from forcebound.errors import DeviceError, GuardianError
 from forcebound.hardware.guardian import Guardian
 
 pytestmark = pytest.mark.live
@@ -93,3 +96,41 @@ def test_a_guardian_outlives_a_signal_to_end_and_its_own_loss_is_said(
 
     until(is_noticed, "the loss of the guardian")
     guardian.close()
+
+
+def test_a_guardian_that_is_stopped_is_noticed_and_killed_at_the_end(
+    board: tuple[int, int],
+) -> None:
+    guardian = Guardian(board[1], ZERO)
+    os.kill(guardian.process_id, signal.SIGSTOP)
+
+    def is_noticed() -> bool:
+        try:
+            guardian.check()
+        except GuardianError as error:
+            return "is silent" in str(error)
+        return False
+
+    until(is_noticed, "the silence of the guardian")
+    guardian.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(guardian.process_id, 0)
+
+
+def test_the_rest_of_a_group_is_killed_even_if_it_is_stopped() -> None:
+    starts = "import subprocess; print(subprocess.Popen(('sleep', '1000'), stdout=2).pid)"
+    leader = subprocess.Popen(
+        (sys.executable, "-c", starts), stdout=subprocess.PIPE, start_new_session=True
+    )
+    said, _ = leader.communicate()
+    os.kill(int(said), signal.SIGSTOP)
+    end_group(leader.pid, 0.0)
+
+    def is_gone() -> bool:
+        try:
+            os.killpg(leader.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    until(is_gone, "the end of the group")

@@ -2,10 +2,12 @@
 
 import math
 import struct
+from random import Random
 
 import pytest
 
 from forcebound.emulators.haply_board import LARGEST_TORQUE, HaplyBoard, held_torque
+from forcebound.hardware.hapi import WIRINGS, exchange_message, rest_message
 
 COUNT = 2.0 * math.pi / 4880  # rad
 SETUP = bytes.fromhex(
@@ -16,6 +18,7 @@ NO_TORQUE = b"\2\5" + bytes(8)
 HOME = bytes.fromhex("05 8f 36 3f 41 b4 f9 27 43")  # 12 and 168 degrees, cut to whole counts
 PUSHED = (1664 / 4095 * LARGEST_TORQUE, -665 / 4095 * LARGEST_TORQUE)
 SECOND = 1_000_000_000
+REST = rest_message(5, WIRINGS[3])
 
 
 def set_up(*angles: float) -> HaplyBoard:
@@ -140,3 +143,43 @@ def test_a_reply_without_numbers_keeps_its_length() -> None:
     reply = HaplyBoard((COUNT, COUNT)).with_nan(HOME)
     assert len(reply) == len(HOME)
     assert all(map(math.isnan, degrees(reply)))
+
+
+@pytest.mark.parametrize("reset", [b"\0\5", b"\0\0"])
+def test_after_a_reset_only_a_set_up_lets_a_zero_reach_the_motors(reset: bytes) -> None:
+    board = set_up()
+    board.receive(PUSH, 1)
+    board.receive(reset, 2)
+    assert board.receive(NO_TORQUE, 3) == b"\5"
+    assert board.torque == pytest.approx(PUSHED, abs=1e-12)
+    assert board.receive(REST, 4) == HOME
+    assert board.torque == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("place", range(len(PUSH)))
+def test_a_torque_ends_wherever_a_byte_of_a_message_is_lost(place: int) -> None:
+    random = Random(place)
+    stayed = 0
+    for _ in range(300):
+        message = exchange_message(5, (random.uniform(-0.12, 0.12), random.uniform(-0.12, 0.12)))
+        torques = []
+        for last in (NO_TORQUE, REST):
+            board = set_up()
+            board.receive(message, 1)
+            board.receive(message[:place] + message[place + 1 :], 2)
+            board.receive(last, 3)
+            torques.append(board.torque)
+        stayed += any(torques[0])
+        assert torques[1] == (0.0, 0.0), message.hex(" ")
+    assert stayed > 0  # after an exchange of zero torque alone
+
+
+def test_a_torque_ends_whatever_bytes_the_board_has_heard() -> None:
+    random = Random(1)
+    for _ in range(2000):
+        board = set_up()
+        board.receive(PUSH, 1)
+        heard = bytes(random.choice((0, 1, 2, 3, 5, 0xFF)) for _ in range(random.randrange(40)))
+        board.receive(heard, 2)
+        board.receive(REST, 3)
+        assert board.torque == (0.0, 0.0), heard.hex(" ")

@@ -1,6 +1,8 @@
 """A line to a board: it fails once, in zero force, and its guardian watches every force."""
 
+import logging
 import os
+import threading
 import time
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -107,3 +109,40 @@ def test_a_force_may_last_longer_with_an_emulator_than_at_a_port(
 def test_a_port_that_is_not_there_leaves_nothing_open() -> None:
     with pytest.raises(DeviceError, match="there is no port"):
         Line("none", "/dev/none-such", ZERO, 60.0, {}, None)
+
+
+@pytest.mark.parametrize(
+    ("answer", "has_force", "is_said"),
+    [(b"", True, True), (b"ok", True, False), (b"", False, False)],
+)
+def test_a_zero_that_the_board_does_not_acknowledge_is_said_once(
+    answer: bytes, has_force: bool, is_said: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    board, slave = os.openpty()
+    line = Line("none", os.ttyname(slave), ZERO, 60.0, {}, None, zero_reply=2)
+
+    def play() -> None:
+        heard_by(board, len(FORCE + ZERO))
+        os.write(board, answer)
+
+    line.send(FORCE, has_force=has_force)
+    playing = threading.Thread(target=play)
+    playing.start()
+    line.fail(DeviceError("a reason"))
+    playing.join()
+    line.close()
+    said = [record for record in caplog.records if record.levelno == logging.ERROR]
+    assert len(said) == is_said
+    assert all("a force may still be on" in record.getMessage() for record in said)
+    os.close(slave)
+    os.close(board)
+
+
+def test_a_line_that_is_lost_with_a_force_on_is_said(
+    ends: Ends, caplog: pytest.LogCaptureFixture
+) -> None:
+    ends.line.send(FORCE, has_force=True)
+    with open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), ends.board)  # the last end of the board is closed
+    ends.line.fail(DeviceError("a reason"))
+    assert "a force may still be on" in caplog.text

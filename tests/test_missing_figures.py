@@ -44,7 +44,14 @@ def test_samples_without_an_engaged_force_do_not_count() -> None:
 def test_a_run_that_never_engaged_has_no_results() -> None:
     summary = summary_of([replace(t, engagement=0.0) for t in ticks(pressing(), duration=0.5)])
     assert summary["samples"] == 0
-    defined = {"law", "samples", "loop_delay_ms", "deadline_misses", "rejected_packets"}
+    defined = {
+        "law",
+        "samples",
+        "loop_delay_ms",
+        "reply_age_ms",
+        "deadline_misses",
+        "rejected_packets",
+    }
     for key in SUMMARY_KEYS - defined - {"undefined"}:
         assert summary[key] is None
     assert set(summary["undefined"].values()) == {"the force never engaged"}

@@ -71,6 +71,33 @@ def test_depth_direction_and_angle_of_friction_on_a_sphere(tmp_path: Path) -> No
             assert drag / push == pytest.approx(0.4, rel=0.01)
 
 
+def _random_sphere(count: int, seed: int) -> Any:
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    return RADIUS * points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("count", [3_000, 10_000, 30_000])
+def test_no_straight_press_falls_through_random_points(
+    tmp_path: Path, count: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    model = _cloud(tmp_path, _random_sphere(count, seed=1))
+    for out in _random_sphere(60, seed=2) / RADIUS:
+        world = model.open(3)
+        for depth in np.arange(-0.015, 0.0101, 0.0005):
+            force = world.force(tuple(((RADIUS - depth) * out).tolist()), STILL, 0.0)
+        assert math.hypot(*force) > 10.0  # 10 mm below the points, and the skin is outside of them
+    assert not caplog.records
+
+
+def test_a_radius_too_small_for_the_points_warns_of_holes(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    _cloud(tmp_path, _random_sphere(3_000, seed=1), radius=0.0015).read()
+    (warning,) = caplog.records
+    assert "holes" in warning.getMessage()
+    assert "4.3" in warning.getMessage()  # mm, a radius without
+
+
 def test_a_fast_tip_does_not_get_through(tmp_path: Path) -> None:
     model = _cloud(tmp_path, _sphere())
     solid, world = model.solid(), model.open(3)

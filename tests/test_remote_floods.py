@@ -1,19 +1,23 @@
 """The link to another machine under floods: messages without an end, no descriptors left."""
 
+import os
 import resource
 import socket
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from remote_peers import Peer, ends, meet, open_peers, run_for, run_until
-from waiting import free_port
+from waiting import PATIENCE, free_port
 
 from forcebound.network.limits import MAX_UNFINISHED
+from forcebound.network.remote import RemoteLink
+from forcebound.network.sockets import Network
 
 ENOUGH = 60 * MAX_UNFINISHED  # bytes; what one would send within a second if nobody ended it
 FRAME = 60_000  # bytes, fewer than the limit of a frame
@@ -132,6 +136,25 @@ def few_descriptors(left: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_the_limit_is_not_that_of_a_time_without_descriptors() -> None:
+    port = free_port()
+    with few_descriptors(60), Network() as network, ExitStack() as opened:
+        link = RemoteLink(network, ends(port)[0])
+        with ExitStack() as taken:  # before the first look
+            with suppress(OSError):
+                while True:
+                    taken.callback(os.close, os.open(os.devnull, os.O_RDONLY))
+            notices = link.watch(time.monotonic_ns())
+        for _ in range(5):
+            opened.enter_context(closing(socket.create_connection(("127.0.0.1", port))))
+        end = time.monotonic() + PATIENCE
+        while link.status()["connections"] < 5:
+            assert time.monotonic() < end, notices
+            notices += link.watch(time.monotonic_ns())
+            time.sleep(1e-3)
+        assert not {"too_many_connections", "socket_error"} & {notice.kind for notice in notices}
 
 
 def test_connections_that_use_up_the_descriptors_are_shut(start: Callable[..., Peer]) -> None:

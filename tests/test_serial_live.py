@@ -1,5 +1,6 @@
 """A live graph with an emulated serial device: the wall, the energy, the device's death."""
 
+import os
 import signal
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from test_emulators_live import program
 from waiting import PATIENCE, until
 
 from forcebound.devices.truth_file import TruthFile
+from forcebound.monitor.control import resume_device
 from forcebound.recording import read
 
 pytestmark = PROCESSES_OF_THEIR_OWN
@@ -53,3 +55,42 @@ def test_an_emulator_of_its_own_that_is_unplugged_ends_the_graph_in_order(tmp_pa
             assert "Traceback" not in graph.log
         emulator.communicate()
         assert emulator.returncode == 0
+
+
+def started_by(device: int) -> dict[str, int]:
+    """Process ids of the guardian and the emulator of a device process."""
+    children = Path(f"/proc/{device}/task/{device}/children").read_text().split()
+    commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
+    names = {"guardian": b"guardian_process", "emulator": b"emulate"}
+    return {
+        name: child for name, word in names.items() for child in commands if word in commands[child]
+    }
+
+
+def is_running(pid: int) -> bool:
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"
+
+
+def test_without_its_guardian_a_force_waits_for_the_user_and_nothing_outlives_the_launcher() -> (
+    None
+):
+    with live_graph("haply_2diy", PATIENT, is_alone=False) as graph:
+        graph.wait_until_engaged()
+        first = graph.node("device")["pid"]
+        os.kill(started_by(first)["guardian"], signal.SIGSTOP)
+        graph.until(lambda: graph.node("device")["state"] == "lost", "the loss")
+        resume_device(graph.run_dir)
+        graph.wait_for_telemetry(lambda t: t.engagement == 1.0, "an engaged force")
+        second = graph.node("device")["pid"]
+        started = started_by(second)
+        assert set(started) == {"guardian", "emulator"}
+        for pid in started.values():
+            os.kill(pid, signal.SIGSTOP)
+        os.kill(second, signal.SIGKILL)  # nobody writes zero, or ends what it has started
+        graph.process.wait(PATIENCE)
+        assert graph.log.count("the guardian of the port is silent") == 1
+        assert not [pid for pid in (first, second, *started.values()) if is_running(pid)]

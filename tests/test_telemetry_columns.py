@@ -13,7 +13,7 @@ from forcebound.telemetry import TelemetryColumns
 def test_columns_hold_the_fields_of_the_packets(axes: int) -> None:
     sent = [full_telemetry(tick, axes) for tick in range(4)]
     columns = TelemetryColumns.from_packets(sent)
-    of_the_ledger = {"read_ns", "write_ns", "joints", "torques", "cut_ns", "cut_position"}
+    of_the_ledger = {"read_ns", "write_ns", "joints", "cut_ns", "cut_position", "ahead_ns"}
     for name in field_types(Telemetry):  # figures need none of the ledger's; verification has them
         if name not in {"rejected", *of_the_ledger}:
             expected = [getattr(packet, name) for packet in sent]

@@ -18,8 +18,8 @@ from forcebound.nodes.events import BOUNDER_REPORTED
 from forcebound.telemetry import TelemetryColumns
 
 LIMITED_SHARE = 0.5  # of the ticks with a force in which the law makes it smaller
-LITTLE_SHARE = 0.25  # of the commanded force; less is little, also where all is well
-UNBOUNDED = 1.0 - 1e-9  # of the commanded force; below, it was made smaller, not merely rounded
+LITTLE_SHARE = 0.25  # of the saturated force; less is little, also where all is well
+UNBOUNDED = 1.0 - 1e-9  # of the saturated force; below, it was made smaller, not merely rounded
 MISSED_SHARE = 0.01  # of all ticks
 LONG_HOLD = 1.3  # periods
 FREQUENT_OVERRUNS = 0.2  # 1/s; a silent watchdog takes a third of the ledger each time
@@ -111,17 +111,41 @@ def _count_sources(sources: Mapping[str, str]) -> dict[str, int]:
     return {kind: list(sources.values()).count(kind) for kind in kinds}
 
 
-def is_limited(columns: TelemetryColumns) -> bool:
+def saturated(columns: TelemetryColumns, device: Mapping[str, Any]) -> Floats:
+    """Return the commanded force after saturation, which the law gets, in N, shape (n, axes).
+
+    Args:
+        columns: Telemetry of a run.
+        device: Section ``device`` of its launch file; without ``saturation`` nothing is saturated.
+
+    An arm saturates its torques. They have the direction of those of the commanded force, so the
+    force at the tip is saturated in the ratio in which torques and saturation are.
+    """
+    commanded = columns.commanded_force
+    if "saturation" not in device:
+        return commanded
+    size = np.linalg.norm(commanded, axis=1)
+    largest = device["saturation"] * columns.engagement
+    torque = np.linalg.norm(columns.torques, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if np.isfinite(torque).any():
+            given = np.linalg.norm(columns.applied_force, axis=1)
+            largest = np.where(torque > 0.0, largest / torque * given, np.inf)
+        share = np.where(size > largest, largest / size, 1.0)
+    return np.asarray(share[:, np.newaxis] * commanded)
+
+
+def is_limited(columns: TelemetryColumns, device: Mapping[str, Any]) -> bool:
     """Return whether the law makes the force smaller in most ticks that have one."""
-    limited, pushing = limited_ticks(columns)
+    limited, pushing = limited_ticks(columns, device)
     return bool(limited.sum() > LIMITED_SHARE * pushing.sum())
 
 
-def limited_ticks(columns: TelemetryColumns) -> tuple[Any, Any]:
-    """Return masks of the ticks in which the force was made smaller, and of those with a force."""
-    commanded, applied = magnitudes(columns)
-    pushing = commanded > 0.0
-    return (applied < UNBOUNDED * commanded) & pushing, pushing
+def limited_ticks(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return masks of the ticks in which the law reduced the force, and of those with a force."""
+    wanted, applied = magnitudes(columns, device)
+    pushing = wanted > 0.0
+    return (applied < UNBOUNDED * wanted) & pushing, pushing
 
 
 def causes_of_little_force(
@@ -136,16 +160,16 @@ def causes_of_little_force(
             (:meth:`forcebound.nodes.device.DeviceNode.status`); empty: not known.
     """
     law = device.get("law", "none")
-    if law == "none" or not is_limited(columns):
+    if law == "none" or not is_limited(columns, device):
         return []
     causes = [*_of_the_loop(columns, device)]
     if LAWS.is_shipped(law) and LAWS[law].is_certified:
         causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
     else:
         causes.append(Cause("law_not_certified", {"law": law}))
-    limited, _ = limited_ticks(columns)
-    commanded, applied = (one[limited].mean() for one in magnitudes(columns))
-    if not causes and applied < LITTLE_SHARE * commanded:
+    limited, _ = limited_ticks(columns, device)
+    wanted, applied = (one[limited].mean() for one in magnitudes(columns, device))
+    if not causes and applied < LITTLE_SHARE * wanted:
         causes.append(Cause("dissipation", {}))
     return causes
 
@@ -178,7 +202,7 @@ def _of_holds(
 
 
 def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
-    limited, _ = limited_ticks(columns)
+    limited, _ = limited_ticks(columns, device)
     cap = device.get("energy_cap", "auto")
     if cap != "auto":
         full = columns.estimated_energy[limited] > FULL_SHARE * cap
@@ -196,9 +220,9 @@ def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iter
 
 def _needed(columns: TelemetryColumns, device: Mapping[str, Any]) -> float:
     """Energy that the commanded force needs where it was limited, in J."""
-    limited, _ = limited_ticks(columns)
-    commanded, _ = magnitudes(columns)
-    excess = np.maximum(commanded[limited] - np.min(device["friction"]), 0.0)
+    limited, _ = limited_ticks(columns, device)
+    wanted, _ = magnitudes(columns, device)
+    excess = np.maximum(wanted[limited] - np.min(device["friction"]), 0.0)
     return float(np.mean(excess**2) / (4.0 * np.min(device["damping"]) * device["rate"]))
 
 
@@ -206,9 +230,9 @@ def _path(force: Floats) -> float:
     return float(np.abs(np.diff(force, axis=0)).sum())
 
 
-def magnitudes(columns: TelemetryColumns) -> tuple[Floats, Floats]:
-    """Return the magnitudes of the commanded and of the applied force, in N, shape ``(n,)``."""
+def magnitudes(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple[Floats, Floats]:
+    """Return the magnitudes of the saturated and of the applied force, in N, shape ``(n,)``."""
     return (
-        np.linalg.norm(columns.commanded_force, axis=1),
+        np.linalg.norm(saturated(columns, device), axis=1),
         np.linalg.norm(columns.applied_force, axis=1),
     )

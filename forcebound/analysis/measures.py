@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from forcebound.analysis.bounder import saturated
 from forcebound.analysis.contact import (
     count_bounces,
     displayed_stiffness,
@@ -43,6 +44,7 @@ class Samples:
     touch: Touch | None
     depth: Floats  # m, shape (n,); without a surface NaN
     contact: Mask  # (n,); without a surface: a force is commanded
+    saturated: Floats  # N, shape (n, axes), commanded force after saturation
     mass: float | None  # kg, apparent mass of the device
     rate: float  # Hz, nominal; NaN where neither the launch file nor the samples tell
     has_scale: bool = True  # see surface.scale_of
@@ -67,7 +69,8 @@ class Samples:
         device = config.get("device") or {}
         rate = device.get("rate") or _rate(engaged.time)
         mass, has_scale = device.get("mass"), scale_of(config) is not None
-        return cls(engaged, touch, depth, contact, mass, rate, has_scale)
+        wanted = saturated(engaged, device)
+        return cls(engaged, touch, depth, contact, wanted, mass, rate, has_scale)
 
     @property
     def has_truth(self) -> bool:
@@ -127,7 +130,7 @@ def _across_measures(run: Samples) -> dict[str, Any]:
 
 def force_measures(run: Samples) -> dict[str, Any]:
     """Return the errors of the force in contact, and its vibration in steady contact."""
-    error = run.columns.commanded_force - run.columns.applied_force
+    error = run.saturated - run.columns.applied_force
     ideal = _ideal_error(run)
     felt = None
     if run.touch is not None:
@@ -206,7 +209,8 @@ def energy_measures(run: Samples) -> dict[str, Any]:
     }
 
 
-_NEEDS: dict[str, tuple[str, ...]] = {
+#: What a figure needs of a run; all are figures of one law.
+NEEDS: dict[str, tuple[str, ...]] = {
     "displayed_stiffness_n_per_m": ("force", "surface", "contact"),
     "rate_hardness_n_per_m": ("force", "surface", "contact"),
     "extended_rate_hardness_n_per_m": ("force", "surface", "contact"),
@@ -295,7 +299,7 @@ def undefined(figures: Mapping[str, Any], run: Samples) -> dict[str, str]:
     }
     without = _WITHOUT if run.has_scale else _WITHOUT | {"surface": _NO_SCALE}
     reasons = {}
-    for key, needs in _NEEDS.items():
+    for key, needs in NEEDS.items():
         if figures[key] is None:
             missing = [without[need] for need in needs if not has[need]]
             reasons[key] = (missing or [_LAST_REASON.get(key, "the run is too short")])[0]

@@ -183,6 +183,9 @@ def _draw_energy(axes: Axes, view: View) -> None:
 
 def _draw_delay(axes: Axes, view: View) -> None:
     delay = view.columns.loop_delay[view.shown] * 1e3
+    age = view.columns.reply_age[view.shown] * 1e3
+    if (age != delay)[np.isfinite(age)].any():  # of a controller that answers states by itself
+        _over_time(axes, view, age, "age of\nthe reply", color=ESTIMATED, linewidth=0.9)
     _over_time(axes, view, delay, "state\nto force", color=PHYSICAL, linewidth=0.6)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcebound.analysis.bounder import UNBOUNDED, magnitudes
+from forcebound.analysis.bounder import UNBOUNDED
 from forcebound.analysis.contact import REST_SPEED, at_end, final_speed
 from forcebound.analysis.measures import (
     Samples,
@@ -60,11 +60,11 @@ def summarize(
         * ``true_energy_min_j``, ``estimated_energy_min_j``: minimum since engagement, of the
           simulated device's ground truth and of the law's own ledger
         * ``bounder_active_share``: share of samples in contact in which the applied force is
-          smaller than the commanded force; in an environment without a surface, of the samples
-          with a commanded force
+          smaller than the commanded force after saturation; in an environment without a surface,
+          of the samples with a commanded force
         * ``answered_share``: :func:`answered_share`
         * ``same_tick_share``: share of samples answered in the same tick
-        * ``loop_delay_ms``: ``p50``, ``p99``, ``max``
+        * ``loop_delay_ms``, ``reply_age_ms``: ``p50``, ``p99``, ``max``
         * ``deadline_misses``: ticks skipped; ``hold_limit_overruns``: :func:`hold_limit_overruns`
         * ``rejected_packets`` by reason: at the end of the run
         * ``final_speed_m_per_s``, ``at_rest``, ``penetration_at_rest_m``: over the last 0.5 s; the
@@ -91,6 +91,7 @@ def summarize(
         "answered_share": answered_share(columns) if engaged.any() else None,
         "same_tick_share": _or_none(np.mean, (columns.device_seq == columns.seq)[engaged]),
         "loop_delay_ms": _delays(columns.loop_delay[engaged]),
+        "reply_age_ms": _delays(columns.reply_age[engaged]),
         "deadline_misses": _misses(columns, since_engagement),
         "hold_limit_overruns": hold_limit_overruns(columns, config),
         "rejected_packets": dict(sorted(columns.rejected.items())),
@@ -103,8 +104,10 @@ def _length(time: Floats) -> dict[str, Any]:
 
 
 def _forces(run: Samples) -> dict[str, Any]:
-    commanded, applied = magnitudes(run.columns)
-    bounded = (applied < UNBOUNDED * commanded)[run.contact]
+    wanted, applied = (
+        np.linalg.norm(force, axis=1) for force in (run.saturated, run.columns.applied_force)
+    )
+    bounded = (applied < UNBOUNDED * wanted)[run.contact]
     return {
         "peak_force_n": _or_none(np.max, applied),
         "bounder_active_share": _or_none(np.mean, bounded),
@@ -197,8 +200,8 @@ def summarize_phases(
     Returns:
         By phase: ``name``, ``start_s`` (since the force engaged), ``duration_s`` (measured),
         ``answered_share``, ``force_share`` (of samples with an engaged force), and, as in
-        :func:`summarize`, ``loop_delay_ms``, ``peak_force_n``, ``true_energy_min_j``,
-        ``deadline_misses``.
+        :func:`summarize`, ``loop_delay_ms``, ``reply_age_ms``, ``peak_force_n``,
+        ``true_energy_min_j``, ``deadline_misses``.
     """
     begins = [event for event in events if event.event == PHASE_BEGINS][:MOST_PHASES]
     phases = []
@@ -219,6 +222,7 @@ def _phase(part: TelemetryColumns, config: Mapping[str, Any]) -> dict[str, Any]:
         "answered_share": answered_share(part),
         "force_share": float(np.mean(part.engagement > 0.0)),
         "loop_delay_ms": figures["loop_delay_ms"],
+        "reply_age_ms": figures["reply_age_ms"],
         "peak_force_n": figures["peak_force_n"],
         "true_energy_min_j": _or_none(np.min, part.true_energy),
         "deadline_misses": int(part.deadline_misses[-1] - part.deadline_misses[0]),

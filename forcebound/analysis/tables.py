@@ -18,11 +18,15 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     def show(key: str, unit: str, factor: float = 1.0, digits: int = 2) -> str:
         return _quantity(summary[key], unit, factor, digits)
 
-    delays = summary["loop_delay_ms"]
-    delay = UNDEFINED if delays["p50"] is None else f"{_percentiles(delays, 2)} ms"
-    rejected = [f"{count} {why}" for why, count in summary["rejected_packets"].items() if count]
+    delay, age = (
+        UNDEFINED if values["p50"] is None else f"{_percentiles(values, 2)} ms"
+        for values in (summary["loop_delay_ms"], summary["reply_age_ms"])
+    )
+    counted = summary["rejected_packets"]
+    rejected = [f"{count} {why}" for why, count in (counted or {}).items() if count]
     faults = [f"{count} {kind}" for kind, count in summary.get("faults", {}).items()]
-    fates = [(t, Counter[str](counts)) for t, counts in summary.get("links", {}).items()]
+    links = summary.get("links", {})
+    fates = [(t, Counter[str](counts)) for t, counts in (links or {}).items()]
     lost = [
         f"{counts['lost'] + counts['corrupted']} of {counts['sent']} {topic}"
         for topic, counts in fates
@@ -61,11 +65,12 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("ticks answered", show("answered_share", "%", 1e2, 1)),
         ("answered in the same tick", show("same_tick_share", "%", 1e2, 1)),
         ("loop delay p50/p99/max", delay),
+        ("age of the reply p50/p99/max", age),
         ("deadline misses", show("deadline_misses", "", digits=0)),
         ("hold-limit overruns", show("hold_limit_overruns", "", digits=0)),
         *_bounder_rows(summary),
-        ("rejected packets", ", ".join(rejected) or "0"),
-        ("lost or damaged", ", ".join(lost) or "0"),
+        ("rejected packets", UNDEFINED if counted is None else ", ".join(rejected) or "0"),
+        ("lost or damaged", UNDEFINED if links is None else ", ".join(lost) or "0"),
         ("faults", ", ".join(faults) or "0"),
     ]
 
@@ -124,7 +129,15 @@ def _bounder_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def phase_rows(phases: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Return a table of phases, its head first; delays are p50/p99/max."""
-    head = ("phase", "delay, ms", "answered", "force on", "peak force", "minimum energy")
+    head = (
+        "phase",
+        "delay, ms",
+        "age of reply, ms",
+        "answered",
+        "force on",
+        "peak force",
+        "minimum energy",
+    )
     return [head, *map(_phase_row, phases)]
 
 
@@ -132,6 +145,7 @@ def _phase_row(phase: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         phase["name"],
         _percentiles(phase["loop_delay_ms"], 1),
+        _percentiles(phase["reply_age_ms"], 1),
         _quantity(phase["answered_share"], "%", 1e2, 1),
         _quantity(phase["force_share"], "%", 1e2, 1),
         _quantity(phase["peak_force_n"], "N", 1.0, 2),

@@ -181,10 +181,15 @@ def table_of(
     """Return head and rows of the table of some runs; see :func:`print_table`."""
     from forcebound.analysis.tables import summary_rows
 
-    columns = [dict(summary_rows(result.summary)) for result in results]
+    shown = []  # a run that changed its law has a column for each of them, too
+    for label, result in zip(labels or [one.label for one in results], results, strict=True):
+        shown.append((label, result.summary))
+        for one in result.summary.get("laws", ()):
+            shown.append((f"{one['law']}, from {one['start_s']:.3g} s", one))
+    columns = [dict(summary_rows(summary)) for _, summary in shown]
     labels_of_rows = dict.fromkeys(label for column in columns for label in column)
     rows = [(label, *(column.get(label, "–") for column in columns)) for label in labels_of_rows]
-    return ("", *(labels or [result.label for result in results])), list(rows)
+    return ("", *(label for label, _ in shown)), list(rows)
 
 
 def print_rows(

@@ -26,8 +26,8 @@ PATIENCE = "100 ms"
     "faults",
     multiple=True,
     metavar="KIND[:at=TIME][,for=TIME]",
-    help="short, noise, nan: spoil one reply, or those of a time; stall; unplug; reversed. TIME "
-    "counts from the first reply; default: at=1s. Repeatable.",
+    help="short, noise, nan: spoil one reply, or those of a time; lost; reset; stall; unplug; "
+    "reversed. TIME counts from the first reply; default: at=1s. Repeatable.",
 )
 @duration_option_for("Time from a message to its reply, beyond the terminal's.", "--latency")
 @click.option("--no-hand", is_flag=True, help="Nobody holds it, as `forcebound identify` needs it.")

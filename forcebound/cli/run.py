@@ -30,6 +30,7 @@ from forcebound.cli.common import (
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
+from forcebound.errors import RunError
 from forcebound.files import check_writable, content_of
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def launch_graph(
     forcebound launch pointer_wall --view
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
     """
+    from forcebound.config.document import folder_of
     from forcebound.launch.live import check_here, run_live
 
     if has_view:
@@ -104,8 +106,9 @@ def launch_graph(
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
         described = " ".join((file, *arguments))
+        folder = folder_of(Path(file))
         with _page() if has_view else nullcontext(), status_line(as_json) as screen:
-            result = run_live(config, duration, record, file=described, screen=screen)
+            result = run_live(config, duration, record, None, described, screen, folder)
             screen.status("computing the figures")
             _ = result.summary
         report(result, record, as_json)
@@ -320,12 +323,19 @@ def _as_written(value: object) -> str:
 
 
 def report(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run."""
+    """Show the result of a run.
+
+    Raises:
+        RunError: If the run failed; its result is shown before.
+    """
+    _show_result(result, record, as_json)
+    if result.failed:
+        raise RunError(result.failed)
+
+
+def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
     if result.interrupted:
         show("forcebound: interrupted; result up to here", err=True)
-    if not result.summary["samples"]:
-        never = "no command younger than the age limit reached the device"
-        show(f"forcebound: the force never engaged: {never}", err=True)
     if as_json:
         print_json(result.summary)
         return

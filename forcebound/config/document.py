@@ -40,6 +40,12 @@ def find(path: Path, folder: Path = Path()) -> Path | None:
         return None
 
 
+def folder_of(path: Path) -> Path:
+    """Return the folder of a launch file's own files; of a shipped one, the current folder."""
+    found = find(path)
+    return Path.cwd() if found is None or found.parent == SHIPPED else found.parent.resolve()
+
+
 def shipped() -> list[str]:
     """Return the names of the launch files that come with the package."""
     return sorted(path.name for path in SHIPPED.glob("*.yaml"))

@@ -3,33 +3,24 @@
 Such code may take for ever, end its process (``sys.exit``, ``os._exit``) or crash it. The error
 then names it, with the line of the user's file.
 
-The child sends its steps (:data:`Progress`) and, in the end, its result through a pipe. It may
-load for :data:`LOADING` and do each thing more for :data:`LIMIT`; then it gets SIGABRT, at which
-faulthandler writes down where it was, and is killed with all that it has started.
+The child reports its steps (:data:`Progress`). It may load for :data:`LOADING` and do each thing
+more for :data:`LIMIT`.
 """
 
-import contextlib
-import faulthandler
 import json
 import logging
-import os
+import math
 import re
-import resource
 import signal
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from itertools import chain, repeat
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import Any, TypeAlias
 
-from forcebound.errors import ConfigError, ForceboundError
-from forcebound.realtime import die_with_parent
+from forcebound.bounded_child import ChildError, Timeout, in_bounded_child, report
+from forcebound.errors import ConfigError
 
 _logger = logging.getLogger(__name__)
 
@@ -41,8 +32,6 @@ REMARK = 5.0  # s, after which the log names what is waited for
 #: Called with what begins now (of which a message says that it "took more than 10 s"), how many
 #: answers have been given, and how many are wanted in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
-
-_POLL = 0.1  # s; the pipe may outlive the child, in a process that it has started
 
 
 def no_progress(doing: str, done: int, total: int) -> None:
@@ -70,80 +59,43 @@ def run_in_sandbox(
     Raises:
         ConfigError: If the task raised one of our errors, was silent too long or ended its process.
     """
-    reader, writer = Pipe(duplex=False)
-    with tempfile.TemporaryFile("w+") as crash, reader:
-        with writer:
-            descriptors = (writer.fileno(), crash.fileno())
-            words = [f"{task.__module__}:{task.__name__}", json.dumps(arguments)]
-            child = subprocess.Popen(
-                [sys.executable, "-m", __name__, *words, *map(str, descriptors)],
-                stdin=subprocess.DEVNULL,
-                stdout=2,  # what the user's code prints must not get into a document
-                pass_fds=descriptors,
-                start_new_session=True,  # to be ended with all that it starts; Ctrl-C is for us
-            )
-        timeout = _Timeout(", ".join(file.name for file in files))
-        limits = chain([loading], repeat(limit))
-        try:
-            for kind, *content in _messages(child, reader, timeout):
-                if kind == "result":
-                    return content[0]
-                if kind == "error":
-                    raise ConfigError(content[0])
-                timeout.begin(content[0], next(limits))
-                progress(*content)
-            status = child.wait(limit)
-        except subprocess.TimeoutExpired:
-            child.send_signal(signal.SIGABRT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(1.0)
-            raise ConfigError(_too_slow(timeout, _where(crash, files))) from None
-        finally:
-            with contextlib.suppress(ProcessLookupError):  # nothing of it is left
-                os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-        raise ConfigError(_ended(timeout, _where(crash, files), status))
+    names = ", ".join(file.name for file in files)
+    timeout = _Timeout(names, chain([loading], repeat(limit)), progress)
+    name = f"{task.__module__}:{task.__name__}"
+    try:
+        return json.loads(in_bounded_child(partial(_do, name, json.dumps(arguments)), timeout))
+    except ChildError as error:
+        where, status = _where(error.trace, files), error.status
+        words = _too_slow(timeout, where) if status is None else _ended(timeout, where, status)
+        raise ConfigError(words) from None
 
 
-class _Timeout:
+class _Timeout(Timeout):
     """How long the child may be silent, and with what it is busy."""
 
-    def __init__(self, names: str) -> None:
+    def __init__(self, names: str, limits: Iterator[float], progress: Progress) -> None:
         self.names = names  # of the user's files
-        self.begin("beginning", START)
+        self.doing = "beginning"
+        self._limits, self._progress = limits, progress
+        super().__init__(START)
 
-    def begin(self, doing: str, limit: float) -> None:
-        self.doing = doing
-        self.limit = limit
-        self._since = time.monotonic()
-        self._is_silent = True
+    def begin(self, limit: float) -> None:
+        super().begin(limit)
+        self._remark = Timeout(REMARK)
+
+    def hear(self, report: bytes) -> None:
+        self.doing, done, total = json.loads(report)
+        self.begin(next(self._limits))
+        self._progress(self.doing, done, total)
 
     def check(self) -> None:
-        """Log once what takes long; raise TimeoutExpired when it takes too long."""
-        waited = time.monotonic() - self._since
-        if waited > self.limit:
-            raise subprocess.TimeoutExpired(self.doing, self.limit)
-        if waited > REMARK and self._is_silent:
-            self._is_silent = False
+        super().check()
+        try:
+            self._remark.check()
+        except TimeoutError:
             message = "%s: %s takes long; it may take %g s"
             _logger.warning(message, self.names, self.doing, self.limit)
-
-
-def _messages(
-    child: subprocess.Popen[bytes], reader: Connection, timeout: _Timeout
-) -> Iterator[list[Any]]:
-    """What the child sends, until it ends; TimeoutExpired if it is silent for too long."""
-    while True:
-        is_over = child.poll() is not None  # before the look: what it wrote last is there, then
-        if reader.poll(0.0 if is_over else _POLL):
-            try:
-                yield json.loads(reader.recv_bytes())
-            except (EOFError, OSError):
-                return
-        elif is_over:
-            return
-        else:
-            timeout.check()
+            self._remark = Timeout(math.inf)
 
 
 def _too_slow(timeout: _Timeout, where: str) -> str:
@@ -165,11 +117,10 @@ def _ended(timeout: _Timeout, where: str, status: int) -> str:
     )
 
 
-def _where(crash: IO[str], files: Sequence[Path]) -> str:
+def _where(trace: str, files: Sequence[Path]) -> str:
     """The innermost line of the user's files that faulthandler wrote down, if any."""
-    crash.seek(0)
     names = "|".join(re.escape(str(file)) for file in files)
-    found = re.search(rf'File "({names})", line (\d+)', crash.read())
+    found = re.search(rf'File "({names})", line (\d+)', trace)
     if found is None:
         return ""
     file, number = Path(found[1]), int(found[2])
@@ -178,26 +129,13 @@ def _where(crash: IO[str], files: Sequence[Path]) -> str:
     return f"\n  in {file}:{number}: {text}"
 
 
-def _serve(module: str, arguments: str, pipe: str, crash: str) -> None:
-    """Be the child."""
-    die_with_parent(signal.SIGKILL)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    faulthandler.enable(int(crash), all_threads=False)
-    writer = Connection(int(pipe), readable=False)
-
-    def write(*content: Any) -> None:
-        writer.send_bytes(json.dumps(content).encode())
-
-    name, _, function = module.partition(":")
-    task = getattr(import_module(name), function)
-    write("step", "loading it and calling it once", 0, 0)
-    try:
-        result = task(lambda *step: write("step", *step), *json.loads(arguments))
-    except ForceboundError as error:
-        write("error", str(error))
-    else:
-        write("result", result)
+def _do(name: str, arguments: str) -> bytes:
+    """Do a task in the child; its module may import what never ends."""
+    _report("loading it and calling it once", 0, 0)
+    module, _, function = name.partition(":")
+    task = getattr(import_module(module), function)
+    return json.dumps(task(_report, *json.loads(arguments))).encode()
 
 
-if __name__ == "__main__":
-    _serve(*sys.argv[1:])
+def _report(*step: Any) -> None:
+    report(json.dumps(step).encode())

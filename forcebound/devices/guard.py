@@ -6,7 +6,7 @@ from typing import Any
 
 from forcebound.devices import Device, Kinematics
 from forcebound.devices.truth import Truth
-from forcebound.errors import DeviceError
+from forcebound.errors import DeviceError, GuardianError
 from forcebound.messages.packets import MAX_COUNT, Quaternion, Vector
 from forcebound.parts.contract import is_unit
 from forcebound.parts.user_module import describe_user_error
@@ -160,4 +160,5 @@ def _guard(part: Any, name: str, check: Callable[[Any], Any] = lambda answer: an
 
 def _failure(method: str, error: Exception) -> DeviceError:
     words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
-    return DeviceError(f"the device failed in {method}: {words}")
+    kind = GuardianError if isinstance(error, GuardianError) else DeviceError
+    return kind(f"the device failed in {method}: {words}")

@@ -16,6 +16,10 @@ if TYPE_CHECKING:  # a launcher starts without numpy
     import numpy as np
     from numpy.typing import NDArray
 
+    from forcebound.devices import Kinematics
+
+ROUNDING = 1e-9  # of a torque; what is less is none
+
 Floats: TypeAlias = "NDArray[np.float64]"
 
 #: ``(angles, geometry, tip, jacobian) -> None``: fills in the position of the tip, in m, and its
@@ -99,6 +103,36 @@ class ArmKinematics:
         self._taken = angles
         self._angles[:] = angles
         self._compiled_pose(self._angles, self._numbers, self._tip, self._jacobian)
+
+
+def tip_force(
+    kinematics: "Kinematics", angles: Vector, applied: Vector, commanded: Vector, wanted: Vector
+) -> Vector:
+    """Return the force, in N, that torques ``applied`` (N m) give at the tip: J^T force = applied.
+
+    It is the same part of the force ``commanded`` (N) as they are of its torques ``wanted`` (N m),
+    and the force of what that leaves over; in a singular pose there is no such force.
+    """
+    square = math.fsum(map(mul, wanted, wanted))
+    share = math.fsum(map(mul, applied, wanted)) / (square or math.inf)
+    tip = tuple([share * f for f in commanded])
+    rest = [a - share * w for a, w in zip(applied, wanted, strict=True)]
+    if math.hypot(*rest) <= ROUNDING * math.hypot(*applied):
+        return tip
+    size = len(rest)
+    units = [tuple([float(i == k) for i in range(size)]) for k in range(size)]
+    columns = [kinematics.torque(angles, unit) for unit in units]
+    rows = [list(row) for row in zip(*columns, rest, strict=True)]
+    for k in range(size):  # Gauss and Jordan: the same bits on every machine, for verification
+        pivot = max(range(k, size), key=lambda i: abs(rows[i][k]))
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        if rows[k][k] == 0.0:
+            return tip
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(size):
+            if i != k:
+                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return tuple([f + row[-1] for f, row in zip(tip, rows, strict=True)])
 
 
 def link_angle(near: float, far: float, reach: float) -> float | None:

@@ -27,6 +27,10 @@ class Board(Protocol):
         """
         ...
 
+    def reset(self) -> None:
+        """Forget what was set up: a fault on demand."""
+        ...
+
     def with_nan(self, reply: bytes) -> bytes:
         """Return a reply in which every reading is not a number: a fault on demand."""
         ...

@@ -73,11 +73,14 @@ class Emulation:
             self.longest_hold = max(self.longest_hold, (time_ns - self._heard_ns) * 1e-9)
         if data:
             self._heard_ns = time_ns
+            data = self._faults.lose(data, time_ns)
         self._unread += data
         if self._faults.is_on("stall", time_ns):
             return b""
         board = self._board
         board.angles = self._mechanism.angles
+        if self._faults.is_on("reset", time_ns):
+            board.reset()
         reply = board.receive(self._unread, time_ns)
         self._unread = b""
         sign = -1.0 if self._faults.is_on("reversed", time_ns) else 1.0

@@ -12,6 +12,8 @@ KINDS = {
     "short": "a reply lacks its last byte",
     "noise": "one byte of a reply is another",
     "nan": "the readings of a reply are no numbers",
+    "lost": "one byte of what is written to the board is lost",
+    "reset": "the firmware is reset and forgets its set-up; a hAPI board keeps its torque",
     "stall": "the board neither reads nor answers; its torque stays",
     "unplug": "the port is gone",
     "reversed": "the motors turn the wrong way",
@@ -27,7 +29,7 @@ class Fault:
     Attributes:
         kind: A key of :data:`KINDS`.
         at: Begin, in s after the first reply.
-        duration: In s; None: for ever, or, of a fault of a reply, for one.
+        duration: In s; None: for ever, or, if it is not :data:`LASTING`, once.
     """
 
     kind: str
@@ -75,25 +77,28 @@ class Faults:
             self._start_ns = time_ns
 
     def is_on(self, kind: str, time_ns: int) -> bool:
-        """Return whether a fault of a kind is on."""
-        return any(fault.kind == kind for fault in self._now(time_ns))
+        """Return whether a fault of a kind is on; one that happens once is over then."""
+        found = [fault for fault in self._now(time_ns) if fault.kind == kind]
+        if kind not in LASTING:
+            self._done.update(fault for fault in found if fault.duration is None)
+        return bool(found)
+
+    def lose(self, data: bytes, time_ns: int) -> bytes:
+        """Return what comes to the board of bytes that were written."""
+        if not self.is_on("lost", time_ns):
+            return data
+        place = self._random.randrange(len(data))
+        return data[:place] + data[place + 1 :]
 
     def spoil(self, reply: bytes, board: Board, time_ns: int) -> bytes:
         """Return what becomes of a reply."""
-        for fault in self._now(time_ns):
-            if fault.kind in LASTING:
-                continue
-            if fault.duration is None:
-                self._done.add(fault)
-            if fault.kind == "short":
-                reply = reply[:-1]
-            elif fault.kind == "nan":
-                reply = board.with_nan(reply)
-            else:
-                spoiled = bytearray(reply)
-                spoiled[self._random.randrange(len(reply))] ^= self._random.randrange(1, 256)
-                reply = bytes(spoiled)
-        return reply
+        if self.is_on("nan", time_ns):
+            reply = board.with_nan(reply)
+        if self.is_on("noise", time_ns):
+            spoiled = bytearray(reply)
+            spoiled[self._random.randrange(len(reply))] ^= self._random.randrange(1, 256)
+            reply = bytes(spoiled)
+        return reply[:-1] if self.is_on("short", time_ns) else reply
 
     def _now(self, time_ns: int) -> list[Fault]:
         if self._start_ns is None or not self._faults:

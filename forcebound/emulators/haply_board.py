@@ -122,16 +122,17 @@ class HaplyBoard:
 
     def _reset(self) -> Firmware:
         self._byte()
-        self._forget()
+        self.reset()
         yield 0, False
 
-    def _forget(self) -> None:
+    def reset(self) -> None:
+        """Forget the set-up, not the torque; see :class:`forcebound.emulators.board.Board`."""
         self._address = None
         self._motors, self._encoders = [], {}
         self._analogue_pins, self._pulse_pins = set(), set()
 
     def _set_up(self) -> Firmware:
-        self._forget()
+        self.reset()
         address = self._byte()
         self._motors = self._ports(self._directions)
         encoders = self._ports(self._encoder_directions)

@@ -142,6 +142,10 @@ class ODriveBoard:
         self._reply.clear()
         return reply
 
+    def reset(self) -> None:
+        """Forget what was written; the motors are off."""
+        self._axes = [_Axis() for _ in self._axes]
+
     def with_nan(self, reply: bytes) -> bytes:
         """Return a reply without numbers; see :class:`forcebound.emulators.board.Board`."""
         lines = []

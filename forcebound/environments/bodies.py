@@ -11,14 +11,17 @@ IROS 1995.
 import logging
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
+from forcebound.bounded_child import ChildError, Timeout, in_bounded_child
 from forcebound.environments import Environment, EnvironmentModel
 from forcebound.errors import ConfigError
+from forcebound.files import open_file, reason
 from forcebound.geometry.vectors import Vector3, along, cut, norm, pad3, scale, sub
 from forcebound.messages.packets import MAX_NAME, Contact, SceneObject, Shape, Vector
 from forcebound.quantities import (
@@ -35,6 +38,9 @@ MOST_STEPS = 20  # for one answer; a scene that falls farther behind stands stil
 FAR = 10.0  # m: the probe does not follow a hand beyond, nor does the force grow
 TOUCH = 1e-6  # m, least way between hand and probe of a contact
 HARD = [0.99, 0.99, 0.001, 0.5, 2.0]  # of the probe's contacts: the coupling is the soft part
+SECONDS, MEMORY = 30.0, 2_000_000_000  # s and bytes for the compilation and a first step
+STEPS = (1e-5, 0.1)  # s, range of the scene's timestep
+MOST_ITERATIONS = 1000  # of a solver, in a step; MuJoCo's default is 100
 PROBE, HAND = "forcebound_probe", "forcebound_hand"
 
 _logger = logging.getLogger(__name__)
@@ -224,18 +230,60 @@ def engine() -> Any:
 
 
 def _compile(mujoco: Any, model: Bodies) -> Any:
-    """Return the scene of the file with hand and probe in it."""
-    if not model.file.is_file():
-        raise ConfigError(f"{model.file} is no file; expected a scene in MJCF", field="file")
+    """Return the scene of the file with hand and probe in it, compiled in bounded time and memory.
+
+    A scene may name files that have no end, or things a million times over.
+    """
     try:
-        spec = mujoco.MjSpec.from_file(str(model.file))
-        _add_hand(mujoco, spec, model)
-        scene = spec.compile()
-    except Exception as error:  # MuJoCo's own kinds
-        words = " ".join(str(error).split())
-        raise ConfigError(f"{model.file}: {words}", field="file") from error
+        open_file(model.file).close()
+        binary = in_bounded_child(partial(_compiled, model), Timeout(SECONDS), MEMORY)
+    except OSError as error:
+        words = f"{model.file}: {reason(error)}; expected a scene in MJCF"
+        raise ConfigError(words, field="file") from None
+    except ChildError as error:
+        raise ConfigError(
+            f"{model.file}: {error}; expected a scene that compiles within {SECONDS:g} s and"
+            f" {MEMORY / 1e9:g} GB, from regular files",
+            field="file",
+        ) from None
+    except ConfigError as error:
+        raise ConfigError(str(error), field="file") from None
+    scene = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
     _check_coupling(model, scene.opt.timestep)
     return scene
+
+
+def _compiled(model: Bodies) -> bytes:
+    """Do the work of :func:`_compile`, and a first step, in the child."""
+    mujoco = engine()
+    try:
+        spec = mujoco.MjSpec.from_file(str(model.file))
+        _check_options(spec.option)
+        _add_hand(mujoco, spec, model)
+        scene = spec.compile()
+        mujoco.mj_step(scene, mujoco.MjData(scene))
+    except Exception as error:  # MuJoCo's own kinds
+        raise ConfigError(f"{model.file}: {' '.join(str(error).split())}") from error
+    binary = np.empty(mujoco.mj_sizeModel(scene), np.uint8)
+    mujoco.mj_saveModel(scene, None, binary)
+    return binary.tobytes()
+
+
+def _check_options(option: Any) -> None:
+    """Refuse a step that has no size, or no end."""
+    if not STEPS[0] <= option.timestep <= STEPS[1]:
+        raise ConfigError(f"timestep: expected {STEPS[0]} to {STEPS[1]} s, got {option.timestep} s")
+    for name in (
+        "iterations",
+        "ls_iterations",
+        "noslip_iterations",
+        "ccd_iterations",
+        "sdf_iterations",
+        "sdf_initpoints",
+    ):
+        count = getattr(option, name)
+        if not 0 <= count <= MOST_ITERATIONS:
+            raise ConfigError(f"{name}: expected 0 to {MOST_ITERATIONS}, got {count}")
 
 
 def _add_hand(mujoco: Any, spec: Any, model: Bodies) -> None:

@@ -1,5 +1,6 @@
 """A cloud of points, such as a depth camera gives."""
 
+import logging
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
     from forcebound.geometry.cloud_file import Cloud
     from forcebound.geometry.implicit import ImplicitSolid
 
-RADII = 2.0  # spacings in the radius of a point where nothing is said
+_logger = logging.getLogger(__name__)
+
+SPARSE = 0.02  # of the points; with more the skin has holes
 CACHED = 4  # clouds
 STEPS = 400  # of an answer, 3 us each
 
@@ -28,7 +31,7 @@ class PointCloud(PlacedFile):
     Attributes:
         file: An array of one row for each point, x, y, z in m (.npy), or the corners in a .ply
             file. Null: those of our rabbit.
-        radius: Of each point; null: twice the median distance between neighbours. The skin lies a
+        radius: Of each point; null: the median distance to the 16th neighbour. The skin lies a
             little more than that away from the points; gaps wider than twice as much are holes.
     """
 
@@ -60,10 +63,14 @@ def _cloud(version: "Version") -> "Cloud":
 @lru_cache(CACHED)
 def _radius(version: "Version", radius: float | None) -> float:
     """The radius of a point, the one that is given if there is one."""
-    from forcebound.geometry.points import MOST_CUBES, cubes_of, spacing_of
+    import numpy as np
+
+    from forcebound.geometry.points import FEWEST, MOST_CUBES, cubes_of, neighbourhoods
 
     points = _cloud(version).points
-    radius = RADII * spacing_of(points) if radius is None else radius
+    nearest = neighbourhoods(points)
+    closing = max(float(np.median(nearest[:, -1])), 1e-9)
+    radius = closing if radius is None else radius
     cubes = cubes_of(points, radius)
     if cubes > MOST_CUBES:
         least = radius * (cubes / MOST_CUBES) ** (1 / 3)
@@ -71,6 +78,14 @@ def _radius(version: "Version", radius: float | None) -> float:
             f"a radius of {1e3 * radius:.3g} mm is too small for points so far apart: say a radius"
             f" of at least {1e3 * least:.2g} mm",
             field="radius",
+        )
+    share = float(np.mean(nearest[:, :FEWEST][:, -1] > radius))
+    if share > SPARSE:
+        _logger.warning(
+            "%s: the skin has holes that a hand falls through: %.0f %% of the points have too few"
+            " neighbours within the radius of %.3g mm; say a larger one, or leave out stray points"
+            " (most points need %.3g mm)",
+            *(version[0], 1e2 * share, 1e3 * radius, 1e3 * closing),
         )
     return radius
 

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from forcebound.analysis.bounder import saturated
 from forcebound.analysis.contact import (
     count_bounces,
     displayed_stiffness,
@@ -140,8 +141,8 @@ class Contact:
 
     @property
     def commanded(self) -> Floats:
-        """Commanded force, in N."""
-        return self.run.columns.commanded_force[self._shown, 0]
+        """Commanded force after saturation, in N."""
+        return saturated(self.run.columns, self.run.document["device"])[self._shown, 0]
 
     @property
     def applied(self) -> Floats:

@@ -69,7 +69,7 @@ def start(kind: str, mechanism: Mapping[str, Any], operator: Operator | None) ->
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C in the terminal is not for the board
+        start_new_session=os.getsid(0) != os.getpid(),  # as for a guardian
     )
     hand = None if operator is None else {"kind": _kind(operator), **plain(operator)}
     assert process.stdin is not None

@@ -8,6 +8,9 @@ one message, that of zero force. It writes it
 * when a force is on and that process has not written for a time-out: it hangs, is stopped, or gets
   no processor. It says so in shared memory, and the driver, if it runs on, raises DeviceError.
 
+A guardian says there, too, that it looks, every 20 ms at least. When it has been silent for 100 ms,
+the driver writes zero force and raises GuardianError.
+
 :mod:`forcebound.hardware.guardian_process` is what runs; it ends with :meth:`Guardian.close`.
 A process that is stopped between its look at the shared memory and its write may still write one
 force when it runs on: it looks again after the write and takes that force back.
@@ -18,11 +21,13 @@ import mmap
 import os
 import subprocess
 import sys
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from forcebound.errors import DeviceError
+from forcebound.errors import DeviceError, GuardianError
 from forcebound.hardware.guardian_process import (
+    ALIVE,
     BEAT,
     FIRED,
     NUMBERS_SIZE,
@@ -33,6 +38,8 @@ from forcebound.hardware.guardian_process import (
 )
 
 TIMEOUT = 0.015  # s; with what waking takes, zero force is written within 20 ms
+SILENCE = 0.1  # s; a guardian that is silent for longer, and for longer than its time-out, hangs
+GRACE = 1.0  # s, for its orderly end
 ATTRIBUTES_SIZE = 64  # bytes, more than any C library needs for those of a lock
 SHARED = ROBUST = 1  # PTHREAD_PROCESS_SHARED, PTHREAD_MUTEX_ROBUST
 
@@ -54,6 +61,7 @@ class Guardian:
 
     def __init__(self, descriptor: int, zero: bytes, timeout: float = TIMEOUT) -> None:
         self._timeout = timeout
+        self._silence_ns = round(max(SILENCE, timeout) * 1e9)
         memory = os.memfd_create("forcebound-guardian")
         own = os.pidfd_open(os.getpid())
         try:
@@ -88,7 +96,8 @@ class Guardian:
         """Check that the guardian watches and has had nothing to do; before and after a write.
 
         Raises:
-            DeviceError: If it has written zero force, or is gone.
+            DeviceError: If it has written zero force.
+            GuardianError: If it is gone, or has been silent for too long.
         """
         if self._view[FIRED]:
             raise DeviceError(
@@ -96,12 +105,18 @@ class Guardian:
                 " guardian of the port has written zero force; `forcebound doctor` says how to make"
                 " ticks punctual"
             )
-        if self._process.poll() is not None:
-            raise DeviceError("the guardian of the port is gone: no force without it")
+        is_silent = time.monotonic_ns() - self._view[ALIVE] > self._silence_ns
+        if is_silent or self._process.poll() is not None:
+            fate = "is silent: it is stopped, or gets no processor" if is_silent else "is gone"
+            raise GuardianError(f"the guardian of the port {fate}; no force without it")
 
     def close(self) -> None:
-        """End the guardian; it writes nothing more."""
-        self._process.communicate(ORDERLY)
+        """End the guardian, also one that is stopped; it writes nothing more."""
+        try:
+            self._process.communicate(ORDERLY, GRACE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
         libc.pthread_mutex_unlock(lock_address(self._memory))
         self._view.release()
         self._memory.close()
@@ -129,5 +144,6 @@ def _start(
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         pass_fds=(descriptor, memory, own),
-        start_new_session=True,  # a signal to the terminal's processes is not for it
+        # Signals of a terminal are not for it; a launcher ends the group of a node.
+        start_new_session=os.getsid(0) != os.getpid(),
     )

@@ -17,9 +17,10 @@ import time
 from contextlib import suppress
 
 #: Numbers in the shared memory, 64 bits each: when the process last wrote while a force was on (0:
-#: none is on), and when the guardian wrote zero because it did not (0: never).
-BEAT, FIRED = 0, 1
-NUMBERS_SIZE = 16  # bytes of both
+#: none is on), when the guardian wrote zero because it did not (0: never), when it last looked.
+BEAT, FIRED, ALIVE = 0, 1, 2
+NUMBERS_SIZE = 24  # bytes of all three
+LOOK_NS = 20_000_000  # longest time between two looks
 LOCK_AT = NUMBERS_SIZE  # byte at which the lock of the watched process begins
 SIZE = 128  # bytes of all; a lock has 40 to 64
 
@@ -34,12 +35,14 @@ def guard(port: int, shared: mmap.mmap, watched: int, timeout_ns: int, zero: byt
     view = memoryview(shared)[:NUMBERS_SIZE].cast("q")
     orders, ends = sys.stdin.fileno(), (_end_of_holder(lock_address(shared)), watched)
     answered = 0  # the beat after which zero was written
+    view[ALIVE] = time.monotonic_ns()
     os.write(sys.stdout.fileno(), b"r")
     while True:
-        beat = view[BEAT]
+        beat, view[ALIVE] = view[BEAT], time.monotonic_ns()
         is_watched = beat not in (0, answered)
-        wait_ns = beat + timeout_ns - time.monotonic_ns() if is_watched else timeout_ns
-        ready = select.select((orders, *ends), (), (), max(wait_ns, 0) * 1e-9)[0]
+        wait_ns = beat + timeout_ns - view[ALIVE] if is_watched else timeout_ns
+        longest_ns = min(max(wait_ns, 0), LOOK_NS)
+        ready = select.select((orders, *ends), (), (), longest_ns * 1e-9)[0]
         if orders in ready and os.read(orders, 1) == ORDERLY:
             return
         if ready:  # the process ends, and its end of standard input with it
@@ -72,14 +75,16 @@ def _end_of_holder(lock: ctypes.c_void_p) -> int:
 
 
 def write(port: int, message: bytes) -> None:
-    """Write a message as soon as the port takes it; not at all if the device is unplugged."""
-    with suppress(OSError):
-        while True:
-            try:
-                os.write(port, message)
-                return
-            except BlockingIOError:
-                select.select((), (port,), ())
+    """Write a message as soon as the port takes it; say so if the device is unplugged."""
+    while True:
+        try:
+            os.write(port, message)
+            return
+        except BlockingIOError:
+            select.select((), (port,), ())
+        except OSError as error:
+            sys.stderr.write(f"a force may still be on, no zero can be written: {error}\n")
+            return
 
 
 def main() -> None:

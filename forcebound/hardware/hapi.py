@@ -21,6 +21,9 @@ to:
   beside its address and its length; noise in both angles passes it in one of a hundred cases, and
   then most likely fails the device's ``largest_speed``.
 * **NaN passes the firmware's clamp**, so it is refused here.
+* **A reset keeps the torque**, and an exchange then only gets its address as a reply. After a lost
+  byte the board waits for numbers, at most those of a set-up with four encoders.
+  :func:`rest_message` ends the torque in any of these states.
 """
 
 import math
@@ -37,6 +40,7 @@ BOTH = 0b11  # mask of ports 1 and 2
 LARGEST_TORQUE = 0.123  # N m, of a motor; the firmware's clamp
 STEPS = 4095  # of the pulse width, at the largest torque
 REPLY_SIZE = 9  # bytes
+FILLER = 32 * b"\x03"  # no command; as many bytes as a board may wait for; as a float near zero
 TOLERANCE = 0.05  # counts; float32 is finer at any angle of a few turns
 
 _TORQUES = struct.Struct("<BBff")
@@ -85,6 +89,16 @@ def exchange_message(address: int, torque: Vector) -> bytes:
     return _TORQUES.pack(EXCHANGE, address, *torque)
 
 
+def rest_message(address: int, wiring: Wiring) -> bytes:
+    """Return the message that ends every torque, whatever the board has heard before.
+
+    Its first bytes complete what the board may wait for, its set-up brings back what a reset has
+    forgotten, its exchange is the zero. The present pose is the home pose then.
+    """
+    set_up = setup_message(address, wiring)
+    return FILLER + set_up + exchange_message(address, (0.0, 0.0))
+
+
 def held_torque(torque: float) -> float:
     """Return what a motor gives for a torque, in N m: a whole number of steps, towards zero."""
     step = LARGEST_TORQUE / STEPS
@@ -97,6 +111,8 @@ def parse_reply(reply: bytes, address: int, wiring: Wiring) -> Vector:
     Raises:
         DeviceError: If it is not the whole reply of this device to an exchange.
     """
+    if reply == bytes((address,)):
+        raise DeviceError("the board was reset: it has forgotten its set-up, not its torque")
     if len(reply) != REPLY_SIZE:
         raise DeviceError(f"expected a reply of {REPLY_SIZE} bytes, got {len(reply)}")
     echo, *degrees = _ANGLES.unpack(reply)

@@ -30,11 +30,11 @@ that.
 forcebound resists that. Both motors are counted so, whatever the wiring.
 
 **What goes wrong ends in zero torque and a DeviceError**, once: a reply that is short, of another
-address, or not in whole counts; bytes that nobody asked for; silence for half of the watchdog limit
-(10 ms); a port that is gone; a guardian that had to step in (:mod:`forcebound.hardware.line`). A
-reply later than ``reply_within`` is counted and used: it makes a late tick, whose force the ledger
-knows. Nothing can say that the arm is in its home pose when it is set up, but the user who puts it
-there.
+address, or not in whole counts; a board that was reset; bytes that nobody asked for; silence for
+half of the watchdog limit (10 ms); a port that is gone; a guardian that is gone or had to step in
+(:mod:`forcebound.hardware.line`). A reply later than ``reply_within`` is counted and used: it makes
+a late tick, whose force the ledger knows. Nothing can say that the arm is in its home pose when it
+is set up, but the user who puts it there.
 """
 
 import logging
@@ -55,6 +55,7 @@ from forcebound.hardware.hapi import (
     exchange_message,
     held_torque,
     parse_reply,
+    rest_message,
     setup_message,
 )
 from forcebound.hardware.line import Line
@@ -128,8 +129,9 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
 
     def open(self, operator: Operator | None, hold_limit: float) -> "OpenHaply":
         """Return the device, set up in its home pose; see ``DeviceModel``."""
-        zero = exchange_message(self.address, (0.0, 0.0))
-        line = Line(KIND, self.port, zero, self.longest_force, self.mechanism(), operator)
+        rest = rest_message(self.address, WIRINGS[self.version])
+        limit, parts = self.longest_force, self.mechanism()
+        line = Line(KIND, self.port, rest, limit, parts, operator, zero_reply=REPLY_SIZE)
         try:
             return OpenHaply(self, line)
         except BaseException:

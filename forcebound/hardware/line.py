@@ -5,6 +5,7 @@ same reason. Nothing looks for the begin of the next reply in a stream that has 
 user closes the device, puts it into its home pose and starts again.
 """
 
+import logging
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
@@ -23,6 +24,9 @@ EMULATED = "emulated"  # a port's name
 # ends the force; the rest is for waking.
 SILENCE, TIMEOUT = 0.5, 0.75
 QUIET = 0.05  # s; the reply to a former user's last zero may still be on its way
+ACKNOWLEDGED_NS = 100_000_000  # within which a board answers zero force, on a busy machine too
+
+_logger = logging.getLogger(__name__)
 
 
 class Line:
@@ -31,16 +35,17 @@ class Line:
     Args:
         kind: Of the device, a key of ``forcebound.devices.DEVICES``.
         name: Of its port: a path, ``auto``, a serial number, or ``emulated``.
-        zero: The message of zero force.
+        zero: The message of zero force, whatever the board has heard before.
         watchdog_limit: Time within which a force ends that nobody renews, in s.
         mechanism: What an emulator simulates, plain JSON in SI units.
         operator: The hand on an emulated device.
         baud: Bits a second, where that matters.
+        zero_reply: Number of bytes with which the board answers ``zero``; 0: it does not.
 
     Attributes:
         port: Open. Write with :meth:`send`.
         silence: A board that is silent for longer is lost, in s.
-        is_at_rest: Whether it has failed, and zero force was written.
+        is_at_rest: Whether its last force was ended, and the board has answered if it does.
         truth: The ground truth of an emulated device; None: it is a real one.
 
     Raises:
@@ -56,8 +61,10 @@ class Line:
         mechanism: Mapping[str, Any],
         operator: Operator | None,
         baud: int = 115_200,
+        zero_reply: int = 0,
     ) -> None:
-        self._zero = zero
+        self._zero, self._zero_reply = zero, zero_reply
+        self._had_force = False
         self.silence = SILENCE * watchdog_limit
         self.is_at_rest = False
         self._failure: DeviceError | None = None
@@ -95,6 +102,7 @@ class Line:
             raise self._failure
         guardian = self._guardian
         if has_force:
+            self._had_force = True
             guardian.beat(time.monotonic_ns())
         guardian.check()
         if foreign := self.port.drain():
@@ -114,20 +122,31 @@ class Line:
             DeviceError: If the guardian has ended the force: a board may answer its zero, too, so
                 that is what has failed first.
         """
-        with suppress(DeviceError):
-            self.port.write(self._zero)
-            self.is_at_rest = True
-        if self._failure is not None:
-            return
-        self._failure = failure
         try:
-            self._guardian.check()
+            if self._failure is None:
+                self._failure = failure
+                self._guardian.check()
         except DeviceError as first:
             self._failure = first
             raise
+        finally:
+            self._rest()
 
     def close(self) -> None:
         """Write zero force, then close everything."""
-        with suppress(DeviceError):
-            self.port.write(self._zero)
+        self._rest()
         self._opened.close()
+
+    def _rest(self) -> None:
+        """Write zero force; say so, once, if the board may not have taken it."""
+        with suppress(DeviceError):
+            self.port.drain()
+            self.port.write(self._zero)
+            if not self.is_at_rest:
+                until_ns = time.monotonic_ns() + ACKNOWLEDGED_NS
+                reply = self.port.read(self._zero_reply, until_ns)
+                self.is_at_rest = len(reply) == self._zero_reply
+        if self._had_force and not self.is_at_rest:
+            self._had_force = False
+            said = "has not acknowledged zero force: take the power from its motors"
+            _logger.error("a force may still be on: the device at %s %s", self.port.path, said)

@@ -30,7 +30,8 @@ class SerialJoints(StatedJoints):
         serial_number: Of the USB device whose numbers these are; `forcebound identify` writes it,
             and a launch refuses a port with another one. Empty, or a port without one: any.
         on_loss: Of the device, while the force is on: end ends the graph; wait keeps it, without
-            force, until the device is in order and the user says so (`forcebound device resume`).
+            force, until the device is in order and the user says so (`forcebound device resume`). A
+            device whose guardian is gone or silent waits in either case.
         reply_within: A reply later than this is counted as late; a reading that came with a write
             serves the next state if it is younger.
     """

@@ -312,10 +312,11 @@ def _law(seen: Observations) -> Iterator[Finding]:
     if law == "none":
         yield Finding("note", "no_law", "device")
         return
-    if not is_limited(seen.telemetry):
+    section = to_document(seen.config)["device"]
+    if not is_limited(seen.telemetry, section):
         return
-    limited, pushing = limited_ticks(seen.telemetry)
-    commanded, applied = magnitudes(seen.telemetry)
+    limited, pushing = limited_ticks(seen.telemetry, section)
+    commanded, applied = magnitudes(seen.telemetry, section)
     data = {
         "law": law,
         "share": float(limited.sum() / pushing.sum()),
@@ -325,7 +326,6 @@ def _law(seen: Observations) -> Iterator[Finding]:
     device = seen.process("device")
     report = dict(device.status("bounder") or {})
     report["overruns"] = device.growth("bounder", "overruns")
-    section = to_document(seen.config)["device"]
     causes = causes_of_little_force(seen.telemetry, section, report)
     facts = tuple(Fact(cause.code, cause.data) for cause in causes)
     yield Finding("note", "law_limits", "device", data, facts)

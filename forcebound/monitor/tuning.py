@@ -180,6 +180,7 @@ def set_parameters(
             command does not end its change.
     """
     now = configuration(run_dir)
+    _check_files(run_dir, settings, now)
     here = present(run_dir, now)
     if LAW in settings:
         _prepare_law(change(now, settings).device.servo.law, here, kernels)
@@ -208,6 +209,24 @@ def set_parameters(
         await_law(run_dir, values[LAW])
         notes.append(Fact("law_taken", {"ramp": new.device.servo.engage_time}))
     return Change(values, tuple(notes))
+
+
+def _check_files(run_dir: Path, settings: Mapping[str, Any], now: GraphConfig) -> None:
+    """Refuse other files than those beside the launch file: a page may be someone else's."""
+    before = parameters(now)
+    for name, value in settings.items():
+        if not name.endswith(PATHS) or value in (None, before.get(name)):
+            continue
+        folder = Path(RunDocument.read(run_dir).folder).resolve()
+        try:
+            is_there = Path(str(value)).resolve().is_relative_to(folder)
+        except (OSError, ValueError, RuntimeError):  # a name that no file can have
+            is_there = False
+        if not is_there:
+            raise ConfigError(
+                f"{name}: expected a file in {folder} or below, the folder of the launch file (of"
+                f" one that comes with forcebound: where it was started); got {value}"
+            )
 
 
 def _prepare_law(law: str, here: Present, kernels: Kernels | None) -> None:

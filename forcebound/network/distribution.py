@@ -19,7 +19,6 @@ is as likely as the others. The kernel takes the entry ``number % size``; here i
 ``floor(u * size)`` of the sorted ones, which is as likely and keeps the correlation.
 """
 
-import reprlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from statistics import NormalDist
@@ -93,6 +92,6 @@ def _entry(word: str, place: str) -> int:
     if entry is None or not SMALLEST <= entry <= LARGEST:
         raise ConfigError(
             f"{place}: expected whole numbers, {SMALLEST} to {LARGEST}, of which {SCALE} are one"
-            f" jitter (the format of tc's .dist files), got {reprlib.repr(word)}"
+            " jitter (the format of tc's .dist files)"
         )
     return entry

@@ -28,7 +28,7 @@ import zmq
 
 from forcebound.network import limits
 from forcebound.network.channel import Channel, Greeting
-from forcebound.network.descriptors import Grip, most_connections
+from forcebound.network.descriptors import Grip
 from forcebound.network.monitor import WRONG_KEY, Monitor, SocketEvent
 from forcebound.network.notices import Notice
 
@@ -50,14 +50,14 @@ class _Connection:
 class Listener:
     """The connections of one listening socket."""
 
-    def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
+    def __init__(self, monitor: Monitor, names: Mapping[str, str], most: int) -> None:
         self._monitor = monitor
         self._names = names  # of the peers that may come, by public key; empty: no keys
         self._open: dict[int, _Connection] = {}
         self._refused = 0
         self._failure: SocketEvent | None = None
         self._grip = Grip()
-        self._most: int | None = None  # connections; None: not known yet
+        self._most = most  # connections
         self.due_ns: int | None = None
 
     @property
@@ -99,8 +99,6 @@ class Listener:
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events; :attr:`due_ns` is set if there may be more."""
-        if self._most is None:
-            self._most = most_connections()
         notices: list[Notice] = []
         self.due_ns = time_ns if self._read(time_ns, limit, notices) else None
         while len(alive := self._alive()) > self._most:

@@ -25,6 +25,7 @@ from forcebound.network import limits
 from forcebound.network.addresses import resolve
 from forcebound.network.channel import Channel
 from forcebound.network.connector import Connector
+from forcebound.network.descriptors import most_connections
 from forcebound.network.ends import RemoteEnd, refuse_exposure
 from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
@@ -70,6 +71,7 @@ class RemoteLink:
         self._handler: ZapHandler | None = None
         self.descriptors: list[int] = []
         endpoint = f"tcp://{host.numeric}:{end.port}"
+        most = most_connections()  # before others may take all descriptors
         try:
             if end.listens:
                 self._open_handler()
@@ -79,7 +81,7 @@ class RemoteLink:
             raise
         self._peer: Listener | Connector
         if end.listens:
-            self._peer = Listener(monitor, end.peers)
+            self._peer = Listener(monitor, end.peers, most)
         else:
             own = ("", "") if end.key is None else (end.key.name, end.key.public)
             key, name = next(iter(end.peers.items()), ("", ""))

@@ -7,7 +7,6 @@ differences of times count: the trace begins with its first row.
 
 import csv
 import math
-import reprlib
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
@@ -109,8 +108,7 @@ def read_csv(file: Path) -> DelayTrace:
     rows = read_rows(file, "the trace")
     place, head = next(rows, (f"{file}:1", []))
     if tuple(cell.strip() for cell in head) != HEADER:
-        found = reprlib.repr(",".join(head))
-        raise ConfigError(f"{place}: expected the header {','.join(HEADER)}, got {found}")
+        raise ConfigError(f"{place}: expected the header {','.join(HEADER)}")
     times: list[float] = []
     delays: list[float | None] = []
     for place, row in rows:
@@ -136,6 +134,6 @@ def _numbers(row: Sequence[str], place: str) -> tuple[float, float | None]:
     if time is None or not abs(time) <= LARGEST or is_wrong_delay:
         raise ConfigError(
             f"{place}: expected a time in s and a delay in s (>= 0, or nothing: lost), within"
-            f" {LARGEST:g} s, got {reprlib.repr(','.join(row))}"
+            f" {LARGEST:g} s"
         )
     return time, delay

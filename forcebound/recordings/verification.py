@@ -69,7 +69,7 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
     events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
     laws = {event.time_ns: event.data["law"] for event in events if event.event == LAW_CHANGED}
     known = [0, 0]
-    for follows in _follow(packets, commands, _saturation(device)):
+    for follows in _follow(packets, commands):
         known[follows] += 1
     # Whether a device of the user's own can be told how long to hold, only it knew.
     found = [
@@ -90,12 +90,6 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
 
 def _is_simulated(device: DeviceConfig) -> bool:
     return hasattr(device.model, "body")
-
-
-def _saturation(device: DeviceConfig) -> float:
-    """Saturation of the safety chain, in N; of an arm it is one of the joints."""
-    is_arm = getattr(device.model, "kinematics", None) is not None
-    return math.inf if is_arm else device.model.saturation
 
 
 def _lives(packets: Sequence[Telemetry]) -> Iterator[Sequence[Telemetry]]:
@@ -137,18 +131,15 @@ def _is_next(packet: Telemetry, before: Telemetry) -> bool:
     return packet.seq - before.seq - 1 == skipped
 
 
-def _follow(
-    packets: Sequence[Telemetry], commands: Sequence[ForceCommand], saturation: float
-) -> Iterator[bool]:
+def _follow(packets: Sequence[Telemetry], commands: Sequence[ForceCommand]) -> Iterator[bool]:
     """Yield for each commanded force whether it follows from a command."""
     forces: dict[int, list[Vector]] = {}
     for command in commands:
         forces.setdefault(command.device_seq, []).append(command.force)
     for packet in packets:
         if packet.device_seq is not None:
-            ramp = packet.engagement
             sent = forces.get(packet.device_seq, ())
-            yield any(ramped(f, ramp, saturation) == packet.commanded_force for f in sent)
+            yield any(ramped(f, packet.engagement) == packet.commanded_force for f in sent)
 
 
 class _RecordedDevice:
@@ -162,6 +153,7 @@ class _RecordedDevice:
         self.axes: int = len(packet.joints or packet.position)
         self.packet = packet
         self._has_steps = has_steps
+        self._ahead_ns = 0
         self.kinematics = None if packet.joints is None else model.kinematics()
 
     def read(self, time_ns: int) -> Vector:
@@ -174,6 +166,10 @@ class _RecordedDevice:
 
     def stamps(self) -> tuple[int, int]:
         return self.packet.read_ns or 0, self.packet.write_ns or 0
+
+    def latch_jitter(self) -> int:
+        before, self._ahead_ns = self._ahead_ns, self.packet.ahead_ns or 0
+        return self._ahead_ns - before
 
     def cut(self) -> tuple[int, Vector] | None:
         at, position = self.packet.cut_ns, self.packet.cut_position

@@ -233,6 +233,7 @@ def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) ->
         position=reading[:, np.newaxis],
         commanded_force=commanded[:, np.newaxis],
         applied_force=applied[:, np.newaxis],
+        torques=unknown[:, np.newaxis],
         force_limit=unknown,
         estimated_energy=estimated,
         true_energy=energy,
@@ -244,6 +245,7 @@ def _columns(config: GraphConfig, timing: Timing, trace: NDArray[np.float64]) ->
         proxy=unknown[:, np.newaxis],
         normal=unknown[:, np.newaxis],
         loop_delay=np.where(timing.answered >= 0, age, np.nan),
+        reply_age=np.where(timing.answered >= 0, age, np.nan),
         deadline_misses=np.zeros(ticks, dtype=np.int64),
         rejected=timing.rejected,
     )

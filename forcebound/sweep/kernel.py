@@ -77,7 +77,8 @@ X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY, STATE, ENERGY = range(
 AXIS = CONSTANTS + 11  # rows: forcebound.bounding.sample.AxisMemory
 READING, FORCE = AXIS, AXIS + 1
 MEMORY = AXIS + AXIS_ROWS  # rows: forcebound.bounding.sample.Memory
-ROWS = MEMORY + MEMORY_ROWS
+WANTED = MEMORY + MEMORY_ROWS  # N, what the law gets
+ROWS = WANTED + 1
 
 # Kinds of paths of hands; any other operator is given as a table.
 PRESSING, SINUSOIDAL, TABLE = range(3)
@@ -232,16 +233,15 @@ def begin(s: Floats, path: int, targets: Floats) -> None:
 def command(
     s: Floats, k: int, answered: Integers, engagement: Floats, answers: Floats, commanded: Floats
 ) -> None:
-    """Saturate the answer of tick ``k`` and scale it by the engage ramp."""
+    """Scale the answer of tick ``k`` by the engage ramp, and saturate it for the law."""
     last = answers.size // WIDTH - 1
     for i in range(WIDTH):
         answer = answers[(answered[k * WIDTH + i] & last) * WIDTH + i]
-        saturation = s[SATURATION * WIDTH + i]
-        scale = engagement[k * WIDTH + i]
-        magnitude = abs(answer)
-        if magnitude > saturation:
-            scale *= saturation / magnitude
-        commanded[i] = answer * scale
+        force = answer * engagement[k * WIDTH + i]
+        largest = s[SATURATION * WIDTH + i] * engagement[k * WIDTH + i]
+        magnitude = abs(force)
+        commanded[i] = force
+        s[WANTED * WIDTH + i] = largest / magnitude * force if magnitude > largest else force
 
 
 def record(s: Floats, trace: Floats) -> None:
@@ -300,7 +300,7 @@ def _bounder(law: str) -> Callable[..., None]:
     """Return the function that reads, bounds and writes, for every lane."""
     bound, energy = one_axis(LAWS[law], overruns=False), LAWS[law].energy
 
-    def bound_lanes(s: Floats, dt: float, commanded: Floats) -> None:
+    def bound_lanes(s: Floats, dt: float) -> None:
         for i in range(WIDTH):
             device = load_device(s, LAW * WIDTH + i, WIDTH)
             axis, memory, state, write = bound(
@@ -308,7 +308,7 @@ def _bounder(law: str) -> Callable[..., None]:
                 load_memory(s, MEMORY * WIDTH + i, WIDTH),
                 s[STATE * WIDTH + i],
                 quantise(s[X * WIDTH + i], s[RESOLUTION * WIDTH + i]),
-                commanded[i],
+                s[WANTED * WIDTH + i],
                 s[SATURATION * WIDTH + i],
                 dt,
                 device,
@@ -364,7 +364,7 @@ def kernel(law: str, environment: str) -> Kernel:
             if k == 0:
                 start_law(s)
             else:
-                bound(s, period_ns / 1e9, commanded)
+                bound(s, period_ns / 1e9)
             record(s, trace)
 
     allow_in_kernels([query, start_law, bound])

@@ -6,6 +6,7 @@ under ``forcebound``.
 
 import json
 import os
+from collections import UserDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -60,32 +61,21 @@ def read_table(path: Path) -> Table:
         return Table(_Columns(file, path), _about(file))
 
 
-class _Columns(Mapping[str, list[Any]]):
+class _Columns(UserDict[str, Any]):
     """Columns of a file, of which only those in use take memory."""
 
     def __init__(self, file: Any, path: Path) -> None:
-        self._file, self._path = file, path
-        self._names = file.schema_arrow.names
-        self._read: dict[str, list[Any]] = {}
+        super().__init__(dict.fromkeys(file.schema_arrow.names))
+        self._file, self._path, self._cells = file, path, 0
 
-    def __getitem__(self, name: str) -> list[Any]:
-        if name not in self._names:
-            raise KeyError(name)
-        if name not in self._read:
-            if (len(self._read) + 1) * self._file.metadata.num_rows > MAX_CELLS:
+    def __getitem__(self, name: str) -> Any:
+        if super().__getitem__(name) is None:
+            self._cells += self._file.metadata.num_rows
+            if self._cells > MAX_CELLS:
                 raise ConfigError(f"{self._path}: more than {MAX_CELLS} cells (rows times columns)")
             with content_of(self._path):
-                self._read[name] = _values(self._file.read(columns=[name])[name])
-        return self._read[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
+                self[name] = _values(self._file.read(columns=[name])[name])
+        return super().__getitem__(name)
 
 
 def read_about(path: Path) -> dict[str, Any]:

@@ -125,6 +125,7 @@ def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> di
         "type": "frame",
         "time": [sample.time_ns * 1e-9 for sample in samples],
         "delay": [sample.loop_delay for sample in samples],
+        "reply_age": [sample.reply_age for sample in samples],
         "engagement": samples[-1].engagement,
         "misses": samples[-1].deadline_misses,
         "tip": samples[-1].true_position or samples[-1].position,

@@ -55,6 +55,7 @@ export class Figures {
     this.show("limit", `${text(newest("limit"))} N`);
     this.show("true energy, this law", `${text(1e3 * newest("true_energy"))} mJ`);
     this.show("loop delay", `${text(1e3 * newest("delay"))} ms`);
+    this.show("age of the reply", `${text(1e3 * newest("reply_age"))} ms`);
     this.show("latest tick", `${text(1e3 * this.latest)} ms`);
     this.show("missed ticks", String(frame.misses));
   }

@@ -1,0 +1,55 @@
+"""The recorded force of an arm is what its recorded torques give at the tip."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from forcebound.config.document import shipped
+from forcebound.config.loader import load
+from forcebound.launch.virtual import run_virtual
+from forcebound.messages.packets import Telemetry
+from forcebound.recording import read
+
+WEAKER = 0.2  # of the saturation: every run saturates
+
+
+def shipped_arms() -> list[str]:
+    """Shipped launch files whose device has joints, and lives in virtual time, too."""
+    names = [name.removesuffix(".yaml") for name in shipped()]
+    models = {name: load(name).device.model for name in names}
+    return [
+        name
+        for name, model in models.items()
+        if getattr(model, "kinematics", None) and not hasattr(model, "simulated_in")
+    ]
+
+
+def test_there_are_arms() -> None:
+    assert {"desktop_arm", "five_bar_wall", "serial_arm_wall"} <= set(shipped_arms())
+
+
+@pytest.mark.parametrize("law", ["none", "certified", "tdpa"])
+@pytest.mark.parametrize("name", shipped_arms())
+def test_the_applied_force_is_that_of_the_torques(name: str, law: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    config = load(name, [f"law:={law}"])
+    given: Any = config.device.model
+    model = replace(given, saturation=WEAKER * given.saturation)
+    config = replace(config, device=replace(config.device, model=model))
+    run_virtual(config, 1.0, path)
+    kinematics = model.kinematics()
+    saturated = 0
+    for packet in cast("list[Telemetry]", read(path).packets("telemetry")):
+        assert packet.joints is not None
+        assert packet.torques is not None
+        torques = np.array(packet.torques)
+        size = float(np.linalg.norm(torques))
+        assert size <= model.saturation * (1.0 + 1e-9)
+        saturated += size > 0.999 * model.saturation
+        jacobian = np.array(kinematics.jacobian(packet.joints))
+        np.testing.assert_allclose(jacobian.T @ packet.applied_force, torques, rtol=0, atol=1e-9)
+    if law == "none":
+        assert saturated > 10
