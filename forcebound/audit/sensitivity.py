@@ -8,7 +8,7 @@ faster than :data:`FASTEST_HAND`.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, product
+from itertools import chain, islice, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +19,13 @@ from forcebound.audit.path_run import PathResult, attack_path
 from forcebound.audit.paths import PHASE, SENSORS, PathCase
 from forcebound.audit.search import descend
 from forcebound.bounding import Dissipation
+from forcebound.bounding.constants import energy_cap
 from forcebound.devices import DEVICES
 from forcebound.errors import ConfigError
 
 LAW = "certified"
 FASTEST_HAND = 0.5  # m/s
+ANY_HAND = 20.0  # m/s; more than the 15.5 m/s that take the most from the largest force
 #: What of each of two phases is searched; intervals are steady.
 SEARCHED: tuple[str, ...] = ("length", "speed", "rest", "thief", "tremor", "force", "delay")
 TRIED_SENSORS = (SENSORS.index("noisy"), SENSORS.index("anticipating"))
@@ -40,12 +42,20 @@ class Mistake:
         factors: The device's numbers, as multiples of those that it states.
         numbers: Further numbers of the device, of which the law is not informed; SI units.
         resolutions: Further numbers, as multiples of the resolution.
+        watchdog: Of the device.
     """
 
     summary: str
     factors: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     resolutions: dict[str, float] = field(default_factory=dict)
+    watchdog: str = "silent"
+
+
+def _guarding(summary: str, **numbers: float) -> Mistake:
+    """Return a mistake of a guarding watchdog, as the simulated devices have; of any hand."""
+    numbers |= {"guard_period": 50e-6, "fastest_hand": ANY_HAND, "cut_side": 1.0}
+    return Mistake(f"guarding, any hand: {summary}", numbers=numbers, watchdog="guarding")
 
 
 MISTAKES = (
@@ -59,6 +69,12 @@ MISTAKES = (
     Mistake("readings wrong by 4r", {"resolution": 4.0}),
     Mistake("watchdog 15 % early", numbers={"watchdog_tolerance": 0.15, "cut_side": -1.0}),
     Mistake("watchdog 15 % late", numbers={"watchdog_tolerance": 0.15, "cut_side": 1.0}),
+    _guarding("nothing is wrong"),
+    _guarding("first look 5 us late", watchdog_tolerance=5 / 1020),
+    _guarding("first look 20 us late", watchdog_tolerance=20 / 1020),
+    _guarding("first look 50 us late", watchdog_tolerance=50 / 1020),
+    _guarding("drops a force 50 us after the look", drop_delay=50e-6),
+    _guarding("drops a force 1 ms after the look", drop_delay=1e-3),
     Mistake("stamps up to 2 ms late in 2 % of ticks", numbers={"wrong_stamps": 0.02}),
     Mistake("1 % of the writes lost unnoticed", numbers={"lost_writes": 0.01}),
     Mistake("reading to writing 50 us", numbers={"write_delay": 50e-6}),
@@ -97,7 +113,7 @@ def case_of(search: Search, noise: int, point: Sequence[float]) -> PathCase:
         **{name: factor * stated[name] for name, factor in mistake.factors.items()},
     }
     believed = stated | {name: 0.0 for name in UNSTATED if name in numbers}
-    certificate = Certificate(mistake.summary, unstated=believed)
+    certificate = Certificate(mistake.summary, unstated=believed, watchdog=mistake.watchdog)
     phases = [
         [dict(zip(SEARCHED, part, strict=True)).get(name, 0.5) for name in PHASE]
         for part in (point[: len(SEARCHED)], point[len(SEARCHED) :])
@@ -126,6 +142,20 @@ def trembling() -> Iterator[list[float]]:
 UNSTATED = ("gain_error", "watchdog_tolerance", "write_delay", "lag", "presliding")
 
 
+def charging(device: Dissipation, fastest: float) -> Iterator[list[float]]:
+    """Yield points that press on evenly against the largest force, up to the theft.
+
+    So the ledger gets some share of its cap. What is over the cap is discarded, and what a late
+    force gives is taken from that first.
+    """
+    cap = energy_cap(device, 1, device.hold_limit)
+    way = cap / (device.saturation + device.least_friction)
+    for share in (3.0, 2.6, 2.3, 2.0, 1.5, 1.0, 0.5, 0.2):  # the force begins small
+        speed = share * way / ((SAMPLES - THEFT) * device.period)
+        phase = {"speed": 0.5 + 0.5 * math.cbrt(speed / (8.0 * fastest)), "thief": 0.0, "force": 1.0}
+        yield 2 * [phase.get(name, 0.5) for name in SEARCHED]
+
+
 def lowest_energy(search: Search) -> float:
     """Return the lowest energy that a search finds, in J; from the best of some paths on.
 
@@ -139,7 +169,9 @@ def lowest_energy(search: Search) -> float:
         return result, result.objective
 
     levels = (0.0, 0.5, 1.0)
-    points = list(islice(trembling(), search.runs // 3))
+    fastest = search.mistake.numbers.get("fastest_hand", FASTEST_HAND)
+    steady = charging(search.device, fastest)
+    points = list(islice(chain(steady, trembling()), search.runs // 3))
     points += [
         rng.choice((*levels, rng.random()), dimensions).tolist()
         for _ in range(search.runs // 2 - len(points))
