@@ -83,8 +83,6 @@ class BoundedDevice:
         self._ahead_ns = 0  # of the bounder's clock
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
         self._set_limit: Callable[[float], float] | None = getattr(device, "set_hold_limit", None)
-        if dissipation.watchdog == "none":  # then the limit is the plan's alone
-            self._set_limit = None
         if dissipation.watchdog not in ("guarding", "reporting"):
             self._cut = None
         self.learns = learns and (self._set_limit is not None or dissipation.watchdog == "none")

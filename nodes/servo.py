@@ -105,10 +105,9 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         stated["watchdog"] == "silent" and stated["watchdog_tolerance"] is None
     ):
         raise ConfigError(
-            "the device does not state what drops a force that nobody renews, and when: expected a"
-            f" field watchdog, one of {', '.join(WATCHDOGS)}; with silent also watchdog_tolerance,"
-            " the largest share of the hold limit by which it is early or late; with none also"
-            f" watchdog_limit, in s; got watchdog {stated['watchdog']!r}"
+            "the device does not state what drops a force that nobody renews: expected a field"
+            f" watchdog, one of {', '.join(WATCHDOGS)}; silent also needs watchdog_tolerance, the"
+            f" share of the hold limit by which it may be early or late; got {stated['watchdog']}"
         )
     if stated["watchdog_limit"] == "auto":
         stated["watchdog_limit"] = getattr(model, "auto_watchdog_limit", None)

@@ -72,7 +72,7 @@ def device_of(case: PathCase) -> Floats:
     device[truth.SHARED] = (
         float(has_own_axes(case)),
         numbers.get("lag", 0.0),
-        numbers.get("largest_speed", numbers.get("fastest_hand", math.inf)),
+        min(numbers.get("largest_speed", math.inf), numbers.get("fastest_hand", math.inf)),
         float(case.sensor),
         numbers.get("guard_period", 0.0),
         numbers.get("drop_delay", 0.0),

@@ -8,7 +8,7 @@ faster than :data:`FASTEST_HAND`.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, product
+from itertools import islice, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ from forcebound.audit.path_run import PathResult, attack_path
 from forcebound.audit.paths import PHASE, SENSORS, PathCase
 from forcebound.audit.search import descend
 from forcebound.bounding import Dissipation
-from forcebound.bounding.constants import energy_cap
 from forcebound.devices import DEVICES
 from forcebound.errors import ConfigError
 
@@ -53,8 +52,9 @@ class Mistake:
 
 
 def _guarding(summary: str, **numbers: float) -> Mistake:
-    """Return a mistake of a guarding watchdog, as the simulated devices have; of any hand."""
-    numbers |= {"guard_period": 50e-6, "fastest_hand": ANY_HAND, "cut_side": 1.0}
+    """Return a mistake of a guarding watchdog in any hand."""
+    any_hand = {"fastest_hand": ANY_HAND, "largest_speed": math.inf}
+    numbers |= {"guard_period": 50e-6, "cut_side": 1.0, **any_hand}
     return Mistake(f"guarding, any hand: {summary}", numbers=numbers, watchdog="guarding")
 
 
@@ -70,11 +70,9 @@ MISTAKES = (
     Mistake("watchdog 15 % early", numbers={"watchdog_tolerance": 0.15, "cut_side": -1.0}),
     Mistake("watchdog 15 % late", numbers={"watchdog_tolerance": 0.15, "cut_side": 1.0}),
     _guarding("nothing is wrong"),
-    _guarding("first look 5 us late", watchdog_tolerance=5 / 1020),
     _guarding("first look 20 us late", watchdog_tolerance=20 / 1020),
     _guarding("first look 50 us late", watchdog_tolerance=50 / 1020),
     _guarding("drops a force 50 us after the look", drop_delay=50e-6),
-    _guarding("drops a force 1 ms after the look", drop_delay=1e-3),
     Mistake("stamps up to 2 ms late in 2 % of ticks", numbers={"wrong_stamps": 0.02}),
     Mistake("1 % of the writes lost unnoticed", numbers={"lost_writes": 0.01}),
     Mistake("reading to writing 50 us", numbers={"write_delay": 50e-6}),
@@ -85,6 +83,10 @@ MISTAKES = (
     Mistake("friction yields over half a resolution", resolutions={"presliding": 0.5}),
     Mistake("friction yields over 4 resolutions", resolutions={"presliding": 4.0}),
     Mistake("1 reading of 100 wrong by 10 mm", numbers={"wrong_readings": 0.01}),
+    Mistake(
+        "1 reading of 100 wrong by 10 mm, no largest speed stated",
+        numbers={"wrong_readings": 0.01, "largest_speed": math.inf},
+    ),
 )
 
 
@@ -108,6 +110,7 @@ def case_of(search: Search, noise: int, point: Sequence[float]) -> PathCase:
         "overruns": 0.01,
         "less_applied": 0.0,
         "fastest_hand": FASTEST_HAND,
+        "largest_speed": device.largest_speed,
         **mistake.numbers,
         **{name: factor * stated["resolution"] for name, factor in mistake.resolutions.items()},
         **{name: factor * stated[name] for name, factor in mistake.factors.items()},
@@ -142,20 +145,6 @@ def trembling() -> Iterator[list[float]]:
 UNSTATED = ("gain_error", "watchdog_tolerance", "write_delay", "lag", "presliding")
 
 
-def charging(device: Dissipation, fastest: float) -> Iterator[list[float]]:
-    """Yield points that press on evenly against the largest force, up to the theft.
-
-    So the ledger gets some share of its cap. What is over the cap is discarded, and what a late
-    force gives is taken from that first.
-    """
-    cap = energy_cap(device, 1, device.hold_limit)
-    way = cap / (device.saturation + device.least_friction)
-    for share in (3.0, 2.6, 2.3, 2.0, 1.5, 1.0, 0.5, 0.2):  # the force begins small
-        speed = share * way / ((SAMPLES - THEFT) * device.period)
-        phase = {"speed": 0.5 + 0.5 * math.cbrt(speed / (8.0 * fastest)), "thief": 0.0, "force": 1.0}
-        yield 2 * [phase.get(name, 0.5) for name in SEARCHED]
-
-
 def lowest_energy(search: Search) -> float:
     """Return the lowest energy that a search finds, in J; from the best of some paths on.
 
@@ -169,9 +158,7 @@ def lowest_energy(search: Search) -> float:
         return result, result.objective
 
     levels = (0.0, 0.5, 1.0)
-    fastest = search.mistake.numbers.get("fastest_hand", FASTEST_HAND)
-    steady = charging(search.device, fastest)
-    points = list(islice(chain(steady, trembling()), search.runs // 3))
+    points = list(islice(trembling(), search.runs // 3))
     points += [
         rng.choice((*levels, rng.random()), dimensions).tolist()
         for _ in range(search.runs // 2 - len(points))
@@ -199,6 +186,7 @@ def stated_by(kind: str) -> Dissipation:
         damping=all_axes.least_damping,
         friction=all_axes.least_friction,
         resolution=all_axes.coarsest_resolution,
+        largest_speed=getattr(model, "largest_speed", None) or math.inf,
     )
 
 

@@ -82,9 +82,7 @@ class DeviceExtras(Protocol):
     def set_hold_limit(self, seconds: float) -> float:
         """Drop the forces from the next write on when they have acted for ``seconds``.
 
-        Returns:
-            The hold limit that was set, in s: a device may not be able to hold for so long, or for
-            so short a time. The bounder plans with it.
+        Return the hold limit that was really set, in s: the bounder plans with it.
         """
         ...
 

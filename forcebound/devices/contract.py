@@ -10,6 +10,7 @@ from typing import Any
 
 from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import Device, DeviceModel
+from forcebound.devices.guard import GuardedDevice
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
 from forcebound.parts.contract import VALUE, Findings, Report, describe_raised, is_unit
@@ -162,25 +163,21 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
 
 
-def _check_limit(device: Any, found: Findings) -> float:
-    """Return the hold limit that the device says it has set, in s; ``HOLD`` if it says none."""
-    with found.noting("set_hold_limit", "a hold limit", f"set_hold_limit({HOLD})"):
-        limit = device.set_hold_limit(HOLD)
-        if isinstance(limit, int | float) and 0.0 < limit < math.inf:
-            return limit
-        found.add("set_hold_limit", "> 0 s, finite", repr(limit), f"set_hold_limit({HOLD})")
-    return HOLD
+def _check_limit(device: Any, found: Findings) -> None:
+    with found.noting("set_hold_limit", "a hold limit > 0 s", f"set_hold_limit({HOLD})"):
+        guarded: Any = GuardedDevice(device)
+        guarded.set_hold_limit(HOLD)
 
 
 def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None:
     """Push the free device with forces of all sizes, and see how long it gives each of them."""
-    limit_ns = round(_check_limit(device, found) * 1e9 * (1.0 + model.watchdog_tolerance))
-    period_ns = round(model.guard_period * 1e9)
-    for trial in range(GUARD_TRIALS):
-        size = model.saturation * 0.5 ** (trial // 2 % 6) * (-1) ** trial
-        time_ns += REST_NS + trial * period_ns // 9  # at any phase of a timer of its own
-        where = f"a force of {size:.3g} at {time_ns} ns, hold limit {limit_ns} ns"
-        with found.noting("guard", "a cut", where):
+    with found.noting("guard", "a device that sets its hold limit, with stamps and cuts", "guard"):
+        latest = 1.0 + getattr(model, "watchdog_tolerance", 0.0)  # hold limits
+        limit_ns = round(device.set_hold_limit(HOLD) * 1e9 * latest)
+        period_ns = round(model.guard_period * 1e9)
+        for trial in range(GUARD_TRIALS):
+            size = model.saturation * 0.5 ** (trial // 2 % 6) * (-1) ** trial
+            time_ns += REST_NS + trial * period_ns // 9  # at any phase of a timer of its own
             start = device.read(time_ns)
             device.write(time_ns, (size / math.sqrt(model.axes),) * model.axes)
             limit_at = device.stamps()[1] + limit_ns
@@ -191,6 +188,7 @@ def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None
                     device.read(latest_ns + 4 * PERIOD_NS)
                     report = device.cut()
                     if report is None or report[0] > latest_ns:
+                        where = f"force {size:.3g} at {time_ns} ns, hold limit {limit_ns} ns"
                         found.add("guard", f"a cut by {latest_ns} ns", repr(report), where)
                     break
 

@@ -78,8 +78,7 @@ class DesktopArm(SimulatedArm):
     friction: TorqueOfJoints = 0.0173  # 0.13 N at 0.133 m
     resolution: AngleOfJoints = 4.1e-4  # 55 um at 0.133 m
     saturation: Annotated[Torque, POSITIVE] = 0.44  # 3.3 N at 0.133 m
-    # 5.3 m/s at 0.133 m: twice what a hand's fastest reach along the 0.21 m of the workspace's
-    # diagonal, in 0.15 s, peaks at (see phantom.py).
+    # 5.3 m/s at 0.133 m: twice a hand's peak along the workspace's diagonal (see phantom.py).
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 40.0
     upper: Annotated[Length, POSITIVE] = 0.13335
     lower: Annotated[Length, POSITIVE] = 0.13335

@@ -85,8 +85,8 @@ class FiveBarNumbers:
     friction: TorqueOfJoints = 4e-3  # assumed; 0.06 N there
     resolution: AngleOfJoints = math.tau / 4880  # data sheet, version 3; version 2 is finer
     saturation: Annotated[Torque, POSITIVE] = 0.123  # the firmware's clamp
-    # 7 m/s at an elbow. A hand's fastest reach across the 0.15 m of the workspace, in 0.15 s, peaks
-    # at 1.9 m/s (see phantom.py), so a motor at 27 rad/s; near singular poses it turns faster.
+    # 7 m/s at an elbow; a hand's peak over 0.15 m is 27 rad/s (see phantom.py), more near singular
+    # poses.
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0
     origin: tuple[Length, Length] = (0.0, 0.105)
     sources: Mapping[str, Source] = field(default_factory=lambda: SOURCES, hash=False)

@@ -65,7 +65,7 @@ class Motor:
         """Set the hold limit of the forces from the next write on, in s; return what was set."""
         self._hold_limit = seconds if self._fixed_hold is None else self._fixed_hold
         self._hold_ns = self._hold_of(self._share)
-        return self._hold_limit
+        return seconds
 
     def _hold_of(self, share: float) -> int:
         return round(min(share * self._hold_limit * 1e9, NEVER))

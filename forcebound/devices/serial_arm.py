@@ -90,8 +90,7 @@ class SerialArm(SimulatedArm):
     friction: TorqueOfJoints = 0.0168  # 0.12 N at 0.14 m
     resolution: AngleOfJoints = 2.1e-4  # 30 um at 0.14 m
     saturation: Annotated[Torque, POSITIVE] = 1.2  # 8.5 N at 0.14 m
-    # 7 m/s at 0.14 m: twice the peak of a hand's fastest reach across the arm's 0.28 m, in 0.15 s
-    # (see phantom.py), since the joints of a folded arm turn faster.
+    # 7 m/s at 0.14 m: twice a hand's peak over 0.28 m (see phantom.py); folded, joints turn faster.
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 50.0
     upper: Annotated[Length, POSITIVE] = 0.14
     lower: Annotated[Length, POSITIVE] = 0.14
