@@ -8,7 +8,8 @@ At each write the bounder hears what really happened since the last one, before 
    says by how much a reading may be later than its stamp, that is added to the interval: the same
    way in a longer time dissipates less. So the bounder's clock runs ahead by what is uncertain.
 2. *Cuts.* Where and when a guarding or reporting watchdog has dropped a force.
-3. *The hold limit* of the force to come. The device is given it before the write.
+3. *The hold limit* of the force to come. The device is given it before the write, and the bounder
+   plans with what the device says that it has set.
 
 An arm (a device with ``kinematics``) is bounded in its joints: its readings are angles, its forces
 torques, and the command becomes the torques of that force at the tip. Saturation and law scale the
@@ -84,10 +85,10 @@ class BoundedDevice:
         self._fresh: Callable[[], Vector | None] | None = getattr(device, "fresh_reading", None)
         self._ahead_ns = 0  # of the bounder's clock
         self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
-        self._tell: Callable[[float], None] | None = getattr(device, "set_hold_limit", None)
+        self._set_limit: Callable[[float], float] | None = getattr(device, "set_hold_limit", None)
         if dissipation.watchdog not in ("guarding", "reporting"):
             self._cut = None
-        self.learns = learns and (self._tell is not None or dissipation.watchdog == "none")
+        self.learns = learns and (self._set_limit is not None or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._is_fixed = learns and not self.learns
         if self._is_fixed:
@@ -129,8 +130,7 @@ class BoundedDevice:
 
     def _learn_anew(self) -> None:
         self._hold_limit.restart()
-        if self.learns:
-            self._change_limit()
+        self._change_limit()
 
     @property
     def holds_force(self) -> bool:
@@ -244,12 +244,15 @@ class BoundedDevice:
         )
 
     def _change_limit(self) -> None:
-        """Use the learned limit, and more where the watchdog may cut before it."""
-        seconds = self._hold_limit.limit_ns * 1e-9 / (1.0 - self._dissipation.watchdog_tolerance)
+        """Use the limit that is stated, or learned: more where the watchdog may cut before it."""
+        seconds = self._dissipation.hold_limit
+        if self.learns:
+            certain = 1.0 - self._dissipation.watchdog_tolerance
+            seconds = self._hold_limit.limit_ns * 1e-9 / certain
+        if self._set_limit is not None:
+            seconds = self._set_limit(seconds)
         self._use_limit = seconds
         self.bounder.set_hold_limit(seconds)
-        if self._tell is not None:
-            self._tell(seconds)
 
     def _saturated(self, wanted: Vector, engagement: float) -> Vector:
         """Return no more force or torque than the motors have; the direction is kept.

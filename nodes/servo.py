@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from forcebound.bounding import Dissipation
+from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.nodes.hold_limit import FIXED, FLOOR
@@ -97,6 +98,14 @@ def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
         ConfigError: If the numbers are out of range or do not go together.
     """
     stated = {name: getattr(model, name, None) for name in STATED}
+    if stated["watchdog"] is None or (
+        stated["watchdog"] == "silent" and stated["watchdog_tolerance"] is None
+    ):
+        raise ConfigError(
+            "the device does not state what drops a force that nobody renews: expected a field"
+            f" watchdog, one of {', '.join(WATCHDOGS)}; silent also needs watchdog_tolerance, the"
+            f" share of the hold limit by which it may be early or late; got {stated['watchdog']}"
+        )
     if stated["watchdog_limit"] == "auto":
         stated["watchdog_limit"] = getattr(model, "auto_watchdog_limit", None)
     dissipation = Dissipation(

@@ -46,8 +46,16 @@ class Told(Silent):
         super().__init__()
         self.limits: list[float] = []
 
-    def set_hold_limit(self, seconds: float) -> None:
+    def set_hold_limit(self, seconds: float) -> float:
         self.limits.append(seconds)
+        return seconds
+
+
+class Clamping(Told):
+    """A device that holds no force for less than 2 ms."""
+
+    def set_hold_limit(self, seconds: float) -> float:
+        return max(super().set_hold_limit(seconds), 2e-3)
 
 
 class Stamping(Told):
@@ -103,6 +111,22 @@ def bounded(device: Silent, law: str = "none", learns: bool = True) -> BoundedDe
     made = BoundedDevice(device, law, DISSIPATION, learns)
     made.begin()
     return made
+
+
+@pytest.mark.parametrize("learns", [False, True])
+def test_a_force_is_planned_for_the_hold_limit_that_the_device_has_set(learns: bool) -> None:
+    def limit_of(device: Silent, dissipation: Dissipation, learns: bool) -> tuple[float, float]:
+        node = BoundedDevice(device, "certified", dissipation, learns)
+        node.begin()
+        for tick in range(20):
+            device.position = (tick * 1e-3,)
+            node.write(tick * MS, (8.5,), 1.0)
+        return node.bounder.limit, node.report()["hold_limit"]
+
+    clamped = limit_of(Clamping(), DISSIPATION, learns)
+    as_stated = limit_of(Silent(), replace(DISSIPATION, hold_limit=2e-3), learns=False)
+    assert clamped == pytest.approx(as_stated)
+    assert clamped < limit_of(Told(), DISSIPATION, learns)
 
 
 def test_no_force_before_it_engages_whatever_is_commanded() -> None:
@@ -241,7 +265,7 @@ def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
 def test_a_hold_limit_of_the_launch_file_stays() -> None:
     device = Told()
     node = bounded(device, learns=False)
-    assert device.limits == []
+    assert set(device.limits) == {DISSIPATION.hold_limit}
     assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
 
 

@@ -31,8 +31,11 @@ class Extended(FakeDevice):
     report: object = (5, (0.1,))
     fresh: Vector | None = (0.3,)
 
-    def set_hold_limit(self, seconds: float) -> None:
+    set_limit: Any = 1.5e-3
+
+    def set_hold_limit(self, seconds: float) -> Any:
         self.hold_limit = seconds
+        return self.set_limit
 
     def cut(self) -> Any:
         return self.report
@@ -52,7 +55,7 @@ def test_the_guard_passes_on_the_optional_members() -> None:
     assert guarded.stamps is not None
     assert guarded.fresh_reading is not None
     assert guarded.kinematics is not None
-    guarded.set_hold_limit(2e-3)
+    assert guarded.set_hold_limit(2e-3) == 1.5e-3
     assert device.hold_limit == 2e-3
     assert guarded.cut() == (5, (0.1,))
     assert guarded.stamps() == (1, 2)
@@ -65,6 +68,18 @@ def test_the_guard_of_a_device_without_optional_members_has_none() -> None:
     guarded = GuardedDevice(FakeDevice())
     members = guarded.set_hold_limit, guarded.cut, guarded.stamps, guarded.fresh_reading
     assert (*members, guarded.kinematics) == (None,) * 5
+
+
+@pytest.mark.parametrize("limit", [None, 0.0, math.nan, "2 ms"])
+def test_the_guard_refuses_a_device_that_does_not_say_what_hold_limit_it_has_set(
+    limit: object,
+) -> None:
+    device = Extended()
+    device.set_limit = limit
+    set_hold_limit = GuardedDevice(device).set_hold_limit
+    assert set_hold_limit is not None
+    with pytest.raises(DeviceError, match="failed in set_hold_limit"):
+        set_hold_limit(2e-3)
 
 
 @pytest.mark.parametrize("report", [(5,), (5, (0.1, 0.2)), (5, (math.nan,)), "soon"])

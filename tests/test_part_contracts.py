@@ -19,9 +19,12 @@ from forcebound.controllers import contract as controllers
 from forcebound.controllers.direct import DirectController
 from forcebound.devices import DEVICES
 from forcebound.devices import contract as devices
+from forcebound.devices.motor import Motor
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.devices.true_values import TrueAxes
 from forcebound.errors import DeviceError
+from forcebound.messages.packets import Vector
 from forcebound.operators import OPERATORS, Operator
 from forcebound.operators import contract as operators
 from forcebound.operators.following import FollowingHand
@@ -92,12 +95,40 @@ def test_a_law_without_a_summary_or_with_an_error_is_found(
     assert not check_law(limit=fails).held["answers"]
 
 
+class LateMotor(Motor):
+    """A motor whose guard looks, or drops a force, too late."""
+
+    leaving_ns = 0  # a look has seen something: when the force is gone
+
+    def __init__(self, model: Any, *arguments: Any) -> None:
+        super().__init__(model, *arguments)
+        self._odd = model
+        if model.true_period is not None:
+            self._guard_ns = round(1e9 * model.true_period)
+
+    def _hold_of(self, share: float) -> int:
+        return super()._hold_of(share) + getattr(self, "_odd", Odd()).look_late
+
+    def change(self, reading: Vector) -> bool:
+        seen = self._has_moved_back(reading) and self.next_ns == self._drop_ns
+        if self._odd.drop_late and seen and self.leaving_ns != self.next_ns:
+            self._drop_ns = self.leaving_ns = self.next_ns + self._odd.drop_late
+            self._plan()
+            return False
+        return super().change(reading)
+
+
 class Held(SimulatedDevice):
     """A device that holds what the test wants."""
 
     def __init__(self, model: "Odd") -> None:
         super().__init__(model, None, 1.25e-3)
         self._odd = model
+        self._motor = LateMotor(model, TrueAxes(), 1.25e-3, (0.0,))
+
+    def set_hold_limit(self, seconds: float) -> Any:
+        limit = super().set_hold_limit(seconds)
+        return limit if self._odd.says_limit else None
 
     def read(self, time_ns: int) -> Any:
         return self._odd.reading if self._odd.reading is not None else super().read(time_ns)
@@ -118,6 +149,10 @@ class Odd(PhantomPremium15):
     port: str = "here"
     opens_anything: bool = False
     locked_after: int = 2  # openings
+    look_late: int = 0  # ns
+    drop_late: int = 0  # ns
+    says_limit: bool = True
+    true_period: float | None = None  # s, between two looks
 
     def open(self, operator: Operator | None, hold_limit: float) -> Held:
         if self.port != "here" and not self.opens_anything:
@@ -144,6 +179,11 @@ def test_a_law_that_was_replaced_and_put_back_ships_again() -> None:
         ({"fails_to_close": True}, "opens"),
         ({"locked_after": 1}, "reopens"),
         ({"opens_anything": True, "locked_after": 3}, "port"),
+        ({"watchdog": None}, "states"),
+        ({"says_limit": False}, "set_hold_limit"),
+        ({"look_late": 5_000}, "guard"),
+        ({"drop_late": 5_000}, "guard"),
+        ({"guard_period": 30e-6, "true_period": 50e-6}, "guard"),
     ],
 )
 def test_what_a_device_breaks_is_found(

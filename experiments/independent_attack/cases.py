@@ -21,6 +21,7 @@ from experiments.independent_attack.truth import (
     COMPENSATION,
     DAMPING,
     DEVICE_ROWS,
+    DROP,
     ERROR,
     FASTEST,
     FRICTION,
@@ -178,6 +179,21 @@ def guarding(draft: Draft) -> None:
     draft.numbers[GUARD] = draft.fields["guard_period"]
 
 
+def phantom(draft: Draft) -> None:
+    """The numbers of the simulated PHANToM Premium 1.5, whose first look is up to 5 us late."""
+    stated = {"damping": 0.27, "friction": 0.12, "resolution": 3e-5, "saturation": 8.5}
+    draft.fields |= stated | {"period": 1e-3, "hold_limit": 1.02e-3}
+    draft.device[DAMPING, 0], draft.device[FRICTION, 0], draft.device[ERROR, 0] = 0.27, 0.12, 1.5e-5
+    draft.case["tolerance"] = draft.fields["watchdog_tolerance"] = 5 / 1020
+
+
+def drops_late(draft: Draft) -> None:
+    """A guarding watchdog needs some time to drop a force: a look at the limit comes too late."""
+    drop = draft.fields["guard_period"] * draft.random.uniform(0.05, 0.9)
+    draft.numbers[GUARD], draft.numbers[DROP] = draft.fields["guard_period"] - drop, drop
+    draft.fields["watchdog_tolerance"] = drop / draft.fields["hold_limit"]
+
+
 def none(draft: Draft) -> None:
     """No watchdog; late holds up to the hardware's limit may leak the allowance."""
     hold = draft.fields["hold_limit"]
@@ -253,8 +269,8 @@ EFFECTS: dict[str, Callable[[Draft], None]] = {
     effect.__name__: effect
     for effect in (
         pooled, joints, write_delay, presliding, gain, gain_of_axes, lag, tolerance, reporting,
-        guarding, none, none_punctual, changing, refused, glitches, too_fast, cap, weight,
-        weight_cut,
+        guarding, phantom, drops_late, none, none_punctual, changing, refused, glitches, too_fast,
+        cap, weight, weight_cut,
     )
 }  # fmt: skip
 
@@ -278,6 +294,22 @@ CERTIFICATES = {
     ),
     "reporting": Certificate("reporting watchdog", ("reporting",), {}),
     "guarding": Certificate("guarding watchdog", ("guarding",), {}),
+    "guarding_late": Certificate(
+        "guarding watchdog, first look early or late within a tolerance",
+        ("tolerance", "guarding"),
+        {"watchdog_tolerance": 0.0},
+    ),
+    "guarding_phantom": Certificate(
+        "guarding watchdog, the simulated PHANToM, first look 5 us early or late",
+        ("phantom", "guarding"),
+        {"watchdog_tolerance": 0.0},
+        axes=(1,),
+    ),
+    "guarding_drop": Certificate(
+        "guarding watchdog, drop some time after the look, within a tolerance",
+        ("guarding", "drops_late"),
+        {"watchdog_tolerance": 0.0},
+    ),
     "guarding_all": Certificate(
         "guarding watchdog, elastic friction, gain error, other hold limits",
         ("presliding", "gain_of_axes", "changing", "guarding"),

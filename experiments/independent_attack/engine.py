@@ -34,6 +34,7 @@ from experiments.independent_attack.truth import (
     BODY_ROWS,
     BRISTLE,
     COMPENSATION,
+    DROP,
     ERROR,
     FASTEST,
     OUTPUT,
@@ -252,7 +253,7 @@ class _Watch:
         holds[0] = limit * (1.0 + case.tolerance * self.cuts[index])
         if not watched:
             holds[0] = case.stated.watchdog_limit
-        holds[1] = limit * (1.0 + case.tolerance)
+        holds[1] = limit * (1.0 + case.tolerance) + case.numbers[DROP]
         holds[2] = case.late
 
 

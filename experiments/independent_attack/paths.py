@@ -19,6 +19,7 @@ from experiments.independent_attack.truth import (
     AXES,
     COMPENSATION,
     DAMPING,
+    DROP,
     ERROR,
     FASTEST,
     FRICTION,
@@ -230,7 +231,7 @@ def through(
     """
     lag = numbers[LAG]
     write, cut, hold = events[0], events[1], events[2]
-    now = 0.0
+    now, is_leaving = 0.0, False  # a guard has seen something; a new force comes before it forgets
     step = np.empty(AXES)
     for piece in range(times.size):
         left = times[piece]
@@ -238,10 +239,12 @@ def through(
         while True:
             if write <= now and write >= 0.0:
                 body[TARGET] = force - device[COMPENSATION]
-                cut, write = now + hold, -1.0
+                cut, write, is_leaving = now + hold, -1.0, False
                 seen[AT_WRITE] = body[POSITION]
-            if cut <= now and is_guarded(body, device, numbers, seen):
+            if cut <= now and not is_leaving and is_guarded(body, device, numbers, seen):
                 cut = now + numbers[GUARD]
+            if cut <= now and not is_leaving and numbers[DROP] > 0.0:
+                cut, is_leaving = now + numbers[DROP], True
             if cut <= now:
                 body[TARGET] = 0.0
                 record[CUT_TIME] = now

@@ -40,9 +40,9 @@ DEVICE_ROWS = 7
 
 # Places of its other numbers.
 # s; 1: friction acts along the path; number of axes; 1: an arm, moved at its tip; m/s; s between
-# two looks of a guarding watchdog, or 0.
-LAG, ALONG_PATH, USED_AXES, AT_TIP, FASTEST, GUARD = range(6)
-NUMBERS = 6
+# two looks of a guarding watchdog, or 0; s from a look that has seen something to the drop.
+LAG, ALONG_PATH, USED_AXES, AT_TIP, FASTEST, GUARD, DROP = range(7)
+NUMBERS = 7
 
 #: Pieces into which the worst end of a hold is cut when the force changes within it.
 PIECES = 6
@@ -309,7 +309,7 @@ def strike_guarded(
     """Return the lowest energy, in J, in a long hold that is guarded.
 
     The hand moves back by 2r, which the readings can hide, on all axes or on one of them, slowly;
-    then as far as it pays before the watchdog looks again.
+    then as far as it pays before the watchdog has looked again and dropped the force.
 
     Args:
         body: The state now, at a reading; it is not changed.
@@ -332,5 +332,6 @@ def strike_guarded(
         no_faster(move, STALL, numbers[FASTEST])
         energy += walk(state, device, numbers, STALL, move)
         lowest = min(lowest, energy)
-        lowest = min(lowest, energy + worst_end(state, device, numbers, numbers[GUARD], 1)[1])
+        left = numbers[GUARD] + numbers[DROP]
+        lowest = min(lowest, energy + worst_end(state, device, numbers, left, 1)[1])
     return lowest

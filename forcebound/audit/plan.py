@@ -56,7 +56,7 @@ class Plan(NamedTuple):
 def device_of(case: PathCase) -> Floats:
     """Return the device as it really is; :mod:`forcebound.audit.truth` names the rows."""
     numbers, axes = case.numbers, axes_of(case)
-    device = np.zeros((truth.SHARED + 1, 5))
+    device = np.zeros((truth.SHARED + 1, 6))
     for row, name, ratio in (
         (truth.DAMPING, "damping", "damping_ratio"),
         (truth.FRICTION, "friction", "friction_ratio"),
@@ -72,9 +72,10 @@ def device_of(case: PathCase) -> Floats:
     device[truth.SHARED] = (
         float(has_own_axes(case)),
         numbers.get("lag", 0.0),
-        numbers.get("largest_speed", numbers.get("fastest_hand", math.inf)),
+        min(numbers.get("largest_speed", math.inf), numbers.get("fastest_hand", math.inf)),
         float(case.sensor),
         numbers.get("guard_period", 0.0),
+        numbers.get("drop_delay", 0.0),
     )
     return device
 
@@ -223,6 +224,7 @@ def _readings(case: PathCase, u: Floats, chance: Floats, noise: Floats, end: Any
     late = chance[:, 0] < case.numbers["overruns"]
     periods[late] *= 1.0 + 5.0 * chance[late, 1]
     periods[end] = _cuts(case, _hold_limits(case))[end] * 1e-9 / PERIOD
+    periods[end] += case.numbers.get("drop_delay", 0.0) / PERIOD
     shortest = case.numbers.get("shortest", SHORTEST_NS)
     intervals = np.maximum(np.rint(1e9 * PERIOD * periods), shortest).astype(np.int64)
     return np.asarray(np.cumsum(intervals) - intervals[0])

@@ -24,6 +24,7 @@ from forcebound.errors import ConfigError
 
 LAW = "certified"
 FASTEST_HAND = 0.5  # m/s
+ANY_HAND = 20.0  # m/s; more than the 15.5 m/s that take the most from the largest force
 #: What of each of two phases is searched; intervals are steady.
 SEARCHED: tuple[str, ...] = ("length", "speed", "rest", "thief", "tremor", "force", "delay")
 TRIED_SENSORS = (SENSORS.index("noisy"), SENSORS.index("anticipating"))
@@ -40,12 +41,21 @@ class Mistake:
         factors: The device's numbers, as multiples of those that it states.
         numbers: Further numbers of the device, of which the law is not informed; SI units.
         resolutions: Further numbers, as multiples of the resolution.
+        watchdog: Of the device.
     """
 
     summary: str
     factors: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     resolutions: dict[str, float] = field(default_factory=dict)
+    watchdog: str = "silent"
+
+
+def _guarding(summary: str, **numbers: float) -> Mistake:
+    """Return a mistake of a guarding watchdog in any hand."""
+    any_hand = {"fastest_hand": ANY_HAND, "largest_speed": math.inf}
+    numbers |= {"guard_period": 50e-6, "cut_side": 1.0, **any_hand}
+    return Mistake(f"guarding, any hand: {summary}", numbers=numbers, watchdog="guarding")
 
 
 MISTAKES = (
@@ -59,6 +69,10 @@ MISTAKES = (
     Mistake("readings wrong by 4r", {"resolution": 4.0}),
     Mistake("watchdog 15 % early", numbers={"watchdog_tolerance": 0.15, "cut_side": -1.0}),
     Mistake("watchdog 15 % late", numbers={"watchdog_tolerance": 0.15, "cut_side": 1.0}),
+    _guarding("nothing is wrong"),
+    _guarding("first look 20 us late", watchdog_tolerance=20 / 1020),
+    _guarding("first look 50 us late", watchdog_tolerance=50 / 1020),
+    _guarding("drops a force 50 us after the look", drop_delay=50e-6),
     Mistake("stamps up to 2 ms late in 2 % of ticks", numbers={"wrong_stamps": 0.02}),
     Mistake("1 % of the writes lost unnoticed", numbers={"lost_writes": 0.01}),
     Mistake("reading to writing 50 us", numbers={"write_delay": 50e-6}),
@@ -69,6 +83,10 @@ MISTAKES = (
     Mistake("friction yields over half a resolution", resolutions={"presliding": 0.5}),
     Mistake("friction yields over 4 resolutions", resolutions={"presliding": 4.0}),
     Mistake("1 reading of 100 wrong by 10 mm", numbers={"wrong_readings": 0.01}),
+    Mistake(
+        "1 reading of 100 wrong by 10 mm, no largest speed stated",
+        numbers={"wrong_readings": 0.01, "largest_speed": math.inf},
+    ),
 )
 
 
@@ -92,12 +110,13 @@ def case_of(search: Search, noise: int, point: Sequence[float]) -> PathCase:
         "overruns": 0.01,
         "less_applied": 0.0,
         "fastest_hand": FASTEST_HAND,
+        "largest_speed": device.largest_speed,
         **mistake.numbers,
         **{name: factor * stated["resolution"] for name, factor in mistake.resolutions.items()},
         **{name: factor * stated[name] for name, factor in mistake.factors.items()},
     }
     believed = stated | {name: 0.0 for name in UNSTATED if name in numbers}
-    certificate = Certificate(mistake.summary, unstated=believed)
+    certificate = Certificate(mistake.summary, unstated=believed, watchdog=mistake.watchdog)
     phases = [
         [dict(zip(SEARCHED, part, strict=True)).get(name, 0.5) for name in PHASE]
         for part in (point[: len(SEARCHED)], point[len(SEARCHED) :])
@@ -167,6 +186,7 @@ def stated_by(kind: str) -> Dissipation:
         damping=all_axes.least_damping,
         friction=all_axes.least_friction,
         resolution=all_axes.coarsest_resolution,
+        largest_speed=getattr(model, "largest_speed", None) or math.inf,
     )
 
 

@@ -30,12 +30,12 @@ Integers: TypeAlias = NDArray[np.int64]
 PIECES = 3  # straight lines between two events
 NEVER = np.iinfo(np.int64).max // 2
 
-# A device, shape (8, at least 5): rows with one number for each axis, and a row of shared numbers.
+# A device, shape (8, at least 6): rows with one number for each axis, and a row of shared numbers.
 DAMPING, FRICTION, PRESLIDING, HALF_RESOLUTION, WEIGHT, CARRIED, GAIN, SHARED = range(8)
 #: Columns of the shared numbers: whether friction acts on each axis by itself, the time constant of
-#: the amplifier in s, the largest speed in m/s, the kind of reading error, and the time between
-#: two looks of a guarding watchdog in s, or 0.
-ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR, GUARD_PERIOD = range(5)
+#: the amplifier in s, the largest speed in m/s, the kind of reading error, the time between two
+#: looks of a guarding watchdog in s, or 0, and how long after a look it drops the force, in s.
+ON_EACH_AXIS, LAG, LARGEST_SPEED, SENSOR, GUARD_PERIOD, DROP_DELAY = range(6)
 
 # A path, as far as it does not depend on the forces: for each sample a row of times, in ns: of the
 # reading, of the write (-1: it is lost), how long after the write the watchdog drops the force and
@@ -54,8 +54,8 @@ CHOICES = 13
 POSITION, BRISTLE, MOTOR, WRITTEN, ENERGIES = range(5)
 NOW, AT_WRITE, LOWEST, PUNCTUAL_FALL = range(4)
 # Times of the device, in ns: of the coming cut, of the last one in this interval (0: none), when
-# the hold is late, and when a hold was first late.
-CUT, WAS_CUT, LATE, FIRST_LATE = range(4)
+# the hold is late, when a hold was first late, and when a force is gone after a look (0: no look).
+CUT, WAS_CUT, LATE, FIRST_LATE, GONE = range(5)
 
 
 class Motion(NamedTuple):
@@ -72,7 +72,7 @@ def start(axes: int, device: Floats) -> Motion:
         if device[PRESLIDING, i] > 0.0:
             stiffness = device[FRICTION, i] / device[PRESLIDING, i]
             state[BRISTLE, i] = -device[WEIGHT, i] / stiffness
-    return Motion(state, np.full(4, NEVER))
+    return Motion(state, np.full(5, NEVER))
 
 
 def walk(
@@ -111,7 +111,7 @@ def walk(
     energies[LOWEST], energies[PUNCTUAL_FALL] = energies[NOW], 0.0
     while True:
         if now == write:
-            events[CUT] = write + times[n - 1, CUT_AFTER]
+            events[CUT], events[GONE] = write + times[n - 1, CUT_AFTER], 0
             events[LATE] = write + times[n - 1, PUNCTUAL]
             energies[AT_WRITE] = energies[NOW]
             for i in range(axes):
@@ -119,8 +119,11 @@ def walk(
             look(n, axes, choices, device, state, -1.0, readings[2])
         if now >= end:
             break
-        if now == events[CUT] and is_guarded(n, axes, choices, device, state, readings):
+        guarded = now == events[CUT] and is_guarded(n, axes, choices, device, state, readings)
+        if guarded and events[GONE] == 0:
             events[CUT] = now + max(round(device[SHARED, GUARD_PERIOD] * 1e9), 1)
+        elif now == events[CUT] and events[GONE] == 0 and device[SHARED, DROP_DELAY] > 0.0:
+            events[CUT] = events[GONE] = now + round(device[SHARED, DROP_DELAY] * 1e9)
         elif now == events[CUT]:
             events[WAS_CUT] = now
             for i in range(axes):

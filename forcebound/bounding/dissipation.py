@@ -16,8 +16,9 @@ from forcebound.errors import ConfigError
 #: A number for every axis alike, or one for each axis.
 PerAxis: TypeAlias = float | tuple[float, ...]
 
-#: ``guarding``: from the hold limit on looks at the readings, drops the force when one of them has
-#: moved back, and says when and where. ``reporting``: drops it at the hold limit, and says so.
+#: ``guarding``: looks at the readings, first at the hold limit, drops the force when one of them
+#: has moved back from where it was when that force began to act, and says when and where; see
+#: ``guard_period``. ``reporting``: drops it at the hold limit, and says so.
 #: ``silent``: drops it and says nothing. ``none``: the force stays on until the next write, or
 #: until ``watchdog_limit``.
 Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
@@ -52,13 +53,14 @@ class Dissipation:
             thereafter, in s; what it is in each sample is measured.
         largest_speed: Largest speed, in m/s. A reading that implies more is refused.
         watchdog: What happens to a force older than the hold limit; see :data:`Watchdog`.
-        watchdog_tolerance: A silent watchdog drops the force somewhere between ``1 - tolerance``
-            and ``1 + tolerance`` hold limits.
+        watchdog_tolerance: The watchdog drops the force, a guarding one looks first, somewhere
+            between ``1 - tolerance`` and ``1 + tolerance`` hold limits.
         watchdog_limit: Without a watchdog: longest time that a force can stay on when no other
             comes, in s; then the hardware drops it, or something else that you vouch for. A
             guarding watchdog drops it then at the latest.
-        guard_period: Longest time between two looks of a guarding watchdog, in s, less than the
-            period.
+        guard_period: δ of a guarding watchdog, in s, less than the period: longest time from the
+            last look that saw nothing to the force being gone after the next look. A force that
+            has moved back before the hold limit is gone at the hold limit.
         allowance: Most that the hand may get out of holds longer than the hold limit, ε, in J.
         energy_cap: Most energy that a ledger keeps, in J; None: the most that the saturation can
             use.

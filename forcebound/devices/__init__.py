@@ -14,7 +14,7 @@ the node then tries to write zero force, closes the device, and the graph ends.
 
 from typing import Protocol
 
-from forcebound.bounding.dissipation import PerAxis
+from forcebound.bounding.dissipation import PerAxis, Watchdog
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Quaternion, Vector
 from forcebound.operators import Operator
@@ -43,7 +43,8 @@ class Device(Protocol):
         """Hold ``force``, in N, from ``time_ns`` on; return what is really applied.
 
         The device lets the force fall to zero by itself when it is older than the hold limit,
-        unless it states ``watchdog: none``, or once a reading moves back with ``guarding``.
+        unless it states ``watchdog: none``; with ``guarding`` once a reading has moved back from
+        where it was when the force began to act, at the hold limit at the earliest.
         """
         ...
 
@@ -78,17 +79,20 @@ class DeviceExtras(Protocol):
 
     kinematics: Kinematics | None
 
-    def set_hold_limit(self, seconds: float) -> None:
-        """Drop the forces from the next write on when they have acted for ``seconds``."""
+    def set_hold_limit(self, seconds: float) -> float:
+        """Drop the forces from the next write on when they have acted for ``seconds``.
+
+        Return the hold limit that was really set, in s: the bounder plans with it.
+        """
         ...
 
     def cut(self) -> tuple[int, Vector] | None:
         """Return when and where the watchdog has dropped a force since the last write.
 
         Returns:
-            Time, in ns, and the reading at that time; None if it has dropped none. If it has
-            dropped the force of the last write and, before it began to act, that of the one
-            before, the later cut.
+            Time when the force was gone, in ns, and the reading then; None if it has dropped none.
+            If it has dropped the force of the last write and, before it began to act, that of the
+            one before, the later cut.
         """
         ...
 
@@ -146,7 +150,7 @@ class DeviceModel(Protocol):
 
     A model may also state the numbers of :class:`forcebound.devices.stated.StatedImperfections`,
     ``presliding``, ``weight`` and ``weight_error`` under their names; without them, or with None,
-    the device has none of these imperfections, and its watchdog is silent.
+    the device has none of these imperfections.
     """
 
     @property
@@ -172,6 +176,11 @@ class DeviceModel(Protocol):
     @property
     def saturation(self) -> float:
         """Largest force, in N (of joints: N m)."""
+        ...
+
+    @property
+    def watchdog(self) -> Watchdog:
+        """What drops a force that is too old; a silent one has a ``watchdog_tolerance``."""
         ...
 
     def open(self, operator: Operator | None, hold_limit: float) -> Device:

@@ -8,19 +8,25 @@ import dataclasses
 import math
 from typing import Any
 
+from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import Device, DeviceModel
+from forcebound.devices.guard import GuardedDevice
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
 from forcebound.parts.contract import VALUE, Findings, Report, describe_raised, is_unit
 
 PROMISES: dict[str, str] = {
-    "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution and saturation",
+    "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution, saturation and"
+    " watchdog",
     "opens": "opens without an operator, and closes",
     "answers": "answers every read and write",
     "shape": "readings and held forces are tuples with one finite number per axis",
     "bounded": "holds no more than it was asked for, and no more than its saturation",
     "stamps": "stamps of a read and of the write after it, in whole ns, in this order",
     "cut": "a reported cut has a time within the hold, and one finite reading per axis",
+    "set_hold_limit": "returns the hold limit that it has set, in s",
+    "guard": "a guarding watchdog: a force that has moved back is gone at the hold limit; later, at"
+    " most guard_period after the last look that saw nothing",
     "orientation": "the orientation of the tip is a quaternion w x y z of length 1",
     "buttons": f"buttons are a whole number from 0 to {MAX_COUNT}, a bit for each",
     "kinematics": "finite positions of the tip, and one finite torque per joint",
@@ -30,9 +36,15 @@ PROMISES: dict[str, str] = {
 }
 SENSED = ("orientation", "buttons")
 #: Promises that only an open device can keep or break.
-OF_OPEN = ("answers", "shape", "bounded", "stamps", "cut", *SENSED, "kinematics", "reopens")
+OF_OPEN = (
+    *("answers", "shape", "bounded", "stamps", "set_hold_limit", "cut", "guard", *SENSED),
+    *("kinematics", "reopens"),
+)
 
 PERIOD_NS = 1_000_000
+HOLD = 2e-3  # s, of the checks of a watchdog
+GUARD_TRIALS = 32
+REST_NS = 500_000_000  # between them, until the device rests again
 NO_PORT = "/nowhere/port"
 
 
@@ -90,6 +102,9 @@ def _check_statements(model: Any, found: Findings) -> None:
             found.check_number("states", model, name, unit, above=name == "damping")
         elif len(value) != axes or not all(number >= 0.0 for number in value):
             found.add("states", f"a number >= 0 {unit}, or {axes}", repr(value), name)
+    watchdog = getattr(model, "watchdog", None)
+    if watchdog not in WATCHDOGS:
+        found.add("states", f"one of {', '.join(WATCHDOGS)}", repr(watchdog), "watchdog")
 
 
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:
@@ -115,6 +130,7 @@ def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) 
     """Check the optional members from ``time_ns`` on; return the promises of absent ones."""
     checks = {
         "stamps": lambda: _check_stamps(device, model.axes, time_ns, found),
+        "set_hold_limit": lambda: _check_limit(device, found),
         "cut": lambda: _check_cut(device, model, time_ns, found),
         "orientation": lambda: _check_orientation(device, time_ns, found),
         "buttons": lambda: _check_buttons(device, time_ns, found),
@@ -123,6 +139,9 @@ def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) 
     absent = [name for name in checks if getattr(device, name, None) is None]
     for name in checks.keys() - absent:
         checks[name]()
+    if device.truth() is None or model.watchdog != "guarding":
+        return [*absent, "guard"]
+    _check_guard(device, model, time_ns + REST_NS, found)
     return absent
 
 
@@ -144,11 +163,41 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
 
 
+def _check_limit(device: Any, found: Findings) -> None:
+    with found.noting("set_hold_limit", "a hold limit > 0 s", f"set_hold_limit({HOLD})"):
+        guarded: Any = GuardedDevice(device)
+        guarded.set_hold_limit(HOLD)
+
+
+def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None:
+    """Push the free device with forces of all sizes, and see how long it gives each of them."""
+    with found.noting("guard", "a device that sets its hold limit, with stamps and cuts", "guard"):
+        latest = 1.0 + getattr(model, "watchdog_tolerance", 0.0)  # hold limits
+        limit_ns = round(device.set_hold_limit(HOLD) * 1e9 * latest)
+        period_ns = round(model.guard_period * 1e9)
+        for trial in range(GUARD_TRIALS):
+            size = model.saturation * 0.5 ** (trial // 2 % 6) * (-1) ** trial
+            time_ns += REST_NS + trial * period_ns // 9  # at any phase of a timer of its own
+            start = device.read(time_ns)
+            device.write(time_ns, (size / math.sqrt(model.axes),) * model.axes)
+            limit_at = device.stamps()[1] + limit_ns
+            for now_ns in range(limit_at, limit_at + 2 * limit_ns, max(period_ns // 20, 1)):
+                moved = zip(device.read(now_ns), start, strict=True)
+                if any(size * (now - then) < 0.0 for now, then in moved):
+                    latest_ns = now_ns + (now_ns > limit_at) * period_ns
+                    device.read(latest_ns + 4 * PERIOD_NS)
+                    report = device.cut()
+                    if report is None or report[0] > latest_ns:
+                        where = f"force {size:.3g} at {time_ns} ns, hold limit {limit_ns} ns"
+                        found.add("guard", f"a cut by {latest_ns} ns", repr(report), where)
+                    break
+
+
 def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
     axes, end_ns = model.axes, time_ns + 10 * PERIOD_NS
     with found.noting("cut", "a report, or None", "cut() after a hold of 10 ms"):
         if getattr(device, "set_hold_limit", None) is not None:
-            device.set_hold_limit(2e-3)
+            device.set_hold_limit(HOLD)
         device.write(time_ns, (0.0,) * axes)
         device.read(end_ns)
         report = device.cut()

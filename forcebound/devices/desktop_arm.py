@@ -30,7 +30,7 @@ from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, Inertia, Length, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Torque
 
 
 def desktop_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
@@ -78,6 +78,8 @@ class DesktopArm(SimulatedArm):
     friction: TorqueOfJoints = 0.0173  # 0.13 N at 0.133 m
     resolution: AngleOfJoints = 4.1e-4  # 55 um at 0.133 m
     saturation: Annotated[Torque, POSITIVE] = 0.44  # 3.3 N at 0.133 m
+    # 5.3 m/s at 0.133 m: twice a hand's peak along the workspace's diagonal (see phantom.py).
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 40.0
     upper: Annotated[Length, POSITIVE] = 0.13335
     lower: Annotated[Length, POSITIVE] = 0.13335
     origin: tuple[Length, Length] = (-0.025, 0.165)  # ours: the arm then reaches the whole box
@@ -89,6 +91,7 @@ class DesktopArm(SimulatedArm):
             "damping": "assumed",
             "friction": "assumed",
             "inertia": "data sheet",
+            "largest_speed": "assumed",
             "resolution": "data sheet",
             "saturation": "data sheet",
         },

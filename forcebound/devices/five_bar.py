@@ -23,13 +23,14 @@ from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Inertia, Length, Torque
+from forcebound.quantities import NOT_NEGATIVE, POSITIVE, AngularSpeed, Inertia, Length, Torque
 
 SOURCES: Mapping[str, Source] = {
     "damping": "assumed",
     "friction": "assumed",
     "resolution": "data sheet",
     "saturation": "data sheet",
+    "largest_speed": "assumed",
 }
 #: Sine of the angle between the distal links below which the tip cannot be held: 6 degrees.
 LEAST_SINE = 0.1
@@ -84,6 +85,9 @@ class FiveBarNumbers:
     friction: TorqueOfJoints = 4e-3  # assumed; 0.06 N there
     resolution: AngleOfJoints = math.tau / 4880  # data sheet, version 3; version 2 is finer
     saturation: Annotated[Torque, POSITIVE] = 0.123  # the firmware's clamp
+    # 7 m/s at an elbow; a hand's peak over 0.15 m is 27 rad/s (see phantom.py), more near singular
+    # poses.
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0
     origin: tuple[Length, Length] = (0.0, 0.105)
     sources: Mapping[str, Source] = field(default_factory=lambda: SOURCES, hash=False)
 

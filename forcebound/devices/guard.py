@@ -36,7 +36,8 @@ class GuardedDevice:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self.set_hold_limit: Callable[[float], None] | None = _guard(device, "set_hold_limit")
+        self.set_hold_limit: Callable[[float], float] | None
+        self.set_hold_limit = _guard(device, "set_hold_limit", _checked_limit)
         self.cut: Callable[[], tuple[int, Vector] | None] | None
         self.cut = _guard(device, "cut", self._checked_cut)
         self.stamps: Callable[[], tuple[int, int]] | None
@@ -122,6 +123,12 @@ def _finite(answer: Sequence[float]) -> Vector:
     if not all(map(math.isfinite, vector)):
         raise DeviceError(f"expected finite numbers, got {answer!r}")
     return vector
+
+
+def _checked_limit(answer: Any) -> float:
+    if not isinstance(answer, int | float) or not 0.0 < answer < math.inf:
+        raise DeviceError(f"expected the hold limit that was set, > 0 s, got {answer!r}")
+    return float(answer)
 
 
 def _checked_orientation(answer: Any) -> Quaternion:

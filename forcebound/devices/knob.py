@@ -21,7 +21,7 @@ from forcebound.devices.stated_joints import (
     TorqueOfJoints,
 )
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
 
 def knob_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
@@ -56,9 +56,12 @@ class Knob(SimulatedArm):
     friction: TorqueOfJoints = 1e-2  # 0.25 N at the hand
     resolution: AngleOfJoints = 2.0 * math.pi / 8192
     saturation: Annotated[Torque, POSITIVE] = 0.3  # 7.5 N at the hand
+    # 4 m/s at the hand: three times a hand's fastest twist, 2.6 rad in 0.15 s (see phantom.py).
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
-            ("damping", "friction", "resolution", "saturation", "inertia"), "assumed"
+            ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"),
+            "assumed",
         ),
         hash=False,
     )

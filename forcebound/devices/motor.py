@@ -17,8 +17,8 @@ class Motor:
 
     A written force acts after the write delay, in place of the one before. The watchdog drops a
     force that has acted for longer than the hold limit that held when it was written. A guarding
-    one drops it only if, at one of its looks from then on, an axis has moved back: against the
-    force, from where it was when the force began to act.
+    one looks at that very instant, then once in each guard period, and drops the force at the look
+    that sees an axis moved back: against the force, from where it was when the force began to act.
 
     Args:
         stated: What the device states.
@@ -61,10 +61,11 @@ class Motor:
         self.cut_ns: int | None = None
         self.set_hold_limit(hold_limit)
 
-    def set_hold_limit(self, seconds: float) -> None:
-        """Set the hold limit of the forces from the next write on, in s."""
+    def set_hold_limit(self, seconds: float) -> float:
+        """Set the hold limit of the forces from the next write on, in s; return what was set."""
         self._hold_limit = seconds if self._fixed_hold is None else self._fixed_hold
         self._hold_ns = self._hold_of(self._share)
+        return seconds
 
     def _hold_of(self, share: float) -> int:
         return round(min(share * self._hold_limit * 1e9, NEVER))

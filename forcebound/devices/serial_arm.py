@@ -19,7 +19,7 @@ from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
-from forcebound.quantities import POSITIVE, Inertia, Length, Range, Torque
+from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
 
 def planar_pose(angles: Floats, geometry: Floats, tip: Floats, jacobian: Floats) -> None:
@@ -90,12 +90,15 @@ class SerialArm(SimulatedArm):
     friction: TorqueOfJoints = 0.0168  # 0.12 N at 0.14 m
     resolution: AngleOfJoints = 2.1e-4  # 30 um at 0.14 m
     saturation: Annotated[Torque, POSITIVE] = 1.2  # 8.5 N at 0.14 m
+    # 7 m/s at 0.14 m: twice a hand's peak over 0.28 m (see phantom.py); folded, joints turn faster.
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 50.0
     upper: Annotated[Length, POSITIVE] = 0.14
     lower: Annotated[Length, POSITIVE] = 0.14
     origin: tuple[Length, Length] = (0.14, -0.14)  # upper link level, lower one down
     sources: Mapping[str, Source] = field(
         default_factory=lambda: dict.fromkeys(
-            ("damping", "friction", "resolution", "saturation", "inertia"), "assumed"
+            ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"),
+            "assumed",
         ),
         hash=False,
     )

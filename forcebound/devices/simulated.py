@@ -137,9 +137,9 @@ class SimulatedDevice:
         self._motor.write(time_ns, self._told(force), force, reading)
         return force
 
-    def set_hold_limit(self, seconds: float) -> None:
+    def set_hold_limit(self, seconds: float) -> float:
         """Set the hold limit; see :class:`forcebound.devices.DeviceExtras`."""
-        self._motor.set_hold_limit(seconds)
+        return self._motor.set_hold_limit(seconds)
 
     def cut(self) -> tuple[int, Vector] | None:
         """Return the reported cut; see :class:`forcebound.devices.DeviceExtras`."""

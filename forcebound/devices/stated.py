@@ -53,7 +53,8 @@ class StatedImperfections:
         watchdog_tolerance: The watchdog drops the force within this share of the hold limit.
         watchdog_limit: Without a watchdog that keeps the hold limit: age at which the hardware
             drops a force after all; auto: never, or after 100 ms if it is guarded.
-        guard_period: A guarding watchdog looks so often at the readings.
+        guard_period: Of a guarding watchdog, from the last look that saw nothing to the force being
+            gone after the next look. It looks first at the hold limit.
         sources: By name of a number: measured, data sheet or assumed; for reports.
     """
 

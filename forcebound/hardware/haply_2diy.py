@@ -40,13 +40,12 @@ is set up, but the user who puts it there.
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from forcebound.devices.five_bar import SOURCES, FiveBar, FiveBarNumbers
+from forcebound.devices.five_bar import FiveBar, FiveBarNumbers
 from forcebound.devices.kinematics import ArmKinematics
-from forcebound.devices.stated import Source
 from forcebound.errors import DeviceError
 from forcebound.hardware.hapi import (
     LARGEST_TORQUE,
@@ -64,7 +63,7 @@ from forcebound.hardware.serial_joints import SerialJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.parts.plain import plain
-from forcebound.quantities import POSITIVE, AngularSpeed, Range, Time
+from forcebound.quantities import Range, Time
 
 KIND = "haply_2diy"
 FIRST = 1.0  # s, what a board may need for its first reply
@@ -91,14 +90,9 @@ class Haply2DIY(FiveBarNumbers, SerialJoints):
     board: ClassVar[str] = KIND
     simulated_in: ClassVar[str] = "five_bar_wall"  # launch file for virtual time
 
-    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0  # assumed: 7 m/s at an elbow
     write_delay: Annotated[Time, Range(at_least=0)] = 3e-4  # measured, with the emulator
     version: Literal[2, 3] = 3
     address: Annotated[int, Range(at_least=1, at_most=254)] = 5
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: {**SOURCES, "largest_speed": "assumed"},
-        hash=False,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

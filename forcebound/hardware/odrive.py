@@ -105,7 +105,8 @@ class ODrive(SerialJoints):
     friction: TorqueOfJoints = 1e-2  # assumed
     resolution: AngleOfJoints = 2.0 * math.tau / 8192  # data sheet of a common encoder
     saturation: Annotated[Torque, POSITIVE] = 0.3  # assumed
-    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0  # assumed
+    # Assumed: a hand's fastest twist peaks at 33 rad/s (see knob.py), a free motor may be faster.
+    largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 200.0
     write_delay: Annotated[Time, Range(at_least=0)] = 6e-4  # measured, with the emulator
     joints: Annotated[int, Range(at_least=1, at_most=3)] = 1
     lever: Annotated[Length, POSITIVE] = 0.04

@@ -188,8 +188,9 @@ class _RecordedDevice:
 class _ToldDevice(_RecordedDevice):
     """The same, that can be told how long to hold a force."""
 
-    def set_hold_limit(self, seconds: float) -> None:
-        """Do nothing: what came of it is recorded."""
+    def set_hold_limit(self, seconds: float) -> float:
+        """Return ``seconds``: what came of it is recorded."""
+        return seconds
 
 
 class _Rerun:
