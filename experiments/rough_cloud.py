@@ -59,7 +59,7 @@ def pressed(model: PointCloud) -> tuple[int, list[float]]:
         world, force = model.open(3), np.zeros(3)
         for depth in np.arange(FROM, DEEPEST + STEP / 2, STEP):
             x, y, z = ((RADIUS - depth) * out).tolist()
-            force = np.array(world.force((x, y, z), STILL, 0.0))
+            force = np.array(world.force("", (x, y, z), STILL, 0.0))
             size = float(np.linalg.norm(force))
             if depth > 0.0 and size > 0.0:
                 angles.append(math.degrees(math.acos(min(abs(float(force @ out)) / size, 1.0))))

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.traces import trace_of
-from forcebound.devices.guard import GuardedDevice
+from forcebound.devices import Device
+from forcebound.devices.guard import guarded
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Packet
@@ -76,7 +77,7 @@ def build_device(
     clock: Callable[[], int] | None = None,
     lateness: Callable[[], int] | None = None,
 ) -> DeviceNode:
-    """Return the device node with its device, opened; see :class:`forcebound.nodes.device.DeviceNode`.
+    """Return the device node with its device, opened; see :class:`DeviceNode`.
 
     Raises:
         DeviceError: If the device cannot be opened.
@@ -87,8 +88,10 @@ def build_device(
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
+    if not isinstance(device, Device):
+        raise DeviceError(f"open must return a forcebound.devices.Device, got {device!r}")
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
-        device = GuardedDevice(device)
+        device = guarded(device)
     return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
 
 

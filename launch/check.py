@@ -18,13 +18,13 @@ from forcebound.environments import (
     Environment,
     EnvironmentModel,
     open_environment,
-    optional_methods,
 )
 from forcebound.environments import contract as environments
 from forcebound.environments.strokes import ACROSS, INWARDS, Touch, feel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
+from forcebound.parts import overridden
 from forcebound.parts.contract import Report
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.units import parse_quantity
@@ -207,7 +207,7 @@ def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -
         environment = open_environment(model, axes)
         try:
             scene = environment.scene()
-            if scene is None or "contact" not in optional_methods(environment):
+            if scene is None or "contact" not in overridden(environment, Environment):
                 return None
             count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
             return feel(environment, scene, axes, count)

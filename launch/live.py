@@ -185,8 +185,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         checks.append(partial(check_writable, record, "the recording"))
     if config.remote is not None:
         checks.append(partial(config.remote.check_here, "graph"))
-    if (check_device := getattr(config.device.model, "check_here", None)) is not None:
-        checks.append(check_device)
+    checks.append(config.device.model.check_here)
     for check in checks:
         try:
             check()

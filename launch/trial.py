@@ -34,7 +34,7 @@ def try_start(config: GraphConfig) -> None:
         "controller": config.controller,
         "environment": config.environment.model,
     }
-    if getattr(config.device.model, "simulated_in", None) is not None:
+    if config.device.model.simulated_in is not None:
         return
     kinds = {name: kind_of(name, part) for name, part in parts.items() if part is not None}
     if not KINDS["device"].is_shipped(kinds["device"]):

@@ -91,7 +91,7 @@ def check_has_virtual_time(config: GraphConfig) -> None:
     Raises:
         ConfigError: If it is; names the launch file with the simulated device of its kind.
     """
-    instead = getattr(config.device.model, "simulated_in", None)
+    instead = config.device.model.simulated_in
     if instead is not None:
         kind = kind_of("device", config.device.model)
         raise ConfigError(

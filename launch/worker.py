@@ -106,8 +106,7 @@ def _run_or_lose(
     try:
         _run(kind, config, run, run_dir, stop, engages_itself=False)
     except DeviceError as failure:
-        on_loss = getattr(config.device.model, "on_loss", "end")
-        if on_loss != "wait" and not isinstance(failure, GuardianError):
+        if config.device.model.on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)
         return LOST

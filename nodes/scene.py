@@ -11,6 +11,7 @@ from forcebound.environments import Environment
 from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
 from forcebound.messages.packets import MAX_LENGTH, Packet, Scene, SceneObject, Vector
 from forcebound.nodes.events import EventLog
+from forcebound.parts import overridden
 from forcebound.parts.user_module import describe_user_error
 
 PERIOD_NS = 33_333_334  # between two scenes that differ
@@ -39,7 +40,8 @@ class SceneTeller:
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
-        self._has_scene = True  # until it answers that it has none
+        # A step in vain would make the next answer late.
+        self._has_scene = "scene" in overridden(environment, Environment)
         self._environment = environment
         self.is_wanted = False  # until its next answer: it may have none
 

@@ -47,7 +47,7 @@ def test_an_error_is_told_with_its_question_and_its_line() -> None:
     violation = broken(Answers(far_fails), "answers")
     assert violation.got.startswith("OverflowError")
     assert f"{__file__}:" in violation.got
-    assert violation.where.startswith("force((1e+300,), (0.0,), 0.0)")
+    assert violation.where.startswith("force('', (1e+300,), (0.0,), 0.0)")
 
 
 def test_a_missing_axis_is_told_with_what_came() -> None:

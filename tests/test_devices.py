@@ -1,6 +1,7 @@
 """The simulated device against mechanics."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +37,8 @@ SIMULATED = [kind for kind in sorted(DEVICES) if "devices" in DEVICES[kind].__mo
 
 @pytest.fixture(params=SIMULATED)
 def model(request: pytest.FixtureRequest) -> DeviceModel:
-    return DEVICES[request.param]()
+    make: Callable[[], DeviceModel] = DEVICES[request.param]
+    return make()
 
 
 def test_a_device_reads_and_applies_one_value_per_axis(model: DeviceModel) -> None:

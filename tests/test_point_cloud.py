@@ -84,7 +84,7 @@ def test_no_straight_press_falls_through_random_points(
     for out in _random_sphere(60, seed=2) / RADIUS:
         world = model.open(3)
         for depth in np.arange(-0.015, 0.0101, 0.0005):
-            force = world.force(tuple(((RADIUS - depth) * out).tolist()), STILL, 0.0)
+            force = world.force("", tuple(((RADIUS - depth) * out).tolist()), STILL, 0.0)
         assert math.hypot(*force) > 10.0  # 10 mm below the points, and the skin is outside of them
     assert not caplog.records
 

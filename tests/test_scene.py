@@ -140,7 +140,7 @@ def test_a_stateless_model_may_tell_its_scene() -> None:
     assert scenes(answer(node, 0)) == [Scene(0, 0, (BALL,), None)]
     assert not may_report_contacts(Drawn())
     assert may_report_contacts(Floor())
-    assert getattr(open_environment(Wall(), 1), "scene", None) is None
+    assert open_environment(Wall(), 1).scene() is None
 
 
 def test_columns_have_the_contact_of_the_same_tick() -> None:

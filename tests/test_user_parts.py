@@ -31,6 +31,8 @@ PAGES = ("law", "controller", "device")
 HAND = """\
 from dataclasses import dataclass
 
+from forcebound.operators import Operator
+
 from forcebound.messages.packets import Vector
 
 

@@ -210,7 +210,7 @@ class Section:
             return kind(**values, **made_before)
         except Exception as error:
             if isinstance(error, ValueError | ArithmeticError):
-                at = self.value.entries.get(getattr(error, "field", None) or "")
+                at = self.value.entries.get(_field_of(error) or "")
                 self.add_here(f"{self.name}: {error}") if at is None else self.add(str(error), at)
             elif kind_of(kind) is not None:
                 self.add_here(f"{self.name}: {describe_user_error(error)}")
@@ -272,11 +272,15 @@ def _inside(value: Value, location: Sequence[int | str]) -> tuple[str, Value]:
     return ".".join(names), value
 
 
+def _field_of(error: Exception) -> str | None:
+    return error.field if isinstance(error, ConfigError) else None
+
+
 def _refusal(detail: Any) -> tuple[str, ...]:
     """What is wrong with a value of the right type, and with which of its fields, if one is."""
     if detail["type"] == "value_error":
         error = detail["ctx"]["error"]
-        field = getattr(error, "field", None)
+        field = _field_of(error)
         return (str(error),) if field is None else (str(error), field)
     if detail["type"] in _KEYS:
         return (f"{_KEYS[detail['type']]} {detail['loc'][-1]!r}",)

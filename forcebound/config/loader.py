@@ -52,6 +52,7 @@ from forcebound.config.user_parts import (
     warn_far,
     warn_uncertified,
 )
+from forcebound.environments import EnvironmentModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.network.ends import DEFAULT_PORT
@@ -289,10 +290,10 @@ def _environment(section: Section) -> EnvironmentConfig | None:
     return made if _has_files(section, model) else None
 
 
-def _has_files(section: Section, model: Any) -> bool:
+def _has_files(section: Section, model: EnvironmentModel) -> bool:
     """Whether the files that a model names will do, if it can tell; if not, a problem is noted."""
     try:
-        getattr(model, "check_files", lambda: None)()
+        model.check_files()
     except ConfigError as error:
         at = section.value
         for name in (error.field or "file").split("."):

@@ -169,13 +169,14 @@ class _Tree:
 
     def syntax_error(self, error: Exception) -> None:
         # What the parser raises has a mark; what its reader raises, a position in the text.
-        mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
-        words = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
+        facts = vars(error)
+        mark, position = facts.get("problem_mark"), facts.get("position")
+        words = facts.get("problem") or facts.get("reason") or str(error)
         message = f"this is not YAML: {words.partition(chr(10))[0] or 'damaged'}"
         if "'\\t'" in words:
             message = "a tab; YAML wants spaces here"
-        elif getattr(error, "context", None):
-            message += f" ({error.context})"  # type: ignore[attr-defined]  # looked for just now
+        elif facts.get("context"):
+            message += f" ({facts['context']})"
         place = Place(self._name)
         if mark is not None:
             place = self._at(mark.line, mark.column)

@@ -21,7 +21,7 @@ from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Contact, SceneObject, Vector
-from forcebound.parts import Form, Table
+from forcebound.parts import Form, Table, overridden
 from forcebound.parts.user_module import describe_user_error
 
 
@@ -89,15 +89,11 @@ class StatelessEnvironment(EnvironmentModel, Environment):
         return self
 
 
-def optional_methods(environment: Environment) -> frozenset[str]:
-    """Return which of ``contact`` and ``scene`` an open environment has of its own."""
-    kind, base = type(environment), vars(Environment)
-    return frozenset(n for n in ("contact", "scene") if getattr(kind, n) is not base[n])
-
-
 def may_report_contacts(model: EnvironmentModel) -> bool:
     """Return whether an instance of a model may report contacts; only the instance knows."""
-    return not isinstance(model, StatelessEnvironment) or "contact" in optional_methods(model)
+    return not isinstance(model, StatelessEnvironment) or "contact" in overridden(
+        model, Environment
+    )
 
 
 def open_environment(model: EnvironmentModel, axes: int) -> Environment:

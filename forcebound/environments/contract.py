@@ -17,11 +17,11 @@ from forcebound.environments import (
     Environment,
     EnvironmentModel,
     open_environment,
-    optional_methods,
 )
 from forcebound.environments.strokes import strokes
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
+from forcebound.parts import overridden
 from forcebound.parts.contract import VALUE, Findings, Report, copy_of, is_unit, vector_fault
 
 FAR = 1e6  # m, m/s: within it a force must be finite
@@ -140,7 +140,7 @@ def _answers(
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
         environment = open_environment(model, axes)
         if seen is not None:
-            seen |= optional_methods(environment)
+            seen |= overridden(environment, Environment)
             _check_scene(environment, f"scene() before the first query, {axes} axes", found)
         for question in questions:
             report(question)
@@ -257,7 +257,7 @@ def _edges(model: EnvironmentModel) -> list[float]:
     """Parameters that may be positions, and the floats beside them."""
     if not dataclasses.is_dataclass(model):
         return []
-    values = [getattr(model, field.name, None) for field in dataclasses.fields(model)]
+    values = [getattr(model, field.name) for field in dataclasses.fields(model)]
     lengths = [float(v) for v in values if isinstance(v, int | float) and abs(v) <= 1.0]
     beside = [(math.nextafter(v, -math.inf), v, math.nextafter(v, math.inf)) for v in lengths]
     return [edge for triple in beside for edge in triple]

@@ -20,7 +20,7 @@ from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, PacketError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
 from forcebound.messages.codec import decode
-from forcebound.messages.packets import TOPICS, Packet, field_types
+from forcebound.messages.packets import TOPICS, Event, Packet, field_types
 from forcebound.monitor.runs import while_running
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
@@ -106,7 +106,7 @@ class Stream:
 
     def add(self, packet: Packet, size: int) -> None:
         """Add a packet."""
-        sender = getattr(packet, "node", "")
+        sender = packet.node if isinstance(packet, Event) else ""
         self.seqs.setdefault(sender, []).append(packet.seq)
         self.times_ns.setdefault(sender, []).append(packet.time_ns)
         self.sizes.append(size)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from forcebound.errors import ConfigError
 from forcebound.parts import user_module
+from forcebound.parts.contract import is_frozen
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -63,12 +64,11 @@ class Form:
             raise ConfigError(f"{name} must be {self.expected}{got}")
         if self.is_object or not isinstance(part, type):
             return
-        parameters = part.__dict__.get("__dataclass_params__")
-        if parameters is None or not parameters.frozen:
+        if not is_frozen(part):
             raise ConfigError(
                 f"class {name} must be a frozen dataclass: write @dataclass(frozen=True) above"
             )
-        missing = sorted(part.__abstractmethods__)
+        missing = sorted(vars(part)["__abstractmethods__"])
         if missing:
             raise ConfigError(f"class {name} has no method {' and '.join(missing)}")
         for base in part.__mro__:
@@ -151,7 +151,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
     def kind_of(self, part: object) -> str | None:
         """Return the kind under which the table has a part; None if it does not have it."""
-        path = f"{getattr(part, '__module__', '')}:{getattr(part, '__qualname__', '')}"
+        path = f"{part.__module__}:{part.__qualname__}" if isinstance(part, type) else ""
         for kind, entry in self._shipped.items():
             if entry == path or self._loaded.get(kind) is part:
                 return kind
@@ -206,6 +206,15 @@ class Table(MutableMapping[str, Part], Generic[Part]):
             raise ConfigError(f"cannot import {offer}: {words}; mend or uninstall it") from error
         self.form.check(part, offer)
         return part
+
+
+def overridden(part: object, base: type) -> frozenset[str]:
+    """Return the names of the methods of a base class that a part has of its own."""
+    return frozenset(
+        name
+        for name, default in vars(base).items()
+        if inspect.isfunction(default) and inspect.getattr_static(part, name) is not default
+    )
 
 
 def _import(entry: str) -> Any:

@@ -77,7 +77,7 @@ class Controls:
             "links": list(LINKS),
             "period": servo.period_ns * 1e-9,
             "hand": _hand(config),
-            "workspace": getattr(model, "workspace", None),
+            "workspace": model.workspace,
         }
 
     def parameters(self) -> dict[str, Any]:
