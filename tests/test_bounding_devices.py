@@ -321,7 +321,6 @@ def test_a_write_later_than_stated_is_counted() -> None:
         ({"damping": (0.27, 0.3)}, "friction of each axis"),
         ({"gain_error": 1.0}, "gain_error"),
         ({"friction": (0.1, 0.1), "damping": (0.2, 0.2, 0.2)}, "equally many"),
-        ({"sources": {"damping": "guessed"}}, "source of damping"),
         ({"largest_speed": 0.0}, "largest_speed"),
         ({"watchdog": "loud"}, "watchdog"),
     ],
