@@ -26,7 +26,7 @@ def test_the_controller_asks_about_each_state_and_commands_each_answer_with_its_
     event, command = node.step(1800, [reply])
     assert isinstance(event, Event)
     assert (event.event, event.data) == ("environment_serves", {"environment": "e"})
-    assert command == ForceCommand(0, 1800, 41, 1000, (3.0,))
+    assert command == ForceCommand(0, 1800, 41, 1000, (3.0,), 1000)
     assert node.step(1900, [command]) == []
 
 

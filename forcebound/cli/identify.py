@@ -21,7 +21,6 @@ from forcebound.errors import ConfigError, RunError
 @file_option(
     "-o",
     "--output",
-    "out",
     default=Path("device.yaml"),
     show_default=True,
     help="File to write; a picture goes beside it.",
