@@ -55,18 +55,13 @@ audit: $(STAMP)
 	$(BIN)/forcebound audit --runs 5000 --search 5000 --output docs/audit.md
 	$(BIN)/forcebound audit worlds --runs 100 --search 100 --output docs/audit-worlds.md
 
+# All figures with date, commit and machine, on one page; some ten minutes on an idle machine.
 bench: $(STAMP)
-	$(BIN)/forcebound bench servo
-	$(BIN)/forcebound bench loop
-	$(BIN)/forcebound bench delay
-	$(BIN)/forcebound bench sweep
-	$(BIN)/forcebound bench virtual
-	$(BIN)/python benchmarks/codec.py
+	$(BIN)/python -m benchmarks --page docs/benchmarks.md
 
 # The page of all keys of launch files, from their schema.
 reference: $(STAMP)
-	$(BIN)/python -c 'from forcebound.config.schema import reference_page as page; print(page(), end="")' \
-	  > docs/launch-files.md
+	$(BIN)/python docs/launch_files.py > docs/launch-files.md
 
 mutation: $(STAMP)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null \

@@ -1,39 +1,38 @@
-"""Benchmark of the guardian: ``python benchmarks/guardian.py [--rounds 20] [--graph] [--json]``.
+"""How soon the guardian of a serial device writes zero force.
 
 A process writes a force to a pseudo-terminal each millisecond, as a driver does. Then it is killed
-(-9), stopped, or hangs, and the other side of the terminal notes when zero force comes. The target
-is 20 ms from the signal, or from the last force of a process that hangs.
-
-With ``--graph`` it is the device process of ``forcebound launch haply_2diy``, killed in contact,
-and the time is that of zero torque in the record of the emulated board.
+(-9), stopped, or hangs, and the other side of the terminal notes when zero force comes: within 20
+ms from the signal, or from the last force of a process that hangs. `in a graph`: the device process
+of `forcebound launch haply_2diy` is killed in contact, until zero torque at the emulated board.
 """
 
-import json
 import os
 import select
 import signal
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import click
-
+from benchmarks.harness import Contestant, Result, alternate, at
 from forcebound.devices.truth_file import TruthFile
+from forcebound.messages.control import GetStatus
 from forcebound.monitor.control import ask_launcher
+from forcebound.monitor.measure import Round, Timing
 
+DURATION = 60.0
 ROOT = Path(__file__).parent.parent
 TARGET = 0.020  # s
 FORCE, ZERO = b"force...", b"no force"
 FORCES = 50  # before its fate
-PATIENCE = 10.0  # s
+TIMEOUT_S = 10.0  # s
 LOOK = 1e-3  # s, between two looks at the emulator's record
 ATTEMPTS = 20
-AFTERWARDS = 0.1  # s without any further message after zero force
+QUIET_S = 0.1  # s without any further message after zero force
 
 PROGRAM = f"""
 import signal, sys, time
@@ -50,13 +49,29 @@ try:
         port.write({FORCE!r})
         guardian.check()
         time.sleep(0.001)
-    time.sleep({PATIENCE})  # it hangs
+    time.sleep({TIMEOUT_S})  # it hangs
     guardian.check()
 except DeviceError as error:
     print(error)
 guardian.close()
 port.close()
 """
+
+
+def run(duration: float, rate: float) -> Result:
+    """Run the benchmark, each way to die once a second of its share of ``duration``."""
+    contestants: dict[str, Contestant] = {fate: partial(_dies, fate) for fate in FATES}
+    contestants["killed in a graph"] = _dies_in_a_graph
+    found = alternate(duration, rate, contestants)
+    return found, [at(one, "max", 1e6 * TARGET) for one in found]
+
+
+def _dies(fate: str, _: Timing) -> Round:
+    return Round([round(1e9 * watch(fate).seconds)])
+
+
+def _dies_in_a_graph(_: Timing) -> Round:
+    return Round([round(1e9 * watch_graph())])
 
 
 class Fate(NamedTuple):
@@ -91,16 +106,16 @@ def _try(fate: str) -> Fate | None:
     arguments = (os.ttyname(slave), str(FORCES if ending is None else 1_000_000))
     process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=ROOT)
     try:
-        if any(_message(board, PATIENCE) != FORCE for _ in range(FORCES)):
+        if any(_message(board, TIMEOUT_S) != FORCE for _ in range(FORCES)):
             return None
         start = time.monotonic()
         if ending is not None:
             process.send_signal(ending)
-        messages, seconds, patience = [], float("inf"), PATIENCE
-        while message := _message(board, patience):
+        messages, seconds, timeout_s = [], float("inf"), TIMEOUT_S
+        while message := _message(board, timeout_s):
             messages.append(message)
             if message == ZERO:
-                seconds, patience = time.monotonic() - start, AFTERWARDS
+                seconds, timeout_s = time.monotonic() - start, QUIET_S
     finally:
         process.kill()
         process.wait()
@@ -109,10 +124,10 @@ def _try(fate: str) -> Fate | None:
     return Fate(messages, seconds)
 
 
-def _message(board: int, patience: float) -> bytes:
+def _message(board: int, timeout_s: float) -> bytes:
     """Return the next message; empty if none comes in time."""
     data = b""
-    while len(data) < len(FORCE) and select.select((board,), (), (), patience)[0]:
+    while len(data) < len(FORCE) and select.select((board,), (), (), timeout_s)[0]:
         data += os.read(board, len(FORCE) - len(data))
     return data
 
@@ -151,11 +166,12 @@ def _seconds_to_zero(folder: Path, launch: "subprocess.Popen[bytes]") -> float:
 
     _awaited(has_torque, launch)
     (run_dir,) = (each.parent for each in folder.glob("*/control-launcher"))
-    device = ask_launcher(run_dir, {"request": "status"})["nodes"]["device"]["pid"]
+    device = ask_launcher(run_dir, GetStatus()).nodes["device"].pid
     _awaited(has_torque, launch)
     start_ns = time.monotonic_ns()
+    assert device is not None  # it runs
     os.kill(device, signal.SIGKILL)
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT_S
     while has_torque() and time.monotonic() < end:
         select.select((), (), (), LOOK)
     found = truth.look()
@@ -171,28 +187,3 @@ def _awaited(look: Callable[[], Any], launch: "subprocess.Popen[bytes]") -> Any:
             raise ChildProcessError("the graph has ended")
         select.select((), (), (), LOOK)
     return found
-
-
-@click.command()
-@click.option("--rounds", default=20, show_default=True, help="Of each fate.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-@click.option("--graph", "is_graph", is_flag=True, help="Kill that of a whole graph.")
-def main(rounds: int, as_json: bool, is_graph: bool) -> None:
-    """Measure how soon the guardian writes zero force."""
-    if is_graph:
-        times = {"killed": sorted(watch_graph() for _ in range(rounds))}
-    else:
-        times = {fate: sorted(watch(fate).seconds for _ in range(rounds)) for fate in FATES}
-    if as_json:
-        click.echo(json.dumps(times))
-        return
-    for fate, seconds in times.items():
-        late = sum(each > TARGET for each in seconds)
-        click.echo(
-            f"{fate:8} median {1e3 * statistics.median(seconds):6.2f} ms, longest"
-            f" {1e3 * seconds[-1]:6.2f} ms, later than {1e3 * TARGET:.0f} ms: {late} of {rounds}"
-        )
-
-
-if __name__ == "__main__":
-    main()

@@ -11,12 +11,12 @@ import time
 import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
-from benchmarks.turns import Graph
+from benchmarks.turns import END_TIMEOUT_S, Graph
 from forcebound.realtime import wait_until
 
-PATIENCE = 120.0  # s
 MOUSE_NS = 8_000_000  # between two events of a mouse: 125 a second, as over USB
 QUIET = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
@@ -30,22 +30,17 @@ def selenium(name: str) -> Any:
 
 
 @contextmanager
-def graph(folder: str, *words: str) -> Iterator[Graph]:
-    """Run ``forcebound launch`` with ``words``, and the server of its page."""
-    variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
-    forcebound = [sys.executable, "-u", "-m", "forcebound"]
-    quiet = subprocess.DEVNULL
-    launch = [*forcebound, "launch", *words]
-    launcher = subprocess.Popen(launch, env=variables, stdout=quiet, stderr=quiet)
-    view = [*forcebound, "view", "--no-open", "--launcher", str(launcher.pid)]
-    server = subprocess.Popen(view, env=variables, stdout=subprocess.PIPE, text=True)
+def page(running: Graph) -> Iterator[Graph]:
+    """Serve the page of a graph."""
+    command = [sys.executable, "-u", "-m", "forcebound", "view", "--no-open"]
+    command += ["--launcher", str(running.launcher.pid)]
+    server = subprocess.Popen(command, env=running.variables, stdout=subprocess.PIPE, text=True)
     assert server.stdout is not None
     try:
-        yield Graph(launcher, variables, server.stdout.readline().split()[-1])
+        yield replace(running, address=server.stdout.readline().split()[-1])
     finally:
-        launcher.send_signal(signal.SIGINT)
-        launcher.wait(PATIENCE)
-        server.wait(PATIENCE)
+        server.send_signal(signal.SIGINT)
+        server.wait(END_TIMEOUT_S)
         server.stdout.close()
 
 
@@ -74,7 +69,7 @@ def open_page(driver: Any, address: str) -> None:
 
 def until(driver: Any, condition: str) -> None:
     """Wait until an expression holds in the page."""
-    wait = selenium("webdriver.support.ui").WebDriverWait(driver, PATIENCE, 0.1)
+    wait = selenium("webdriver.support.ui").WebDriverWait(driver, END_TIMEOUT_S, 0.1)
     wait.until(lambda _: driver.execute_script(f"return {condition}"))
 
 

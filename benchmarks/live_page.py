@@ -1,18 +1,14 @@
-"""Benchmark of the live page: ``python -m benchmarks.live_page [--turns 5] [--json]``.
+"""The live page of a running graph in a real browser, Debian's Chromium without a graphics card.
 
-A graph runs, with its page in a real browser, Debian's Chromium without a graphics card.
-
-* *Hand*: somebody drags it in one page, with a mouse of 125 events a second. From the event in the
-  browser until the device takes the place, and until the page has heard of that. Targets: p99 of
-  the way there below 20 ms, 30 places a second, 30 pictures a second.
-* *Servo*: lateness and loop delay in turns: without a page, with three programs that read what
-  pages are told and draw nothing, with three pages, and with three pages in a browser that stays
-  off the core of the nodes. The servo must not notice: less than 5 % difference. The readers show
-  what the server costs, the pages in addition what browsers cost.
+*Hand*: somebody drags it in one page, with a mouse of 125 events a second: from the event in the
+browser until the device takes the place, and until the page has received that. *Servo*: lateness
+and loop delay in turns: without a page, with three programs that read what pages receive and draw
+nothing, with three pages, and with three pages in a browser that stays off the core of the nodes.
+The readers show what the server costs, the pages in addition what browsers cost.
 """
 
 import asyncio
-import json
+import importlib
 import os
 import tempfile
 import time
@@ -21,13 +17,14 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from tornado.websocket import websocket_connect
 
-from benchmarks.live_browser import Mouse, browser, graph, open_page
-from benchmarks.turns import ALONE, Figures, Graph, Turn, servo, told
+from benchmarks.harness import Figure, Measured, Result, at
+from benchmarks.live_browser import Mouse, browser, open_page, page
+from benchmarks.turns import ALONE, Graph, Turn, graph, servo
 from forcebound.launch.run_directory import RunDocument
+from forcebound.monitor.measure import Round
 from forcebound.realtime import on_cores
 
 VIEWERS = 3
@@ -35,8 +32,9 @@ READERS, PAGES = f"{VIEWERS} readers", f"{VIEWERS} pages"
 APART = f"{PAGES} off the core of the nodes"
 STEPS = 125  # events of a drag
 WARM_UP = 5.0  # s for what browsers do when they have started
+DURATION = 90.0
+SECONDS = 4.0  # of a turn
 SETTLE = 1.0  # s at the begin of a turn that do not count: something opens, something closes
-TARGET_MS, TARGET_RATE = 20.0, 30.0
 
 WATCH = """
 window.taken = [];
@@ -47,42 +45,22 @@ context.clearRect = (...place) => { window.pictures += 1; clear.apply(context, p
 """
 
 
-@click.command()
-@click.option("--turns", default=5, help="Turns of each kind.")
-@click.option("--seconds", default=4.0, help="Of each turn.")
-@click.option("--drags", default=20, help="Each of one second.")
-@click.option("--json", "as_json", is_flag=True)
-def main(turns: int, seconds: float, drags: int, as_json: bool) -> None:
-    """Measure the hand, then the servo without pages, with readers and with pages."""
+def run(duration: float, rate: float) -> Result:
+    """Run the benchmark, a third of it with the hand."""
+    importlib.import_module("selenium")
+    turns = max(2, int(duration / (SETTLE + SECONDS) / 6))
     with tempfile.TemporaryDirectory(prefix="fb-", ignore_cleanup_errors=True) as folder:
         record = Path(folder) / "run.mcap"
+        words = ("pointer_wall", "--duration", "30min", "--record", str(record))
         with (
-            graph(folder, "pointer_wall", "--record", str(record)) as running,
+            graph(folder, *words) as launched,
+            page(launched) as running,
             browsers(folder, running) as drivers,
         ):
-            hand = measure_hand(drivers[PAGES], running, drags)
-            taken = take_turns(drivers, running, turns, seconds)
-        figures, load = servo(record, taken), os.getloadavg()[0]
-    if as_json:
-        click.echo(json.dumps({"hand": hand, "servo": figures, "load": load}, indent=2))
-    else:
-        show(hand, figures, load)
-
-
-def show(hand: Mapping[str, float], figures: Figures, load: float) -> None:
-    """Print the figures, beside their targets."""
-    for way, words in (("there", "pointer to device"), ("back", "and back to the page")):
-        click.echo(
-            f"{words}: p50 {hand[f'{way}_p50_ms']:.1f} ms, p99 {hand[f'{way}_p99_ms']:.1f} ms"
-            + (f" (target {TARGET_MS:g} ms)" if way == "there" else "")
-        )
-    click.echo(
-        f"{hand['places_per_second']:.0f} places, {hand['pictures_per_second']:.0f} pictures a"
-        f" second (target {TARGET_RATE:g} of both), of {hand['events_per_second']:.0f} events"
-    )
-    for line in told(figures):
-        click.echo(line)
-    click.echo(f"load of the machine at the end: {load:.1f}")
+            hand, figures = measure_hand(drivers[PAGES], running, max(2, int(duration / 3)))
+            taken = take_turns(drivers, running, turns)
+        contestants, of_servo = servo(record, taken)
+    return [*hand, *contestants], [*figures, *of_servo]
 
 
 @contextmanager
@@ -96,8 +74,8 @@ def browsers(folder: str, running: Graph) -> Iterator[dict[str, Any]]:
         yield {PAGES: anywhere, APART: apart}
 
 
-def measure_hand(driver: Any, running: Graph, drags: int) -> dict[str, float]:
-    """Drag the hand to and fro; return percentiles and rates."""
+def measure_hand(driver: Any, running: Graph, drags: int) -> tuple[list[Measured], list[Figure]]:
+    """Drag the hand to and fro."""
     open_page(driver, running.address)
     running.run_for(WARM_UP)
     driver.execute_script(WATCH)
@@ -111,19 +89,19 @@ def measure_hand(driver: Any, running: Graph, drags: int) -> dict[str, float]:
             mouse.drag([(x + offset, y) for offset in offsets.tolist()])
     passed = time.monotonic() - begin
     taken, pictures = driver.execute_script("return [window.taken, window.pictures]")
-    percentiles = np.percentile(np.array(taken), (50, 99), axis=0)
-    names = ("there_p50_ms", "back_p50_ms", "there_p99_ms", "back_p99_ms")
-    return {
-        **dict(zip(names, percentiles.ravel().tolist(), strict=True)),
-        "events_per_second": drags * (STEPS - 1) / passed,
-        "places_per_second": len(taken) / passed,
-        "pictures_per_second": pictures / passed,
-    }
+    there, back = (np.array(taken).T * 1e6).astype(int).tolist()
+    hand = [
+        Measured("pointer to device", [Round(there)]),
+        Measured("and back to the page", [Round(back)]),
+    ]
+    return hand, [
+        at(hand[0], "p99", 20e3),
+        Figure("places a second", len(taken) / passed, "", 30.0, True),
+        Figure("pictures a second", pictures / passed, "", 30.0, True),
+    ]
 
 
-def take_turns(
-    drivers: Mapping[str, Any], running: Graph, turns: int, seconds: float
-) -> list[Turn]:
+def take_turns(drivers: Mapping[str, Any], running: Graph, turns: int) -> list[Turn]:
     """Let turns without viewers, with readers and with the pages of each browser follow."""
     drivers[PAGES].get("about:blank")
     taken = []
@@ -133,9 +111,9 @@ def take_turns(
             with nullcontext() if driver is None else open_windows(driver, running.address):
                 begin_ns = time.monotonic_ns()
                 if viewers == READERS:
-                    asyncio.run(read_pages(running.address, SETTLE + seconds))
+                    asyncio.run(read_pages(running.address, SETTLE + SECONDS))
                 else:
-                    running.run_for(SETTLE + seconds)
+                    running.run_for(SETTLE + SECONDS)
                 taken.append(Turn(viewers, begin_ns + round(SETTLE * 1e9), time.monotonic_ns()))
     return taken
 
@@ -155,7 +133,7 @@ def open_windows(driver: Any, address: str) -> Iterator[None]:
 
 
 async def read_pages(address: str, seconds: float) -> None:
-    """Read for a time what pages are told."""
+    """Read for a time what pages receive."""
 
     async def listen() -> None:
         socket = await websocket_connect(address.replace("http:", "ws:").replace("/?", "/live?"))
@@ -167,7 +145,3 @@ async def read_pages(address: str, seconds: float) -> None:
         async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
             for _ in range(VIEWERS):
                 group.create_task(listen())
-
-
-if __name__ == "__main__":
-    main()

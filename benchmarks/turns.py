@@ -1,8 +1,7 @@
-"""Lateness and loop delay of a servo in turns: alone, and while somebody looks."""
+"""Lateness and loop delay of a running graph in turns: nobody looks, or somebody does."""
 
 import os
 import signal
-import statistics
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.harness import Figure, Measured, Result, compare
+from forcebound.errors import RunError
+from forcebound.monitor.measure import Round
 from forcebound.recording import read
 
-PATIENCE = 60.0  # s
+END_TIMEOUT_S = 120.0
 ALONE = "nobody"
-TARGET_SHARE = 0.05  # more that a figure may be while somebody looks
-
-Figures = Mapping[str, Mapping[str, float]]
+TARGET = 1.05  # times that of a turn in which nobody looks
 
 
 class Turn(NamedTuple):
@@ -54,22 +54,21 @@ class Graph:
         """Let it run for a time.
 
         Raises:
-            RuntimeError: If it ends meanwhile.
+            RunError: If it ends before.
         """
         try:
             self.launcher.wait(seconds)
         except subprocess.TimeoutExpired:
             return
-        raise RuntimeError(f"the graph has ended, status {self.launcher.returncode}")
+        raise RunError(f"the graph has ended, status {self.launcher.returncode}")
 
 
 @contextmanager
-def graph(folder: str, record: Path) -> Iterator[Graph]:
-    """Run a graph, and record it, from the first force on."""
+def graph(folder: str, *words: str) -> Iterator[Graph]:
+    """Run ``forcebound launch`` with ``words``, from the first force on."""
     variables = {**os.environ, "XDG_RUNTIME_DIR": folder}
-    words = ["launch", "stiff_wall", "--duration", "30min", "--record", str(record)]
     running = subprocess.Popen(
-        [sys.executable, "-u", "-m", "forcebound", *words],
+        [sys.executable, "-u", "-m", "forcebound", "launch", *words],
         env=variables,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -81,46 +80,36 @@ def graph(folder: str, record: Path) -> Iterator[Graph]:
         yield Graph(running, variables)
     finally:
         running.send_signal(signal.SIGINT)
-        running.communicate(timeout=PATIENCE)
+        running.communicate(timeout=END_TIMEOUT_S)
 
 
 def lateness(time_ns: Any, period_ns: float) -> Any:
-    """Return how much later than the earliest of its turn each write is in its period, in us."""
+    """Return how much later than the earliest of its turn each write is in its period, in ns."""
     angle = 2.0 * np.pi * (((time_ns - time_ns[0]) / period_ns) % 1.0)
     middle = np.angle(np.exp(1j * angle).mean())
-    phase = np.angle(np.exp(1j * (angle - middle))) / (2.0 * np.pi) * period_ns / 1e3
+    phase = np.angle(np.exp(1j * (angle - middle))) / (2.0 * np.pi) * period_ns
     return phase - np.percentile(phase, 1)
 
 
-def servo(record: Path, turns: Sequence[Turn]) -> Figures:
-    """Return the median over the turns of each kind, in us, by figure and kind of turn."""
+def servo(record: Path, turns: Sequence[Turn]) -> Result:
+    """Return lateness of the writes and loop delay in each kind of turn, against nobody's."""
     recording = read(record)
     columns, period_ns = recording.telemetry, 1e9 / recording.launch["device"]["rate"]
-    found: dict[str, dict[str, list[float]]] = {}
+    found: dict[tuple[str, str], Measured] = {}
     for viewers, begin_ns, end_ns in turns:
         here = (columns.time_ns >= begin_ns) & (columns.time_ns < end_ns)
         delay = columns.loop_delay[here]
         measured = {
-            "lateness of the write": lateness(columns.time_ns[here], period_ns),
-            "loop delay": delay[np.isfinite(delay)] * 1e6,
+            "lateness": lateness(columns.time_ns[here], period_ns),
+            "loop delay": delay[np.isfinite(delay)] * 1e9,
         }
         for name, values in measured.items():
-            for share in (50, 99):
-                kinds = found.setdefault(f"{name}, p{share}", {})
-                kinds.setdefault(viewers, []).append(float(np.percentile(values, share)))
-    return {
-        name: {viewers: statistics.median(values) for viewers, values in kinds.items()}
-        for name, kinds in found.items()
-    }
-
-
-def told(figures: Figures) -> Iterator[str]:
-    """Give a line for each figure, with the change that each viewer makes."""
-    for name, of in figures.items():
-        alone = of[ALONE]
-        changes = "".join(
-            f"; {value:.1f} us ({value / alone - 1.0:+.1%}) with {viewers}"
-            for viewers, value in of.items()
-            if viewers != ALONE
-        )
-        yield f"{name}: {alone:.1f} us{changes} (target {TARGET_SHARE:.0%})"
+            one = found.setdefault((name, viewers), Measured(f"{name}, {viewers}"))
+            one.rounds.append(Round(values.astype(int).tolist()))
+    figures: list[Figure] = [
+        compare(one, found[name, ALONE], share, TARGET)
+        for (name, viewers), one in found.items()
+        for share in ("p50", "p99")
+        if viewers != ALONE
+    ]
+    return list(found.values()), figures

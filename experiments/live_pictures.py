@@ -12,8 +12,8 @@ from typing import Any
 import click
 import numpy as np
 
-from benchmarks.live_browser import Mouse, browser, graph, open_page, until
-from benchmarks.turns import Graph
+from benchmarks.live_browser import Mouse, browser, open_page, page, until
+from benchmarks.turns import Graph, graph
 
 STEPS = 60  # moves of a drag
 IS_TOUCHING = """[...document.querySelectorAll("#figures > div")].some(
@@ -29,9 +29,9 @@ def main(folder: Path) -> None:
         tempfile.TemporaryDirectory(prefix="fb-", ignore_cleanup_errors=True) as own,
         browser(own) as driver,
     ):
-        with graph(own, "pointer_wall") as running:
+        with graph(own, "pointer_wall") as launched, page(launched) as running:
             show_wall(driver, running, folder / "live-page.png")
-        with graph(own, "pointer_touch") as running:
+        with graph(own, "pointer_touch") as launched, page(launched) as running:
             show_touch(driver, running, folder / "live-page-touch.png")
 
 

@@ -42,3 +42,18 @@ PROCESSES: dict[str, Process] = {
 NODES = tuple(name for name, process in PROCESSES.items() if process.priority > 0)
 RESTARTED = tuple(name for name, process in PROCESSES.items() if process.is_restarted)
 STOP_GROUPS = sorted({process.stop_group for process in PROCESSES.values()})
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One thing that makes a process punctual, or that could not be had.
+
+    Attributes:
+        code: Which.
+        sentence: The fact in words, with what to do about it.
+        is_hindrance: Whether ticks may be late because of it.
+    """
+
+    code: str
+    sentence: str
+    is_hindrance: bool = True

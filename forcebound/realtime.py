@@ -18,20 +18,20 @@ How it works:
    still when the wait is short.
 
 Nothing here is required for a correct run, only for a punctual one. What is not permitted becomes a
-:class:`Fact`, worded with what to do about it (:data:`SENTENCES`), and the run goes on.
+:class:`~forcebound.processes.Fact`, with what to do about it, and the run goes on.
 """
 
 import ctypes
 import gc
 import os
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from forcebound.errors import ConfigError
-from forcebound.processes import NODES, PROCESSES
+from forcebound.processes import NODES, PROCESSES, Fact
 
 PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 PR_SET_TIMERSLACK = 29  # <linux/prctl.h>
@@ -45,32 +45,6 @@ PERMIT_FIFO = (
 )
 PERMIT_AWAKE = "give this user the right to write /dev/cpu_dma_latency"
 PERMIT_LOCK = "add '@realtime - memlock unlimited' to /etc/security/limits.d/, or give CAP_IPC_LOCK"
-
-# What :func:`enter` sets or cannot set, by the code of the fact.
-SENTENCES = {
-    "core": "on core {core}",
-    "core_refused": "not on core {core}: {error}; choose another one with realtime.cores",
-    "any_core": (
-        "on any core (realtime.cores: none); one core for the chain is about twice as fast"
-    ),
-    "fifo": "SCHED_FIFO priority {priority}",
-    "fifo_not_wanted": "ordinary scheduling (realtime.policy: other)",
-    "fifo_without_core": (
-        "ordinary scheduling, because SCHED_FIFO without a core of its own is slower"
-    ),
-    "fifo_not_permitted": (
-        "ordinary scheduling, because SCHED_FIFO is not permitted: expect late ticks; "
-        + PERMIT_FIFO
-    ),
-    "fifo_refused": "ordinary scheduling, because SCHED_FIFO is refused here: {error}",
-    "memory_locked": "memory locked",
-    "memory_limited": (
-        "memory not locked, because the limit is {limit} B: expect rare late ticks; " + PERMIT_LOCK
-    ),
-    "memory_refused": "memory not locked: {error}",
-    "awake": "processors kept out of deep sleep",
-    "awake_refused": "processors may sleep deeply: {error}; " + PERMIT_AWAKE,
-}
 
 CPU_LATENCY = "/dev/cpu_dma_latency"  # <kernel: admin-guide/pm/cpuidle, PM QoS>
 
@@ -99,29 +73,6 @@ class Settings:
     lock_memory: bool = True
     deep_sleep: bool = True
     spin_ns: int = 30_000
-
-
-@dataclass(frozen=True)
-class Fact:
-    """One thing that makes a process punctual, or that could not be had.
-
-    Attributes:
-        code: Which, a key of :data:`SENTENCES`.
-        data: The values in its sentence.
-    """
-
-    code: str
-    data: Mapping[str, int | str] = field(default_factory=dict)
-
-    @property
-    def is_hindrance(self) -> bool:
-        """Whether ticks may be late because of it."""
-        return self.code not in ("core", "fifo", "memory_locked", "awake")
-
-    @property
-    def sentence(self) -> str:
-        """The fact in words, with what to do about it."""
-        return SENTENCES[self.code].format_map(self.data)
 
 
 def choose_core(
@@ -275,27 +226,33 @@ def memory_lock_limit() -> int | None:
 
 def _pin(core: int | None) -> Fact:
     if core is None:
-        return Fact("any_core")
+        fast = "one core for the chain is about twice as fast"
+        return Fact("any_core", f"on any core (realtime.cores: none); {fast}")
     try:
         os.sched_setaffinity(0, {core})
     except OSError as error:
-        return Fact("core_refused", {"core": core, "error": str(error.strerror)})
-    return Fact("core", {"core": core})
+        advice = "choose another one with realtime.cores"
+        return Fact("core_refused", f"not on core {core}: {error.strerror}; {advice}")
+    return Fact("core", f"on core {core}", is_hindrance=False)
 
 
 def _schedule(settings: Settings, role: str) -> Fact:
+    ordinary = "ordinary scheduling"
     if settings.policy != "fifo":
-        return Fact("fifo_not_wanted")
+        return Fact("fifo_not_wanted", f"{ordinary} (realtime.policy: other)")
     if settings.core is None or os.sched_getaffinity(0) != {settings.core}:
-        return Fact("fifo_without_core")
+        why = "because SCHED_FIFO without a core of its own is slower"
+        return Fact("fifo_without_core", f"{ordinary}, {why}")
     priority = PROCESSES[role].priority
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
-        return Fact("fifo_not_permitted")
+        why = "because SCHED_FIFO is not permitted: expect late ticks"
+        return Fact("fifo_not_permitted", f"{ordinary}, {why}; {PERMIT_FIFO}")
     except OSError as error:
-        return Fact("fifo_refused", {"error": str(error.strerror)})
-    return Fact("fifo", {"priority": priority})
+        why = f"because SCHED_FIFO is refused here: {error.strerror}"
+        return Fact("fifo_refused", f"{ordinary}, {why}")
+    return Fact("fifo", f"SCHED_FIFO priority {priority}", is_hindrance=False)
 
 
 def _lock_memory() -> Fact:
@@ -304,13 +261,14 @@ def _lock_memory() -> Fact:
 
     limit = memory_lock_limit()
     if limit is not None:
-        return Fact("memory_limited", {"limit": limit})
+        why = f"because the limit is {limit} B: expect rare late ticks"
+        return Fact("memory_limited", f"memory not locked, {why}; {PERMIT_LOCK}")
     soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if soft != hard == resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
     if _libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
-        return Fact("memory_refused", {"error": os.strerror(ctypes.get_errno())})
-    return Fact("memory_locked")
+        return Fact("memory_refused", f"memory not locked: {os.strerror(ctypes.get_errno())}")
+    return Fact("memory_locked", "memory locked", is_hindrance=False)
 
 
 def _stay_awake() -> Fact:
@@ -319,8 +277,9 @@ def _stay_awake() -> Fact:
         descriptor = os.open(CPU_LATENCY, os.O_WRONLY | os.O_CLOEXEC)  # never closed: see above
         os.write(descriptor, bytes(4))
     except OSError as error:
-        return Fact("awake_refused", {"error": str(error.strerror)})
-    return Fact("awake")
+        why = f"processors may sleep deeply: {error.strerror}"
+        return Fact("awake_refused", f"{why}; {PERMIT_AWAKE}")
+    return Fact("awake", "processors kept out of deep sleep", is_hindrance=False)
 
 
 def _has_capability(number: int) -> bool:

@@ -11,7 +11,7 @@ import atheris
 import zmq
 
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
-    include=["forcebound.files", "forcebound.network.keys", "zmq.utils.z85"]
+    include=["forcebound.network.keys", "zmq.auth.certs", "zmq.utils.z85"]
 ):
     from forcebound.errors import ConfigError
     from forcebound.network.keys import check_key, key_pair, list_keys, new_key, public_key

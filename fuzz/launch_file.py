@@ -41,7 +41,7 @@ def one(data: bytes) -> None:
         arguments_of(FILE)
         config = load(FILE)
     except ConfigError as error:
-        assert len(str(error).encode()) < 1_000_000, len(str(error))
+        str(error).encode()
         return
     document = json.loads(json.dumps(to_document(config), allow_nan=False))
     assert from_document(document) == config, document

@@ -3,15 +3,15 @@
 :func:`forcebound.config.loader.change` makes the configuration that holds them.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import differences, parameters
 from forcebound.config.resolved import with_parameters
-from forcebound.errors import ConfigError
 from forcebound.launch.build import change_environment, change_link
 from forcebound.launch.links import build_link
+from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import TOPIC_OF
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.device import DeviceNode
@@ -20,7 +20,7 @@ from forcebound.process import Runner
 from forcebound.simulation import Simulation
 
 
-def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dict[str, Any]:
+def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> Parameters:
     """Apply changed parameters to the nodes and links of a simulation or of one process.
 
     Args:
@@ -42,9 +42,7 @@ def apply(old: GraphConfig, new: GraphConfig, graph: Runner | Simulation) -> dic
 class Tuner:
     """Applies the parameters of a request on its control socket to a running process.
 
-    The request has all parameters of the graph (``parameters``, by name, plain values in SI units)
-    and ``time_ns``, when they were written into the launch document: of two requests that overtake
-    each other, the newer one counts.
+    Of two requests that overtake each other, the newer one counts.
 
     Args:
         config: What the process was started with.
@@ -55,29 +53,27 @@ class Tuner:
         self._known = parameters(config)
         self._time_ns = 0
 
-    def __call__(self, runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
+    def __call__(self, runner: Runner, request: Configure) -> Parameters:
         """Apply newer parameters; return the changes in this process but for the law.
 
-        The device node itself tells its law, as soon as it has taken it.
+        The device node itself reports its law, as soon as it has taken it.
 
         Raises:
-            ConfigError: If the request is not of this form, or the device cannot take this law.
+            ConfigError: If the device cannot take this law.
         """
-        settings, time_ns = request.get("parameters"), request.get("time_ns")
-        if not isinstance(settings, Mapping) or not isinstance(time_ns, int):
-            raise ConfigError("expected parameters (a map) and time_ns (a whole number)")
-        if time_ns < self._time_ns:
+        if request.time_ns < self._time_ns:
             return {}
         here = tuple(_prefixes(runner))
         changed = {
             name: value
-            for name, value in settings.items()
+            for name, value in request.parameters.items()
             if name.startswith(here) and value != self._known.get(name)
         }
-        self._config = with_parameters(self._config, changed)
-        _apply(changed, self._config, runner)
+        config = with_parameters(self._config, changed)
+        _apply(changed, config, runner)
+        self._config = config
         self._known |= changed
-        self._time_ns = time_ns
+        self._time_ns = request.time_ns
         return {name: value for name, value in changed.items() if name != LAW}
 
 
@@ -91,14 +87,15 @@ def _prefixes(graph: Runner | Simulation) -> Iterator[str]:
             yield LAW
 
 
-def _apply(changed: Mapping[str, Any], new: GraphConfig, graph: Runner | Simulation) -> None:
-    links = {name.split(".")[1] for name in changed if name.startswith("links.")}
-    for topic in sorted(links):
+def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) -> None:
+    names = [ParameterName.parse(name) for name in changed]
+    if any(name.section == "environment" for name in names):  # first, since it may be refused
+        for node in graph.nodes:
+            if isinstance(node, EnvironmentNode):
+                change_environment(node, new.environment)
+    for topic in sorted({name.topic for name in names if name.topic is not None}):
         _change_link(graph, topic, new)
-    changes_environment = any(name.startswith("environment.") for name in changed)
     for node in graph.nodes:
-        if changes_environment and isinstance(node, EnvironmentNode):
-            change_environment(node, new.environment)
         if LAW in changed and isinstance(node, DeviceNode):
             node.take_law(new.device.servo.law)
 

@@ -1,12 +1,15 @@
 """Nodes of a graph, made from its configuration; changes of nodes and links."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
+from forcebound.config.resolved import made
 from forcebound.config.traces import trace_of
 from forcebound.devices import Device
 from forcebound.devices.guard import guarded
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.environments import EnvironmentModel
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Packet
 from forcebound.network.computation import ComputationTime
@@ -28,7 +31,7 @@ def build_node(
     environment_name: str = "environment",
     clock: Callable[[], int] | None = None,
 ) -> Node:
-    """Return the node of ``kind``, one of ``NODES``.
+    """Return the node of ``kind``, one of ``NODES``, with its parts, which are made if need be.
 
     Args:
         kind: Of the node.
@@ -41,8 +44,8 @@ def build_node(
     if kind == "controller":
         return build_controller(config)
     if kind == "environment":
-        model, axes = config.environment.served, config.device.model.axes
-        return EnvironmentNode(model, _computation(config), environment_name, axes)
+        computation, axes = _computation(config), config.device.axes
+        return EnvironmentNode(_served(config.environment), computation, environment_name, axes)
     raise ValueError(f"expected a kind of node ({', '.join(NODES)}), got {kind!r}")
 
 
@@ -53,7 +56,7 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         ConfigError: If the controller's own code fails.
     """
     try:
-        controller = config.controller.open(config.device.model.axes)
+        controller = made("controller", config.controller).open(config.device.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
@@ -82,9 +85,9 @@ def build_device(
     Raises:
         DeviceError: If the device cannot be opened.
     """
-    model, servo = config.device.model, config.device.servo
+    model, servo = made("device", config.device.model), config.device.servo
     try:
-        device = model.open(config.operator, servo.opening_hold)
+        device = model.open(made("operator", config.operator), servo.opening_hold)
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
@@ -103,7 +106,11 @@ def change_link(link: Link[Packet], impairment: Impairment) -> None:
 def change_environment(node: EnvironmentNode, environment: EnvironmentConfig) -> None:
     """Answer from the next query on with ``environment`` and its computation time."""
     computation = environment.computation
-    node.change(environment.served, computation, trace_of(computation))
+    node.change(_served(environment), computation, trace_of(computation))
+
+
+def _served(environment: EnvironmentConfig) -> EnvironmentModel:
+    return replace(environment, model=made("environment", environment.model)).served
 
 
 def _computation(config: GraphConfig) -> ComputationTime:

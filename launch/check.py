@@ -1,17 +1,19 @@
 """Checks of parts against their contracts, for ``forcebound check``."""
 
 import dataclasses
+import json
 import math
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from forcebound.bounding import contract as laws
 from forcebound.config.parts import law_of, member_of
 from forcebound.config.resolved import member_document
-from forcebound.config.sandbox import Progress, no_progress, run_in_sandbox
+from forcebound.config.users_code import tried
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
 from forcebound.environments import (
@@ -42,6 +44,13 @@ FEWEST_CALLS, CALLS = 10, 300  # that are timed
 FEWEST_STROKES, STROKES = 2, 40
 # s, approximately: queries of the contract, timed calls, strokes.
 QUERYING, TIMING, STROKING = 10.0, 2.0, 2.0
+CHECK_S = 120.0  # for all of it, in a process of its own
+
+Progress: TypeAlias = Callable[[str, int, int], None]
+
+
+def no_progress(doing: str, done: int, total: int) -> None:
+    """Report no progress."""
 
 
 def check_part(
@@ -54,7 +63,7 @@ def check_part(
 ) -> dict[str, Any]:
     """Return what the contract test finds of a part, in plain JSON types.
 
-    A file of the user's own runs in the sandbox. A slow environment gets fewer queries.
+    A file of the user's own runs in a process of its own. A slow environment gets fewer queries.
 
     Args:
         section: ``"law"``, ``"device"``, ``"operator"``, ``"controller"`` or ``"environment"``.
@@ -62,7 +71,8 @@ def check_part(
         arguments: Its parameters, each ``name:=value``; a law has none.
         axes: Numbers of axes of an environment; none: 1 to 6.
         rest: Forces expected of an environment at rest, each ``POSITION=FORCE``.
-        progress: Called before each answer of an environment.
+        progress: Called before each answer of an environment, where it runs, with the question,
+            the answers so far and their number in all.
 
     Returns:
         ``part`` (kind and parameters), ``passed``, ``questions``, ``promises`` (which were kept)
@@ -77,20 +87,25 @@ def check_part(
         ConfigError: If there is no such part, a parameter is wrong, or the user's code was too slow
             or ended its process.
     """
-    words: list[Any] = [section, kind, list(arguments), list(axes), list(rest)]
+    check = partial(check_here, section, kind, arguments, axes, rest, progress)
     if not names_file(kind):
-        return check_here(progress, *words)
-    document: dict[str, Any] = run_in_sandbox(check_here, words, [file_of(kind, Path())], progress)
+        return check()
+    data = tried(partial(_as_json, check), [file_of(kind, Path())], CHECK_S)
+    document: dict[str, Any] = json.loads(data)
     return document
 
 
+def _as_json(check: Callable[[], dict[str, Any]]) -> bytes:
+    return json.dumps(check()).encode()
+
+
 def check_here(
-    progress: Progress,
     section: str,
     kind: str,
     arguments: Sequence[str] = (),
     axes: Sequence[int] = (),
     rest: Sequence[str] = (),
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Do the work of :func:`check_part` in this process."""
     if section == "law":
@@ -201,7 +216,7 @@ def _touched(touch: Mapping[str, Any]) -> list[str]:
 
 
 def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -> Touch | None:
-    """What strokes feel; None of an environment that reports no contacts, or has no scene."""
+    """What strokes feel; None of an environment without contact or scene."""
     progress("strokes towards its scene", 0, 0)
     try:
         environment = open_environment(model, axes)

@@ -31,7 +31,7 @@ def build_links(config: GraphConfig) -> dict[str, Link[Packet]]:
 
 def build_link(topic: str, impairment: Impairment, seed: int) -> Link[Packet]:
     """Return the link of a topic in a graph with this seed."""
-    return Link(impairment, link_seed(seed, topic), True, trace_of(impairment))
+    return Link(impairment, link_seed(seed, topic), trace_of(impairment))
 
 
 def check_links(config: GraphConfig) -> None:
@@ -42,9 +42,7 @@ def check_links(config: GraphConfig) -> None:
     """
     period_ns, end_ns = config.device.servo.period_ns, Limits().start_ns
     for topic, impairment in config.links.items():
-        link: Link[Stamped] = Link(
-            impairment, link_seed(config.seed, topic), True, trace_of(impairment)
-        )
+        link: Link[Stamped] = Link(impairment, link_seed(config.seed, topic), trace_of(impairment))
         if not any(_arrives(link, seq, seq * period_ns) for seq in range(end_ns // period_ns)):
             raise ConfigError(
                 f"links.{topic}: no packet gets through in the first {end_ns * 1e-9:g} s, so a live"

@@ -7,11 +7,12 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from forcebound import realtime
-from forcebound.config.graph import LAW, GraphConfig
-from forcebound.config.parameters import differences, holders
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW
+from forcebound.config.parameters import differences, processes_of
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document, with_parameters
 from forcebound.environments import may_report_contacts
@@ -38,6 +39,7 @@ from forcebound.launch.run_directory import (
 from forcebound.launch.run_lock import is_held
 from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Step, Supervisor
+from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.packets import (
     TOPIC_OF,
     TOPICS,
@@ -55,7 +57,7 @@ SLOWEST, FASTEST = 10.0, 5000.0
 # What an environment's first answer brings.
 REMOTE_TOPICS = (TOPIC_OF[EnvironmentReply], TOPIC_OF[ForceCommand])
 
-PHASE_PATIENCE = 0.1  # s that the launcher waits for the lock at the beginning of a phase
+PHASE_TIMEOUT = 0.1  # s that the launcher waits for the lock at the beginning of a phase
 
 
 def run_live(
@@ -95,8 +97,8 @@ def run_live(
         write_launch_document(run_dir, config)
         topics = list(TOPICS)
         if record is None:  # a summary needs no more
-            told = [REPLY] if may_report_contacts(config.environment.model) else []
-            topics = [TELEMETRY, *told, EVENT]
+            contacts = [REPLY] if may_report_contacts(config.environment.model) else []
+            topics = [TELEMETRY, *contacts, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
         run = RunDocument(
@@ -107,7 +109,6 @@ def run_live(
             metadata,
             file,
             str(folder.resolve()),
-            is_temporary=True,
         )
         run.write(run_dir)
         duration_ns = round((config.duration if duration is None else duration) * 1e9)
@@ -205,24 +206,24 @@ def _script(config: GraphConfig, run_dir: Path) -> list[Step]:
     ]
 
 
-def _begin(run_dir: Path, part: Part) -> Mapping[str, dict[str, Any]]:
+def _begin(run_dir: Path, part: Part) -> Mapping[str, Configure]:
     """Write what holds in a phase; return the request for each process that it concerns."""
-    with updating(run_dir, PHASE_PATIENCE):  # a suspended command must not block the launcher
+    with updating(run_dir, PHASE_TIMEOUT):  # a suspended command must not block the launcher
         before = read_launch_document(run_dir)
         config = with_parameters(part.config, {LAW: before["device"]["law"]})  # it stays
         request = write_launch_document(run_dir, config)
     # Unaffected processes are not disturbed, least of all the servo.
-    return dict.fromkeys(sorted(holders(differences(before, config))), request)
+    return dict.fromkeys(sorted(processes_of(differences(before, config))), request)
 
 
-def _changes(started: Mapping[str, Any], run_dir: Path, node: str) -> dict[str, Any]:
+def _changes(started: Parameters, run_dir: Path, node: str) -> Parameters:
     """Return the parameters of a node that differ from the launch file."""
     try:
         document = read_launch_document(run_dir)
     except ConfigError:
         return {}  # the node has reported that it cannot read it
     changed = differences(started, document)
-    return {name: value for name, value in changed.items() if node in holders([name])}
+    return {name: value for name, value in changed.items() if node in processes_of([name])}
 
 
 def _starts_here(config: GraphConfig) -> bool:
@@ -232,7 +233,7 @@ def _starts_here(config: GraphConfig) -> bool:
 def node_command(name: str, run_dir: Path) -> list[str]:
     """Return the command line of one process of a run."""
     program = [sys.executable, "-m", "forcebound", "node", name]
-    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir), "--supervised"]
+    return [*program, str(run_dir / LAUNCH_FILE), "--run-dir", str(run_dir)]
 
 
 def _taken_cores() -> list[int | None]:

@@ -12,19 +12,21 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from forcebound.config.graph import GraphConfig
 from forcebound.config.parameters import parameters
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import run_document
 from forcebound.errors import ConfigError
 from forcebound.files import read_bytes
 from forcebound.folders import is_own, runtime_folder, runtime_folders
 from forcebound.launch.run_lock import exclusive, shared
+from forcebound.messages.control import Configure
 from forcebound.messages.packets import TOPIC_OF, TOPICS, EnvironmentReply, Event, Telemetry
 from forcebound.network.sockets import IPC_PATH_LIMIT
 from forcebound.process import control_endpoint, event_endpoint, remote_endpoint, topic_endpoint
@@ -45,23 +47,21 @@ SHORTEST = "/tmp"  # folder for temporary files whose path is short enough for a
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class RunDocument:
+class RunDocument(msgspec.Struct, frozen=True):
     """What the processes of a run need in addition to the launch document."""
 
     launcher: int  # process id of the launcher, with which they end
     core: int | None  # that the chain of nodes shares
     record: str  # absolute path of the recording
-    streams: list[list[str]]  # topic, endpoint; for each, the loop wakes the recorder
-    metadata: dict[str, str] = field(default_factory=dict)  # of the recording
+    streams: list[tuple[str, str]]  # topic, endpoint; for each, the loop wakes the recorder
+    metadata: dict[str, str] = {}  # of the recording
     file: str = ""  # launch file with its arguments, to identify the graph
     folder: str = ""  # the files that a parameter names while the graph runs are in it or below
     is_graph: bool = True  # False: one environment for a graph on another machine
-    is_temporary: bool = False  # created for this run and removed after it
 
     def write(self, run_dir: Path) -> None:
         """Write this for the processes."""
-        (run_dir / RUN_FILE).write_text(json.dumps(asdict(self)), encoding="utf-8")
+        (run_dir / RUN_FILE).write_bytes(msgspec.json.encode(self))
 
     @classmethod
     def read(cls, run_dir: Path) -> "RunDocument":
@@ -71,16 +71,16 @@ class RunDocument:
             ConfigError: If it is not there, not yet or not any more, or not of this version.
         """
         try:
-            return cls(**json.loads(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT)))
-        except (OSError, ValueError, TypeError, RecursionError) as error:
+            return msgspec.json.decode(read_bytes(run_dir / RUN_FILE, MAX_DOCUMENT), type=cls)
+        except (OSError, msgspec.MsgspecError) as error:
             raise ConfigError(f"{run_dir} is not the run directory of a running graph") from error
 
 
 def read_launch_document(run_dir: Path) -> dict[str, Any]:
-    """Return what a graph runs with now, as :func:`write_launch_document` wrote it.
+    """Return the launch document of a graph, as :func:`write_launch_document` wrote it.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If it cannot be read.
     """
     try:
         document: dict[str, Any] = json.loads(read_bytes(run_dir / LAUNCH_FILE, MAX_DOCUMENT))
@@ -89,7 +89,7 @@ def read_launch_document(run_dir: Path) -> dict[str, Any]:
     return document
 
 
-def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
+def write_launch_document(run_dir: Path, config: GraphConfig) -> Configure:
     """Write the configuration for processes that start and for commands that read the run.
 
     Returns:
@@ -97,27 +97,23 @@ def write_launch_document(run_dir: Path, config: GraphConfig) -> dict[str, Any]:
         :class:`forcebound.launch.application.Tuner`.
     """
     unfinished = run_dir / f"{LAUNCH_FILE}.{os.getpid()}"  # others may write, too
-    unfinished.write_text(json.dumps(to_document(config)), encoding="utf-8")
+    unfinished.write_text(json.dumps(run_document(config)), encoding="utf-8")
     unfinished.replace(run_dir / LAUNCH_FILE)
-    return {
-        "request": "configure",
-        "time_ns": time.monotonic_ns(),
-        "parameters": parameters(config),
-    }
+    return Configure(time.monotonic_ns(), parameters(config))
 
 
 @contextmanager
-def updating(run_dir: Path, patience: float) -> Iterator[bool]:
+def updating(run_dir: Path, timeout: float) -> Iterator[bool]:
     """Lock the launch document between reading and writing it.
 
     Args:
         run_dir: Of the run.
-        patience: How long to wait for another command that changes it, in s.
+        timeout: How long to wait for another command that changes it, in s.
 
     Yields:
         Whether the lock was taken.
     """
-    end = time.monotonic() + patience
+    end = time.monotonic() + timeout
     descriptor = os.open(run_dir / UPDATE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         is_locked = _try_lock(descriptor)
@@ -137,12 +133,14 @@ def _try_lock(descriptor: int) -> bool:
     return True
 
 
-def recorded_streams(run_dir: Path, topics: Sequence[str]) -> list[list[str]]:
+def recorded_streams(run_dir: Path, topics: Collection[str]) -> list[tuple[str, str]]:
     """Return topic and endpoint of each stream for a recorder of these topics."""
-    streams = [[topic, topic_endpoint(run_dir, topic)] for topic in topics if topic != EVENT]
+    streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics if topic != EVENT]
     if REPLY in topics:
-        streams.append([REPLY, remote_endpoint(run_dir, REPLY)])
-    return streams + [[EVENT, event_endpoint(run_dir, name)] for name in (*PROCESSES, LAUNCHER)]
+        streams.append((REPLY, remote_endpoint(run_dir, REPLY)))
+    if EVENT in topics:
+        streams += [(EVENT, event_endpoint(run_dir, name)) for name in (*PROCESSES, LAUNCHER)]
+    return streams
 
 
 @contextmanager
@@ -174,21 +172,21 @@ def run_folders() -> set[Path]:
 
 
 def own_run_directories(folders: Iterable[Path]) -> list[Path]:
-    """Return what is named like a run directory and belongs to this user, in folders of anybody."""
+    """Return the directories of this user in some folders that are named like run directories."""
     return sorted(path for each in folders for path in each.glob(f"{PREFIX}*") if is_own(path))
 
 
 def remove_left_over(folders: Iterable[Path]) -> list[Path]:
     """Remove run directories of this user that remain from a crash; return them.
 
-    Only those that were made for one run, whose owners are all dead (:mod:`.run_lock`), and that
-    hold no recording: after a crash it may be of use.
+    Only those whose owner is dead (:mod:`.run_lock`), and that hold no recording: after a crash it
+    may be of use.
     """
     removed = []
     for run_dir in own_run_directories(folders):
         try:
-            run = RunDocument.read(run_dir)
-            if not run.is_temporary or (run_dir / RECORDING).exists():
+            RunDocument.read(run_dir)
+            if (run_dir / RECORDING).exists():
                 continue
         except (OSError, ConfigError):
             continue  # no run, or one that is just beginning or ending

@@ -1,7 +1,7 @@
-"""Lock of a run directory: its owners share a lock on a file in it while they live.
+"""Lock of a run directory: its owner keeps a lock on a file in it while it lives.
 
-The kernel frees the lock with the process, however that ends; a process id could be reused. Owners
-are a launcher, and nodes that were started by hand.
+The kernel frees the lock with the process, however that ends; a process id could be reused. The
+owner is a launcher, or an environment for a graph on another machine.
 """
 
 import fcntl

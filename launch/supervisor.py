@@ -8,9 +8,8 @@ No process survives the launcher: each gets a signal from the kernel when the la
 stopped guardian, is killed. Each is in a session of its own, so that Ctrl-C in the terminal
 reaches only the launcher, which then stops them in order.
 
-The launcher answers on a control socket of its own, ``control-launcher``: ``status``,
-``configure``, ``stop_node``, ``start_node`` and ``resume_device``. It publishes events like every
-process.
+The launcher answers requests on a control socket of its own, ``control-launcher``, and publishes
+events like every process.
 """
 
 import selectors
@@ -20,7 +19,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from forcebound import realtime
 from forcebound.ending import end_group
@@ -44,6 +42,7 @@ from forcebound.launch.actions import (
 from forcebound.launch.children import LAST_CHANCE, Child, Signals, name_begins
 from forcebound.launch.lifecycle import Lifecycle, Limits, Phase
 from forcebound.launch.screen import Screen, doing
+from forcebound.messages import control
 from forcebound.messages.codec import encode
 from forcebound.network.control import ControlServer
 from forcebound.network.sockets import Network
@@ -60,7 +59,7 @@ class Step:
     """Action at a time of the run: the beginning of a phase."""
 
     start_ns: int  # since the force engaged
-    act: Callable[[], Mapping[str, Mapping[str, Any]]]  # does it; returns requests by process
+    act: Callable[[], Mapping[str, control.Configure]]  # does it; returns requests by process
     message: str
     data: Mapping[str, str]
 
@@ -90,7 +89,7 @@ class Supervisor:
         screen: Screen | None = None,
         script: Sequence[Step] = (),
         remote_topics: Collection[str] = (),
-        changes: Callable[[str], Mapping[str, Any]] = lambda _: {},
+        changes: Callable[[str], control.Parameters] = lambda _: {},
         start_cores: Collection[int] = (),
     ) -> None:
         self._commands = commands
@@ -120,10 +119,12 @@ class Supervisor:
         with ExitStack() as stack:
             network = stack.enter_context(Network())
             self._publish = network.publisher(event_endpoint(self._run_dir, LAUNCHER)).send
-            control = network.control_server(control_endpoint(self._run_dir, LAUNCHER))
+            server = network.control_server(
+                control_endpoint(self._run_dir, LAUNCHER), control.OF_LAUNCHER
+            )
             signals = stack.enter_context(Signals())
             self._selector = stack.enter_context(selectors.DefaultSelector())
-            for descriptor in (signals.descriptor, control.descriptor):
+            for descriptor in (signals.descriptor, server.descriptor):
                 self._selector.register(descriptor, selectors.EVENT_READ)
             stack.callback(self._end_children)
             with realtime.on_cores(self._start_cores):
@@ -137,19 +138,19 @@ class Supervisor:
             lifecycle = Lifecycle(
                 list(self._commands), self._duration_ns, now_ns, self._limits, self._remote_topics
             )
-            self._loop(lifecycle, signals, control)
+            self._loop(lifecycle, signals, server)
         if lifecycle.failure is not None:
             raise RunError(self._failure_message(lifecycle))
         return lifecycle.interrupted
 
-    def _loop(self, lifecycle: Lifecycle, signals: Signals, control: ControlServer) -> None:
+    def _loop(self, lifecycle: Lifecycle, signals: Signals, server: ControlServer) -> None:
         requested_ns = 0
 
         def advance(event: Event | None) -> None:
             for action in lifecycle.advance(time.monotonic_ns(), event):
                 self._do(action)
 
-        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        def answer(request: control.Request) -> control.Answer:
             return self._answer(request, lifecycle, advance)
 
         began_ns = time.monotonic_ns()
@@ -170,7 +171,7 @@ class Supervisor:
                 advance(event)
                 if isinstance(event, Reported) and event.node in awaited:
                     self._announce_changes(event.node)
-            self._has_requests = control.serve(answer)
+            self._has_requests = server.serve(answer)
             if lifecycle.phase is Phase.RUNNING:
                 self._follow_script(time.monotonic_ns())
 
@@ -182,8 +183,7 @@ class Supervisor:
             for name, request in step.act().items():
                 if name in self._clients:  # a stopped one reads the document when it starts
                     self._clients[name].ask(request)
-            event = self._events.emit(time.monotonic_ns(), PHASE_BEGINS, step.message, step.data)
-            self._publish(encode(event))
+            self._emit(PHASE_BEGINS, step.message, step.data)
 
     def _start(self, name: str) -> None:
         child = Child(name, self._commands[name], self._screen.show)
@@ -221,65 +221,59 @@ class Supervisor:
     def _ask(self, lifecycle: Lifecycle) -> None:
         if lifecycle.phase is Phase.STARTING:
             for name in lifecycle.not_ready:
-                self._clients[name].ask({"request": "status"})
+                self._clients[name].ask(control.GetStatus())
         elif lifecycle.is_engaging:
-            self._clients["device"].ask({"request": "engage"})
+            self._clients["device"].ask(control.Engage())
         elif lifecycle.is_returning:
-            self._clients["device"].ask({"request": "status"})
+            self._clients["device"].ask(control.GetStatus())
         for name in self._awaited(lifecycle):
-            self._clients[name].ask({"request": "status"})
+            self._clients[name].ask(control.GetStatus())
 
     def _awaited(self, lifecycle: Lifecycle) -> list[str]:
         """Restarted nodes that have not answered yet."""
         return lifecycle.silent if lifecycle.phase is Phase.RUNNING else []
 
     def _answer(
-        self,
-        request: Mapping[str, Any],
-        lifecycle: Lifecycle,
-        advance: Callable[[Event], None],
-    ) -> Mapping[str, Any]:
+        self, request: control.Request, lifecycle: Lifecycle, advance: Callable[[Event], None]
+    ) -> control.Answer:
         """Return the answer to a request of the launcher's control socket."""
-        wanted, node = request.get("request"), str(request.get("node"))
-        if wanted in ("stop_node", "start_node"):
-            refusal = lifecycle.refusal(node)
-            if refusal is not None:
-                return {"error": refusal}
-            advance(StopRequested(node) if wanted == "stop_node" else StartRequested(node))
-        elif wanted == "resume_device":
-            if not lifecycle.is_lost:
-                return {"error": f"the device is not lost: it is {lifecycle.state('device')}"}
-            advance(Resumed())
-        elif wanted == "configure":
-            if node not in self._clients:
-                return {"error": f"the launcher of this graph does not run {node!r}"}
-            # This request waits for a suspended node; one of the client's own ends with it.
-            self._clients[node].ask({key: request[key] for key in request if key != "node"})
-        elif wanted != "status":
-            known = "status, configure, stop_node, start_node, resume_device"
-            return {"error": f"unknown request {wanted!r}; known: {known}"}
-        return {
-            "phase": lifecycle.phase.name.lower(),
-            "nodes": {
-                name: {
-                    "state": lifecycle.state(name),
-                    "pid": child.process.pid if name in self._running else None,
-                    "restarts": lifecycle.restarts.counts[name],
-                }
+        match request:
+            case control.StopNode(node) | control.StartNode(node):
+                refusal = lifecycle.refusal(node)
+                if refusal is not None:
+                    return control.Refused(refusal)
+                is_stop = isinstance(request, control.StopNode)
+                advance(StopRequested(node) if is_stop else StartRequested(node))
+            case control.ResumeDevice():
+                if not lifecycle.is_lost:
+                    state = lifecycle.state("device")
+                    return control.Refused(f"the device is not lost: it is {state}")
+                advance(Resumed())
+            case control.ConfigureNode(node, configure):
+                if node not in self._clients:
+                    return control.Refused(f"the launcher of this graph does not run {node!r}")
+                # This request waits for a suspended node; one of the client's own ends with it.
+                self._clients[node].ask(configure)
+        return control.LauncherStatus(
+            phase=lifecycle.phase.name.lower(),
+            nodes={
+                name: control.ProcessState(
+                    lifecycle.state(name),
+                    child.process.pid if name in self._running else None,
+                    lifecycle.restarts.counts[name],
+                )
                 for name, child in self._children.items()
             },
-        }
+        )
 
     def _answers(self) -> list[Event]:
         events: list[Event] = []
         for name, client in self._clients.items():
-            answer = client.answer()
-            if answer is None:
-                continue
-            if "waiting_for" in answer:
-                events.append(Reported(name, tuple(answer["waiting_for"])))
-            elif answer.get("engaged") is True:
-                events.append(Engaged())
+            match client.answer():
+                case control.ProcessStatus() as status:
+                    events.append(Reported(name, status.waiting_for))
+                case control.Engaged():
+                    events.append(Engaged())
         return events
 
     def _ends(self) -> list[Event]:
@@ -293,15 +287,15 @@ class Supervisor:
                 self._running.discard(name)
                 child.read()  # its last lines, for the message of the failure
                 if name == "environment" and "controller" in self._clients:
-                    died = {"process": name_begins(child.process.pid)}
-                    self._clients["controller"].ask({"request": "environment_died", **died})
+                    died = control.EnvironmentDied(name_begins(child.process.pid))
+                    self._clients["controller"].ask(died)
                 events.append(Ended(name, status))
         return events
 
     def _do(self, action: Action) -> None:
         match action:
             case Engage():
-                self._clients["device"].ask({"request": "engage"})
+                self._clients["device"].ask(control.Engage())
             case Kill(name):
                 self._children[name].process.kill()
             case Terminate(name):
@@ -313,10 +307,7 @@ class Supervisor:
 
     def _announce(self, action: Announce) -> None:
         data = {"node": action.node} | ({"status": action.status} if action.status else {})
-        event = self._events.emit(
-            time.monotonic_ns(), action.event, action.message, data, is_fault=action.is_fault
-        )
-        self._publish(encode(event))
+        self._emit(action.event, action.message, data, is_fault=action.is_fault)
 
     def _announce_changes(self, node: str) -> None:
         """Publish the changed parameters that a restarted node has read."""
@@ -324,8 +315,13 @@ class Supervisor:
         if changed:
             values = ", ".join(f"{name} = {value}" for name, value in changed.items())
             message = f"{node} was restarted with changed parameters: {values}"
-            event = self._events.emit(time.monotonic_ns(), PARAMETERS_SET, message, changed)
-            self._publish(encode(event))
+            self._emit(PARAMETERS_SET, message, changed)
+
+    def _emit(
+        self, event: str, message: str, data: Mapping[str, str], *, is_fault: bool = False
+    ) -> None:
+        time_ns = time.monotonic_ns()
+        self._publish(encode(self._events.emit(time_ns, event, message, data, is_fault=is_fault)))
 
     def _failure_message(self, lifecycle: Lifecycle) -> str:
         failure = lifecycle.failure

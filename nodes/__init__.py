@@ -6,9 +6,10 @@ that have arrived, publishes what it returns, and calls again when packets arriv
 :attr:`Node.wake_ns` has come. A node does not know which of the two runs it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
+from forcebound.messages.control import Answer, NodeStatus, Refused, Request
 from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import EventLog
 
@@ -25,7 +26,7 @@ class Node(Protocol):
     subscribes: ClassVar[tuple[type[Packet], ...]]
     publishes: ClassVar[tuple[type[Packet], ...]]
     wakes_on_arrival: ClassVar[bool]  # False: packets wait for the node's own time
-    requests: ClassVar[tuple[str, ...]] = ()  # of the control socket, that it knows
+    requests: ClassVar[tuple[type[Request], ...]] = ()  # that its :meth:`handle` takes
     events: EventLog  # of its process: the runner makes its own events with it, too
 
     @property
@@ -66,16 +67,13 @@ class Node(Protocol):
         """Count a packet that was rejected before it reached the node."""
         return
 
-    def status(self) -> dict[str, Any]:
-        """Return the node's own keys of the status of its process, as plain values.
+    def status(self) -> NodeStatus:
+        """Return how the node is doing; its runner adds what it counts."""
+        return NodeStatus()
 
-        All nodes have ``rejected``: packets rejected so far, by reason.
-        """
-        return {"rejected": {}}
-
-    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Execute a request of the control socket and return the answer; None: unknown request."""
-        return None
+    def handle(self, request: Any) -> Answer:
+        """Execute a request of one of the classes in :attr:`requests`, and return the answer."""
+        return Refused(f"this node takes no such request: {request}")
 
     def stop(self, time_ns: int) -> None:
         """Come to rest, now and for good: a device writes zero force."""

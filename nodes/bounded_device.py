@@ -20,11 +20,12 @@ law adds damping or the motors have steps.
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device
 from forcebound.devices.kinematics import tip_force
+from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Vector
 from forcebound.nodes.hold_limit import FIXED, HoldLimit
 
@@ -41,16 +42,6 @@ class Written(NamedTuple):
     torques: Vector | None  # N m, that were applied by an arm
     cut: tuple[int, Vector] | None  # of the force before: when, in ns, and the reading then
     ahead_ns: int | None  # by how much the bounder's clock is ahead; None: its device is certain
-
-
-class _Met(NamedTuple):
-    """What the bounders of all laws have met since the force engaged."""
-
-    overruns: int = 0
-    refused_readings: int = 0
-    late_writes: int = 0
-    largest_allowance: float = 0.0  # J
-    allowance_repaid: bool = True
 
 
 class BoundedDevice:
@@ -101,11 +92,12 @@ class BoundedDevice:
     def begin(self) -> None:
         """Count and learn from now on: the force engages, and the ledger begins."""
         self._has_begun, self._write_ns = True, None
-        self._learn_anew()
+        self._restart_learning()
         self._start_counting()
 
     def _start_counting(self) -> None:
-        self._met_before = _Met()  # by the bounders of former laws
+        # Of the bounders of earlier laws.
+        self._before = BounderReport(hold_limit=0.0, longest_hold_limit=0.0)
         self._longest_delay_ns = 0
         self._writes, self._held = 0, 0.0
         self._longest = 0.0
@@ -115,16 +107,16 @@ class BoundedDevice:
 
         What it gives depends on nothing before, so a recording can be verified from here on.
         """
-        self._met_before = self._met()
+        self._before = self.report()
         self._begin_ledger(law)
 
     def _begin_ledger(self, law: str) -> None:
         self.law = law
         self.bounder = ForceBounder(law, self._dissipation, len(self._zero))
         self._write_ns = None
-        self._learn_anew()
+        self._restart_learning()
 
-    def _learn_anew(self) -> None:
+    def _restart_learning(self) -> None:
         self._hold_limit.restart()
         self._change_limit()
 
@@ -136,7 +128,7 @@ class BoundedDevice:
     @property
     def refused_readings(self) -> int:
         """Readings that were not believed since :meth:`begin`."""
-        return self._met_before.refused_readings + self.bounder.refused_readings
+        return self._before.refused_readings + self.bounder.refused_readings
 
     def read(self, time_ns: int) -> Vector:
         """Return the position of the tip, in m, for a state."""
@@ -215,30 +207,18 @@ class BoundedDevice:
             return f"{limit}; {last}: late holds may leak {dissipation.allowance:.2g} J"
         return f"{limit}; {last}: strict, so every force is planned for that time"
 
-    def report(self) -> dict[str, Any]:
-        """Return what the bounder has met since :meth:`begin`, as plain values.
-
-        ``overruns``: holds that were longer than the hold limit; ``hold_limit``: its mean, and
-        ``longest_hold_limit``, in s; ``refused_readings``; ``late_writes``: forces that took effect
-        later after their reading than the device states, and ``longest_write_delay``, in s, of all;
-        ``largest_allowance``: the most that late holds can have leaked, in J, and
-        ``allowance_repaid``.
-        """
-        return {
-            **self._met()._asdict(),
-            "hold_limit": self._held / self._writes if self._writes else self._use_limit,
-            "longest_hold_limit": self._longest or self._use_limit,
-            "longest_write_delay": self._longest_delay_ns * 1e-9,
-        }
-
-    def _met(self) -> _Met:
-        before, bounder = self._met_before, self.bounder
-        return _Met(
-            before.overruns + bounder.overruns,
-            self.refused_readings,
-            before.late_writes + bounder.late_writes,
-            max(before.largest_allowance, bounder.largest_allowance),
-            before.allowance_repaid and bounder.allowance_repaid,
+    def report(self) -> BounderReport:
+        """Return what the bounder has met since :meth:`begin`."""
+        before, bounder = self._before, self.bounder
+        return BounderReport(
+            overruns=before.overruns + bounder.overruns,
+            refused_readings=self.refused_readings,
+            late_writes=before.late_writes + bounder.late_writes,
+            largest_allowance=max(before.largest_allowance, bounder.largest_allowance),
+            allowance_repaid=before.allowance_repaid and bounder.allowance_repaid,
+            hold_limit=self._held / self._writes if self._writes else self._use_limit,
+            longest_hold_limit=self._longest or self._use_limit,
+            longest_write_delay=self._longest_delay_ns * 1e-9,
         )
 
     def _change_limit(self) -> None:

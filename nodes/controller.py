@@ -5,14 +5,21 @@ environment it is connected with.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from math import isfinite
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from msgspec.structs import replace
 
 from forcebound.controllers import Controller
+from forcebound.messages.control import (
+    Accepted,
+    Answer,
+    ControllerStatus,
+    EnvironmentDied,
+    Request,
+)
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -46,7 +53,7 @@ class ControllerNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, EnvironmentReply)
     publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery, ForceCommand, Event)
     wakes_on_arrival: ClassVar[bool] = True
-    requests: ClassVar[tuple[str, ...]] = ("environment_died",)
+    requests: ClassVar[tuple[type[Request], ...]] = (EnvironmentDied,)
     wake_ns: ClassVar[None] = None
 
     def __init__(
@@ -84,30 +91,18 @@ class ControllerNode(Node):
         """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
-    def status(self) -> dict[str, Any]:
-        """Return ``environment``, which serves (None: none yet), ``rejected`` and ``failures``.
+    def status(self) -> ControllerStatus:
+        """Return how the controller is doing; see :class:`forcebound.nodes.Node`."""
+        return ControllerStatus(
+            rejected=dict(self._rejected),
+            environment=self._lease.holder,
+            failures=self._failures,
+        )
 
-        ``failures``: calls that the controller's code failed to answer.
-        """
-        return {
-            "rejected": dict(self._rejected),
-            "environment": self._lease.holder,
-            "failures": self._failures,
-        }
-
-    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``environment_died``: the process of an environment has ended.
-
-        ``process`` is the beginning of the environment's name, as far as it is known. The node
-        waits no longer than needed for it.
-        """
-        if request.get("request") != "environment_died":
-            return None
-        process = request.get("process")
-        if not process:
-            return {"error": "environment_died needs process: the beginning of the name"}
-        self._lease.process_ended(str(process))
-        return {"noted": True}
+    def handle(self, request: EnvironmentDied) -> Answer:
+        """Wait no longer than needed for an environment whose process has ended."""
+        self._lease.process_ended(request.process)
+        return Accepted()
 
     def close(self) -> None:
         """Close the controller."""

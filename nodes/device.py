@@ -15,13 +15,23 @@ still comes about a period after the force before.
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from forcebound.bounding import LAWS, Dissipation
 from forcebound.devices import Device
 from forcebound.errors import ConfigError, DeviceError
+from forcebound.messages.control import (
+    Answer,
+    DeviceStatus,
+    Engage,
+    Engaged,
+    Point,
+    Pointed,
+    Refused,
+    Request,
+)
 from forcebound.messages.packets import DeviceState, Event, ForceCommand, Packet, Telemetry, Vector
 from forcebound.nodes import Node
 from forcebound.nodes.bounded_device import BoundedDevice
@@ -65,7 +75,7 @@ class DeviceNode(Node):
     subscribes: ClassVar[tuple[type[Packet], ...]] = (ForceCommand,)
     publishes: ClassVar[tuple[type[Packet], ...]] = (DeviceState, Telemetry, Event)
     wakes_on_arrival: ClassVar[bool] = False
-    requests: ClassVar[tuple[str, ...]] = ("engage", "point")
+    requests: ClassVar[tuple[type[Request], ...]] = (Engage, Point)
 
     def __init__(
         self,
@@ -139,34 +149,23 @@ class DeviceNode(Node):
         """Count a packet that was rejected before it reached the node."""
         self._chain.reject(reason)
 
-    def status(self) -> dict[str, Any]:
-        """Return what a device adds to its status.
+    def status(self) -> DeviceStatus:
+        """Return how the device is doing; see :class:`forcebound.nodes.Node`."""
+        return DeviceStatus(
+            rejected=dict(self._chain.rejected),
+            engaged=self.is_engaged,
+            law=self._bounded.law,
+            energy_before=self._energy_before,
+            deadline_misses=self.deadline_misses,
+            bounder=self._bounded.report(),
+        )
 
-        It is ``rejected``, ``engaged``, ``law``, ``energy_before``, ``deadline_misses`` and
-        ``bounder``, :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`.
-        ``energy_before``: of a simulated device, the true energy when its law began, less what its
-        motion held then, in J; under a certified law it does not fall below.
-        """
-        return {
-            "rejected": dict(self._chain.rejected),
-            "engaged": self.is_engaged,
-            "law": self._bounded.law,
-            "energy_before": self._energy_before,
-            "deadline_misses": self.deadline_misses,
-            "bounder": self._bounded.report(),
-        }
-
-    def handle(self, request: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Answer ``engage`` and ``point``; see :class:`forcebound.nodes.Node`.
-
-        ``point``: where the pointer of a simulated hand is, ``target``, in m; ``time_ns``: from
-        when on it counts.
-        """
-        wanted = request.get("request")
-        if wanted == "engage":
-            self.engage()
-            return {"engaged": True}
-        return self._point(request.get("target")) if wanted == "point" else None
+    def handle(self, request: Engage | Point) -> Answer:
+        """Let the force engage, or move the pointer; see :class:`forcebound.nodes.Node`."""
+        if isinstance(request, Point):
+            return self._point(request.target)
+        self.engage()
+        return Engaged()
 
     def take_law(self, law: str) -> None:
         """Let another law bound as soon as no force is held; the force returns over the ramp.
@@ -182,15 +181,14 @@ class DeviceNode(Node):
         self._next_law = law
         self._chain.disengage()
 
-    def _point(self, target: Any) -> dict[str, Any]:
-        is_place = isinstance(target, list) and 1 <= len(target) <= len(self._zero)
-        if not is_place or not all(isinstance(x, float | int) and isfinite(x) for x in target):
-            return {"error": f"target: expected 1 to {len(self._zero)} numbers in m"}
-        place = self._device.point(tuple(map(float, target)))
+    def _point(self, target: Vector) -> Pointed | Refused:
+        if len(target) > len(self._zero) or not all(map(isfinite, target)):
+            return Refused(f"target: expected 1 to {len(self._zero)} finite numbers in m")
+        place = self._device.point(target)
         if place is None:
-            return {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
+            return Refused("no hand follows a pointer here: set operator: {kind: pointer}")
         self._is_dragged = True
-        return {"target": list(place), "time_ns": self._wake_ns}
+        return Pointed(tuple(place), self._wake_ns)
 
     def stop(self, time_ns: int) -> None:
         """Write zero force, now and from now on; if that fails, the device's watchdog remains."""

@@ -1,9 +1,6 @@
 """Events of the device node: answers, refused readings, missed ticks, the law, the bounder."""
 
-import json
-from collections.abc import Mapping
-from typing import Any
-
+from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.overload import Overload
@@ -12,7 +9,7 @@ REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
 
 class DeviceEvents:
-    """What a device node tells of its ticks, limited in rate.
+    """Events of the ticks of a device node, limited in rate.
 
     Args:
         log: Of the node.
@@ -29,7 +26,7 @@ class DeviceEvents:
         self._overload = Overload(period_ns)
 
     def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
-        """Return what is to be told after a tick with an engaged force.
+        """Return the events after a tick with an engaged force.
 
         Args:
             time_ns: Now, in ns.
@@ -69,18 +66,17 @@ class DeviceEvents:
             data["energy_before"] = repr(energy)
         return self._log.emit(time_ns, LAW_CHANGED, message, data)
 
-    def tell_bounder(self, time_ns: int, report: Mapping[str, Any]) -> Event:
-        """Return the event of a :meth:`forcebound.nodes.bounded_device.BoundedDevice.report`."""
-        periods = report["hold_limit"] / (self._period_ns * 1e-9)
+    def tell_bounder(self, time_ns: int, report: BounderReport) -> Event:
+        """Return the event of a report."""
+        periods = report.hold_limit / (self._period_ns * 1e-9)
         message = (
-            f"hold limit {periods:.3g} periods on average, {report['overruns']} overruns,"
-            f" {report['refused_readings']} refused readings"
+            f"hold limit {periods:.3g} periods on average, {report.overruns} overruns,"
+            f" {report.refused_readings} refused readings"
         )
-        if report["largest_allowance"]:
-            repaid = "repaid" if report["allowance_repaid"] else "not repaid"
-            message += f", late holds can have leaked {report['largest_allowance']:.2g} J, {repaid}"
-        data = {name: json.dumps(value) for name, value in report.items()}
-        return self._log.emit(time_ns, BOUNDER_REPORTED, message, data)
+        if report.largest_allowance:
+            repaid = "repaid" if report.allowance_repaid else "not repaid"
+            message += f", late holds can have leaked {report.largest_allowance:.2g} J, {repaid}"
+        return self._log.emit(time_ns, BOUNDER_REPORTED, message, report.as_texts())
 
     def _tell_answers(self, time_ns: int) -> Event:
         if self._is_answered:

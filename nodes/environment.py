@@ -1,8 +1,8 @@
 """The environment node: serves one virtual environment.
 
-While an answer is computed no other query is answered, as in a real computation. Of
-the queries that arrive meanwhile only the newest waits. The injected computation time is added to
-that of the environment's own code.
+While an answer is computed no other query is answered, as in a real computation. Of the queries
+that arrive during that time only the newest waits. The injected computation time is added to that
+of the environment's own code.
 
 A query names the environment whose answers the graph accepts. If it names another one, this one is
 rejected: it emits an event and waits. It still answers once a second, so that the
@@ -15,9 +15,10 @@ An answer carries the contact that the environment reports; its scene is sent in
 import logging
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from forcebound.environments import EnvironmentModel, change_environment, open_environment
+from forcebound.messages.control import EnvironmentStatus
 from forcebound.messages.packets import (
     EnvironmentQuery,
     EnvironmentReply,
@@ -96,8 +97,8 @@ class EnvironmentNode(Node):
 
     @property
     def wake_ns(self) -> int | None:
-        """When the current answer is ready or a scene is to be told, in ns; None without either."""
-        if self._scene.is_wanted:
+        """When the current answer is ready or a scene is due, in ns; None without either."""
+        if self._scene.is_due:
             return self._step_ns
         return None if self._answering is None else self._done_ns
 
@@ -133,11 +134,11 @@ class EnvironmentNode(Node):
         for packet in received:
             if type(packet) is EnvironmentQuery:
                 self._take(packet, time_ns)
-        was_wanted, answered = self._scene.is_wanted, self._seq
+        was_due, answered = self._scene.is_due, self._seq
         packets = self._answers(time_ns)
         if self._seq != answered:
             self._scene.note_answer(time_ns)
-        if was_wanted and (self._seq == answered or not self._scene.may_wait(time_ns)):
+        if was_due and (self._seq == answered or not self._scene.may_wait(time_ns)):
             packets += self._scene.tell(time_ns, self._proxy)
         return packets
 
@@ -186,19 +187,14 @@ class EnvironmentNode(Node):
         """Count a packet that was rejected; see :class:`forcebound.nodes.Node`."""
         self._rejected[reason] = self._rejected.get(reason, 0) + 1
 
-    def status(self) -> dict[str, Any]:
-        """Return the node's own keys; see :class:`forcebound.nodes.Node`.
-
-        ``name``: its own. ``refused_for``: the environment that serves in its place, as the graph
-        said last; None: this one serves, or none does. ``failures``: queries that the environment's
-        code failed to answer.
-        """
-        return {
-            "rejected": dict(self._rejected),
-            "name": self.name,
-            "refused_for": self._refused_for,
-            "failures": self.faults,
-        }
+    def status(self) -> EnvironmentStatus:
+        """Return how the environment is doing; see :class:`forcebound.nodes.Node`."""
+        return EnvironmentStatus(
+            rejected=dict(self._rejected),
+            name=self.name,
+            refused_for=self._refused_for,
+            failures=self.faults,
+        )
 
     def _emit_state(self, time_ns: int) -> Event:
         """Return an event if this environment begins or ceases to serve, else None."""

@@ -16,7 +16,7 @@ from forcebound.parts.user_module import describe_user_error
 
 PERIOD_NS = 33_333_334  # between two scenes that differ
 REPEAT_NS = 1_000_000_000 - PERIOD_NS  # between two that do not: one a second, at least
-PATIENCE_NS = 100_000_000  # of a scene with answers that go first
+LONGEST_WAIT_NS = 100_000_000  # of a scene with answers that go first
 
 _logger = logging.getLogger(__name__)
 
@@ -25,7 +25,7 @@ class SceneTeller:
     """Asks an open environment for its scene, and makes the packets.
 
     Attributes:
-        is_wanted: Whether a scene is to be told in the next step.
+        is_due: Whether a scene is made in the next step.
     """
 
     def __init__(self, environment: Environment, events: EventLog) -> None:
@@ -33,9 +33,9 @@ class SceneTeller:
         self._seq = 0
         self._due_ns = 0
         self._repeat_ns = 0
-        self._told: tuple[Sequence[SceneObject], Vector | None] = ((), None)
+        self._sent: tuple[Sequence[SceneObject], Vector | None] = ((), None)
         self._left_out = 0
-        self._patience_ns = 0  # until when a scene waits for a moment without an answer
+        self._wait_until_ns = 0  # until when a scene waits for a moment without an answer
         self.watch(environment)
 
     def watch(self, environment: Environment) -> None:
@@ -43,17 +43,17 @@ class SceneTeller:
         # A step in vain would make the next answer late.
         self._has_scene = "scene" in overridden(environment, Environment)
         self._environment = environment
-        self.is_wanted = False  # until its next answer: it may have none
+        self.is_due = False  # until its next answer: it may have none
 
     def note_answer(self, time_ns: int) -> None:
         """Want a scene if one is due: the environment may have changed."""
-        if not self.is_wanted and self._has_scene and time_ns >= self._due_ns:
-            self.is_wanted = True
-            self._patience_ns = time_ns + PATIENCE_NS
+        if not self.is_due and self._has_scene and time_ns >= self._due_ns:
+            self.is_due = True
+            self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 
     def may_wait(self, time_ns: int) -> bool:
         """Whether an answer that leaves now goes first."""
-        return time_ns < self._patience_ns
+        return time_ns < self._wait_until_ns
 
     def tell(self, time_ns: int, proxy: Vector | None) -> list[Packet]:
         """Return the scene if it has changed or is to be repeated, and events about it.
@@ -62,7 +62,7 @@ class SceneTeller:
             time_ns: Now, in ns.
             proxy: Of the last answer, in m; None: free motion.
         """
-        self.is_wanted = False
+        self.is_due = False
         self._due_ns = time_ns + PERIOD_NS
         try:
             drawn = self._environment.scene()
@@ -70,15 +70,15 @@ class SceneTeller:
                 self._has_scene = False
                 return []
             objects = tuple(drawn)
-            if (objects, proxy) == self._told and time_ns < self._repeat_ns:
+            if (objects, proxy) == self._sent and time_ns < self._repeat_ns:
                 return []
             scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], proxy))
         except Exception as error:  # of a user's own code, or no scene
             self._has_scene = False
             _logger.warning("the environment's scene: %s", describe_user_error(error))
-            message = "the environment's scene cannot be told: its log gives the reason"
+            message = "the environment's scene cannot be sent: its log gives the reason"
             return [self._events.emit(time_ns, "scene_failed", message, is_fault=True)]
-        self._told = (objects, proxy)
+        self._sent = (objects, proxy)
         self._repeat_ns = time_ns + REPEAT_NS
         self._seq += 1
         return [scene, *self._count(time_ns, len(objects) - len(scene.objects))]

@@ -86,7 +86,7 @@ def press(
         lateness=None if late_ticks is None else late_ticks.of(servo),
     )
     links = {
-        topic: Link[Packet](impairment, link_seed(1, topic), newest_only=True)
+        topic: Link[Packet](impairment, link_seed(1, topic))
         for topic, impairment in impairments.items()
     }
     nodes: list[Node] = [

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from waiting import PATIENCE
 
 from forcebound.messages.codec import decode
+from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
 from forcebound.messages.packets import Event, Telemetry
 from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
@@ -101,23 +102,28 @@ class LiveGraph:
             assert time.monotonic() < end, f"waited {PATIENCE} s for {what}; log:\n{self.log}"
             sockets.wait((), 10_000_000)
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> LauncherStatus:
         """Return what the launcher says of its processes."""
-        return ask_launcher(self.run_dir, {"request": "status"})
+        return ask_launcher(self.run_dir, GetStatus())
 
-    def node(self, name: str) -> dict[str, Any]:
+    def node(self, name: str) -> ProcessState:
         """Return state, process id and number of restarts of one process."""
-        node: dict[str, Any] = self.status()["nodes"][name]
-        return node
+        return self.status().nodes[name]
+
+    def pid(self, name: str) -> int:
+        """Return the process id of one process, which runs."""
+        pid = self.node(name).pid
+        assert pid is not None
+        return pid
 
     def signal(self, name: str, number: int) -> None:
         """Send a signal to one process of the graph."""
-        os.kill(self.node(name)["pid"], number)
+        os.kill(self.pid(name), number)
 
     def wait_until_engaged(self) -> None:
         """Wait until the launcher says that the force is engaged."""
         self.until(lambda: list(self.runtime.glob("forcebound-*/control-launcher")), "the launcher")
-        self.until(lambda: self.status()["phase"] == "running", "an engaged force")
+        self.until(lambda: self.status().phase == "running", "an engaged force")
 
     def wait_until_forced(self) -> None:
         """Wait until the device has been asked for a force."""
@@ -149,7 +155,7 @@ class LiveGraph:
         """Wait for telemetry of a certain kind."""
         with Network() as network:
             endpoint = topic_endpoint(self.run_dir, "telemetry")
-            subscriber = network.subscriber(endpoint, newest_only=False)
+            subscriber = network.subscriber(endpoint)
 
             def came() -> bool:
                 packets = [decode(data) for data in subscriber.receive()]

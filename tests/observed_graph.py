@@ -1,28 +1,46 @@
 """Observations of a graph in which all is well but for what a test changes."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from builders import telemetry_packet
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import load
-from forcebound.monitor import wording
+from forcebound.messages.control import (
+    BounderReport,
+    ControllerStatus,
+    DeviceStatus,
+    EnvironmentStatus,
+    ProcessStatus,
+    RecorderStatus,
+)
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.findings import Finding
-from forcebound.monitor.observation import Observations, ProcessSeen, RecordingSeen
+from forcebound.monitor.observation import Observations, RecordingSeen, Seen
+from forcebound.processes import Fact
 from forcebound.telemetry import TelemetryColumns
 
 PERIOD_NS = 1_000_000
 TICKS = 2000
 SERVING = "here/1/a"
-PUNCTUAL = [
-    {"code": "core", "data": {"core": 1}},
-    {"code": "fifo", "data": {"priority": 50}},
-    {"code": "memory_locked", "data": {}},
-]
+PUNCTUAL = [Fact("core", "on core 1", False), Fact("fifo", "SCHED_FIFO priority 50", False)]
+#: By the topic that it receives: the class of a process's status, and what must be given of it.
+STATUS: dict[str, Callable[..., ProcessStatus]] = {
+    "force_command": partial(
+        DeviceStatus,
+        engaged=True,
+        law="certified",
+        bounder=BounderReport(hold_limit=1.02e-3, longest_hold_limit=1.02e-3),
+        realtime=PUNCTUAL,
+    ),
+    "device_state": ControllerStatus,
+    "environment_query": partial(EnvironmentStatus, name=SERVING),
+    "telemetry": partial(RecorderStatus, recording="complete"),
+}
 
 
 def telemetry(
@@ -55,36 +73,32 @@ def telemetry(
 HEALTHY = telemetry()
 
 
-def process(*topics: str, grown: int = TICKS, pid: int = 7, **status: Any) -> ProcessSeen:
+def process(*topics: str, grown: int = TICKS, pid: int = 7, **status: Any) -> Seen[Any]:
     """Return a process that has received ``grown`` packets of each topic between two answers."""
-    first = {
-        "received": dict.fromkeys(topics, 5),
-        "rejected": {},
-        "links": {},
-        "realtime": PUNCTUAL,
-    }
-    last = {**first, "received": dict.fromkeys(topics, 5 + grown), **status}
-    return ProcessSeen("running", pid, 0, "S", first, last, 2.0)
+    made = STATUS[topics[0]]
+    first = made(received=dict.fromkeys(topics, 5))
+    last = made(received=dict.fromkeys(topics, 5 + grown), **status)
+    return Seen("running", pid, 0, "S", first, last, 2.0)
 
 
-def silent(state: str, kernel_state: str = "", pid: int | None = 7) -> ProcessSeen:
-    return ProcessSeen(state, pid, 0, kernel_state, None, None)
+def silent(state: str, kernel_state: str = "", pid: int | None = 7) -> Seen[Any]:
+    return Seen(state, pid, 0, kernel_state, None, None)
 
 
-PROCESSES: Mapping[str, ProcessSeen] = {
+PROCESSES: Mapping[str, Seen[Any]] = {
     "device": process("force_command"),
     "controller": process("device_state", "environment_reply", environment=SERVING),
-    "environment": process("environment_query", name=SERVING, failures=0),
-    "recorder": process("telemetry", recording="complete"),
+    "environment": process("environment_query"),
+    "recorder": process("telemetry"),
 }
-LAUNCHER = ProcessSeen("running", 6, 0, "S", {"phase": "running"}, {"phase": "running"}, 2.0)
+LAUNCHER = Seen[Any]("running", 6, 0, "S", None, None, 2.0)
 
 
 def graph(*words: str) -> GraphConfig:
     return load("stiff_wall.yaml", words)
 
 
-def healthy(config: GraphConfig | None = None, **processes: ProcessSeen) -> Observations:
+def healthy(config: GraphConfig | None = None, **processes: Seen[Any]) -> Observations:
     """Return a graph in which all is well but for some processes."""
     return Observations(
         config=graph() if config is None else config,
@@ -98,7 +112,7 @@ def healthy(config: GraphConfig | None = None, **processes: ProcessSeen) -> Obse
     )
 
 
-def with_processes(processes: Mapping[str, ProcessSeen]) -> Observations:
+def with_processes(processes: Mapping[str, Seen[Any]]) -> Observations:
     return replace(healthy(), processes={**PROCESSES, **processes})
 
 
@@ -110,10 +124,15 @@ def only(seen: Observations) -> Finding:
     """Return the only finding, which can be put in words."""
     findings = examine(seen)
     assert len(findings) == 1, findings
-    json.dumps(asdict(findings[0]))
-    assert wording.seen(findings[0])
-    wording.advice(findings[0])
+    document = findings[0].document()
+    json.dumps(document)
+    assert document["seen"]
     return findings[0]
+
+
+def commands(finding: Finding) -> list[str]:
+    found: list[str] = finding.document()["commands"]
+    return found
 
 
 def codes(finding: Finding) -> list[str]:

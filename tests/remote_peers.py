@@ -12,9 +12,7 @@ from forcebound.errors import ConfigError
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.keys import KeyPair
-from forcebound.network.notices import (
-    Notice,
-)
+from forcebound.network.notices import Notice
 from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network
 
@@ -30,10 +28,10 @@ GRAPH, SERVER, STRANGER = pair("device-lab"), pair("server-lab"), pair("stranger
 class Peer:
     """One end, in a network of its own, and what it has said."""
 
-    def __init__(self, end: RemoteEnd, newest_only: bool = True) -> None:
+    def __init__(self, end: RemoteEnd) -> None:
         self.network = Network()
         try:
-            self.link = RemoteLink(self.network, end, newest_only)
+            self.link = RemoteLink(self.network, end)
         except ConfigError:
             self.network.close()
             raise
@@ -60,8 +58,8 @@ def open_peers() -> Iterator[Callable[..., Peer]]:
     """Give what starts an end; all are closed in the end."""
     peers: list[Peer] = []
 
-    def start(end: RemoteEnd, newest_only: bool = True) -> Peer:
-        peers.append(Peer(end, newest_only))
+    def start(end: RemoteEnd) -> Peer:
+        peers.append(Peer(end))
         return peers[-1]
 
     yield start

@@ -11,8 +11,6 @@ import pytest
 
 import forcebound
 from forcebound.cli import main
-from forcebound.monitor import wording
-from forcebound.monitor.texts import CAUSES, FINDINGS, NOTES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path(forcebound.__file__).parent
@@ -21,7 +19,13 @@ QUOTED = re.compile(r"`forcebound ([^`|>&]+)[^`]*`")
 COMMAND = re.compile(rf"(?<!`)\bforcebound (?:{'|'.join(sorted(main.commands))})\b")
 
 # Files whose texts hold commands that are whole lines, or titles, rather than advice in a sentence.
-NO_SENTENCES = {
+ADVISING = {
+    "analysis/bounder.py",
+    "monitor/doctor.py",
+    "monitor/doctor_loop.py",
+    "monitor/machine.py",
+}
+NO_SENTENCES = ADVISING | {
     "network/notices.py",
     "audit/command.py",
     "audit/report.py",
@@ -29,7 +33,6 @@ NO_SENTENCES = {
     "config/schema.py",
     "experiments/report.py",
     "experiments/setup.py",
-    "monitor/texts.py",
 }
 
 
@@ -69,12 +72,7 @@ TEXTS = list(texts())
 MESSAGES = sorted({(file, command) for file, text in TEXTS for command in QUOTED.findall(text)})
 PAGES = sorted(set(advised_in_pages()))
 ADVICE = sorted(
-    {
-        wording.render(text.command, dict.fromkeys(re.findall(r"{(\w+)}", text.command), "launch"))
-        for table in (FINDINGS, CAUSES, NOTES)
-        for text in table.values()
-        if "forcebound " in text.command
-    }
+    {text for file, text in TEXTS if file in ADVISING and re.match(r"(\w+=\w+ )?forcebound ", text)}
 )
 
 

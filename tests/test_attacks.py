@@ -28,6 +28,7 @@ from tcp_tap import TcpTap
 from waiting import PATIENCE, free_port
 
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.control import ControllerStatus, GetStatus
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -233,7 +234,7 @@ def answered_between(ended: Ended, begin_ns: int, end_ns: int) -> int:
 def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path) -> None:
     random_ = random.Random(1)
     with live_graph(str(write_launch_file(tmp_path, "a.yaml"))) as graph:
-        device = graph.node("device")["pid"]
+        device = graph.pid("device")
         with in_place_of_the_controller(graph) as one:
             begin_ns = time.monotonic_ns()
             for number in range(MALFORMED):
@@ -253,7 +254,7 @@ def test_a_flood_and_malformed_packets_in_place_of_the_controller(tmp_path: Path
                 state = one.next()
                 for number in range(FLOOD):
                     one.send(command(state, (random_.uniform(-30.0, 30.0),), tick * FLOOD + number))
-        assert graph.node("device")["pid"] == device
+        assert graph.pid("device") == device
         ended = graph.end()
     check(ended)
     assert answered_between(ended, begin_ns, malformed_ns) == 0
@@ -329,8 +330,9 @@ def test_false_forces_floods_and_rubbish_in_place_of_the_environment(tmp_path: P
 
             def counted() -> bool:
                 one.send(*malformed(good, random_))
-                status = ask(graph.run_dir, "controller", {"request": "status"}) or {}
-                refused.update(status.get("rejected", {}))
+                status = ask(graph.run_dir, "controller", GetStatus())
+                if isinstance(status, ControllerStatus):
+                    refused.update(status.rejected)
                 return {"malformed", "version", "keys", "value"} <= set(refused)
 
             graph.until(counted, "the controller to count every reason")
@@ -340,7 +342,7 @@ def test_false_forces_floods_and_rubbish_in_place_of_the_environment(tmp_path: P
                 for _ in range(FLOOD):
                     force = random_.choice([1e30, -1e30, 30.0, -30.0, 0.0])
                     one.send(reply(query, (force,), next(seq)))
-        assert graph.node("controller")["restarts"] == 0
+        assert graph.node("controller").restarts == 0
         ended = graph.end()
     check(ended)
     assert answered_between(ended, begin_ns, malformed_ns) == 0
@@ -373,7 +375,7 @@ def test_a_wrong_key_gets_no_data_and_the_graph_does_not_feel_it(tmp_path: Path)
         begin_ns = time.monotonic_ns()
         with serving(files["foe"], keys=keys["stranger"]) as stranger:
             graph.until(lambda: "not in its list" in stranger.log, "the stranger to say so")
-            graph.until(lambda: "is not in the list of who may connect" in graph.log, "the graph")
+            graph.until(lambda: "is not in the list of allowed keys" in graph.log, "the graph")
             graph.wait(1.0)
         graph.wait_until_in_contact()
         ended = graph.end()

@@ -1,127 +1,65 @@
-import importlib
-import json
 import math
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from forcebound.benchmark import BENCHMARKS, link_delay, tables
-from forcebound.benchmark.figures import SHARES, Measured, beyond, compare, judge, percentile, plan
-from forcebound.benchmark.workers import collect, compile_c, module, read_times, started
+from benchmarks import __main__ as page
+from benchmarks import delay, harness
+from benchmarks.harness import Figure, Measured, beyond, compare, compiled
 from forcebound.errors import RunError
-from forcebound.messages.codec import decode
-
-CODEC = Path(__file__).parent.parent / "benchmarks" / "codec.py"
+from forcebound.monitor.measure import SHARES, Round, apart, bare, graph, loop, percentile, plan
+from forcebound.realtime import Settings
+from forcebound.workers import returned_by, serving
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+ORDINARY = Settings(policy="other")
 
 
 def measured(*rounds: list[int], label: str = "one") -> Measured:
-    one = Measured(label)
-    for times_ns in rounds:
-        one.add(times_ns, missed=1, processor_ns=10, elapsed_ns=100)
-    return one
+    return Measured(label, [Round(times_ns, 1, 10, 100) for times_ns in rounds])
 
 
 @pytest.mark.parametrize(
-    ("share", "expected"), [(0.0, 1), (0.5, 50), (0.501, 51), (0.99, 99), (0.999, 100), (1.0, 100)]
+    ("name", "expected"), [("p50", 50), ("p99", 99), ("p99_9", 100), ("max", 100)]
 )
 def test_a_percentile_is_the_smallest_value_that_so_many_do_not_exceed(
-    share: float, expected: int
+    name: str, expected: int
 ) -> None:
-    assert percentile(range(1, 101), share) == expected
+    assert percentile([Round(range(51, 101)), Round(range(1, 51))], name) == expected
 
 
 def test_a_single_value_is_every_percentile() -> None:
-    assert {percentile([7], share) for share in SHARES.values()} == {7}
+    assert {percentile([Round([7])], name) for name in SHARES} == {7}
 
 
 def test_there_is_no_percentile_of_nothing() -> None:
-    with pytest.raises(ValueError, match="at least one value"):
-        percentile([], 0.5)
-
-
-def test_a_summary_puts_all_rounds_together_in_microseconds() -> None:
-    assert measured([3000, 1000], [2000]).summary() == {
-        "label": "one",
-        "p50_us": 2.0,
-        "p99_us": 3.0,
-        "p99_9_us": 3.0,
-        "max_us": 3.0,
-        "count": 3,
-        "missed": 2,
-        "processor_share": 0.1,
-    }
+    with pytest.raises(RunError):
+        percentile([Round([])], "p50")
 
 
 def test_the_ratio_is_of_all_rounds_and_the_spread_of_neighbours() -> None:
-    compared = compare(
-        measured([100], [300], label="ours"), measured([100], [100], label="limit"), "max", 2.0
-    )
-    assert compared == {
-        "what": "ours / limit, max",
-        "value": 3.0,
-        "unit": "ratio",
-        "lowest": 1.0,
-        "highest": 3.0,
-        "target": 2.0,
-        "reached": False,
-    }
+    ours, limit = measured([100], [300], label="ours"), measured([100], [100], label="limit")
+    compared = compare(ours, limit, "max", 2.0)
+    assert (compared.value, compared.lowest, compared.highest) == (3.0, 1.0, 3.0)
+    assert not compared.reached
 
 
 def test_a_clock_that_did_not_move_gives_a_finite_ratio() -> None:
-    assert compare(measured([0]), measured([0]), "p50", 1.0)["value"] == 1.0
+    assert compare(measured([0]), measured([0]), "p50", 1.0).value == 1.0
 
 
 def test_a_round_without_times_is_left_out_of_the_spread() -> None:
-    compared = compare(measured([10], []), measured([10], [20]), "p50", None)
-    assert (compared["lowest"], compared["highest"], compared["reached"]) == (1.0, 1.0, None)
+    compared = compare(measured([10], []), measured([10], [20]), "p50")
+    assert (compared.lowest, compared.highest, compared.reached) == (1.0, 1.0, None)
 
 
-def test_what_is_beyond_is_counted_from_the_median_of_what_there_is_anyway() -> None:
+def test_what_is_beyond_is_counted_from_the_median_of_the_baseline() -> None:
     ours = measured([5000, 9000, 9000], [6000, 7000, 8000], label="ours")
     own = measured([1000, 2000, 9000], [3000, 3000, 3000], label="own")
-    assert beyond(ours, own, "max", 6.0) == {
-        "what": "ours, max beyond own",
-        "value": 6.0,
-        "unit": "us",
-        "lowest": 5.0,
-        "highest": 7.0,
-        "target": 6.0,
-        "reached": True,
-    }
-
-
-@pytest.mark.parametrize("name", sorted(set(link_delay.LINKS) - {"own"}))
-def test_the_watched_link_tells_what_it_adds(name: str) -> None:
-    link = link_delay.WatchedLink(link_delay.LINKS[name])
-    link.newest_only = False
-    sender = link_delay.SenderNode(1_000_000, 0)
-    sent = {}
-    for tick in range(100):
-        (packet,) = sender.step(tick * 1_000_000, ())
-        sent[packet.seq] = packet.time_ns
-        link.accept(packet.time_ns, packet)
-    while (due_ns := link.next_due_ns) is not None:
-        for packet in link.due(due_ns):
-            assert link.added_ns.pop(packet.seq) == due_ns - sent.pop(packet.seq)
-    assert not sent
-
-
-def test_the_sender_skips_the_ticks_that_it_missed() -> None:
-    sender = link_delay.SenderNode(1000, 5000)
-    (packet,) = sender.step(7500, ())
-    assert (packet.seq, packet.time_ns, sender.wake_ns) == (0, 7500, 8000)
-
-
-def test_a_target_is_reached_up_to_its_very_value() -> None:
-    assert judge("missed", 0.0, "ticks", 0.0)["reached"] is True
-    assert judge("missed", 1.0, "ticks", 0.0)["reached"] is False
+    found = beyond(ours, own, "max", 6.0)
+    assert (found.value, found.lowest, found.highest, found.reached) == (6.0, 5.0, 7.0, True)
 
 
 @pytest.mark.parametrize(
@@ -131,119 +69,124 @@ def test_a_target_is_reached_up_to_its_very_value() -> None:
 def test_a_duration_is_shared_out_in_rounds_of_about_a_second(
     duration: float, contestants: int, expected: tuple[int, int]
 ) -> None:
-    assert plan(duration, contestants, rate=1000.0) == expected
+    rounds, timing = plan(duration, contestants, rate=1000.0)
+    assert (rounds, timing) == (expected[0], (1_000_000, expected[1]))
 
 
-@pytest.mark.parametrize("data", [b"", b"1234567", b"12345678"])
-def test_an_answer_that_is_no_row_of_times_is_refused(data: bytes) -> None:
-    with pytest.raises(RunError, match="instead of times"):
-        read_times(data, Measured("one"))
+@pytest.mark.parametrize("name", [name for name in delay.LINKS if "ms" in name])
+def test_the_watched_link_knows_what_it_adds(name: str) -> None:
+    link = delay.WatchedLink(delay.LINKS[name])
+    sender = delay.SenderNode(1_000_000)
+    assert sender.wake_ns is not None
+    (packet,) = sender.step(sender.wake_ns, ())
+    link.accept(packet.time_ns, packet)
+    due_ns = link.next_due_ns
+    assert due_ns is not None
+    assert link.added_ns[packet.seq] == due_ns - packet.time_ns
+
+
+def test_the_sender_skips_the_ticks_that_it_missed() -> None:
+    sender = delay.SenderNode(1000)
+    sender.wake_ns = 5000
+    (packet,) = sender.step(7500, ())
+    assert (packet.seq, packet.time_ns, sender.wake_ns) == (0, 7500, 8000)
+
+
+def test_a_target_is_reached_up_to_its_very_value() -> None:
+    assert Figure("missed", 0.0, "ticks", 0.0).reached
+    assert not Figure("missed", 1.0, "ticks", 0.0).reached
+    assert Figure("speed", 2.0, "", 2.0, at_least=True).reached
 
 
 def test_without_a_compiler_the_message_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(RunError, match=r"no C compiler .* apt install gcc"):
-        compile_c("pacing.c", tmp_path)
+    with pytest.raises(RunError, match="gcc"):
+        compiled("pacing.c", str(tmp_path))
 
 
 @needs_compiler
-def test_the_c_limit_can_be_built(tmp_path: Path) -> None:
-    assert compile_c("pacing.c", tmp_path).exists()
+def test_the_c_loop_can_be_built(tmp_path: Path) -> None:
+    assert compiled("pacing.c", str(tmp_path)).exists()
 
 
-def test_the_bare_loop_sends_the_bytes_of_real_packets() -> None:
-    bare_loop = importlib.import_module("forcebound.benchmark.bare_loop")
-    for packet in bare_loop.PACKETS:
-        assert decode(bare_loop.encode(packet), type(packet)) == packet
+def test_the_page_has_a_row_for_each_contestant_and_each_figure() -> None:
+    ours, limit = measured([10_000], label="ours"), measured([20_000], label="limit")
+    figures = [compare(ours, limit, "p50", 1.0), Figure("missed", 1.0, "ticks", 0.0)]
+    text = page.section("loop", ([ours, limit], figures))
+    assert "| ours / limit, p50 | 0.5 | 0.5 to 0.5 | at most 1 | yes |" in text
+    assert "| missed | 1 ticks |  | at most 0 ticks | no |" in text
+    assert "| ours | 10 us | 10 us | 10 us | 10 us | 1 | 1 | 10.0% |" in text
 
 
-@pytest.fixture
-def result() -> dict[str, Any]:
-    ours, limit = measured([10]), measured([20])
-    return {
-        "benchmark": "test",
-        "contestants": {"ours": ours.summary(), "limit": limit.summary()},
-        "comparisons": {
-            "p50": compare(ours, limit, "p50", 1.0),
-            "missed": judge("missed", 1.0, "ticks", 0.0),
-            "processor": judge("processor", 0.1, "share", None),
-            "cost": judge("cost", 61.0, "us", 60.0),
-        },
-        "conditions": {"cores": [0, 1], "kernel": "Linux"},
-    }
+def test_conditions_name_date_commit_and_machine() -> None:
+    found = harness.conditions()
+    assert {"date", "commit", "processor", "kernel", "load average"} <= set(found)
+    assert all(found.values())
 
 
-def test_every_row_of_a_table_has_all_its_columns(result: dict[str, Any]) -> None:
-    for table in tables(result):
-        assert {len(row) for row in table.rows} == {len(table.columns)}
-
-
-def test_the_table_of_targets_says_what_is_reached(result: dict[str, Any]) -> None:
-    (targets,) = (table for table in tables(result) if "targets" in table.title)
-    assert [row[1:] for row in targets.rows] == [
-        ("0.5", "0.5 to 0.5", "at most 1", "yes"),
-        ("1", "", "at most 0", "no"),
-        ("10.0%", "", "", ""),
-        ("61 us", "", "at most 60 us", "no"),
-    ]
+def fail(_: object) -> Round:
+    raise ValueError
 
 
 @pytest.mark.live
-def test_a_contestant_that_fails_is_named() -> None:
-    with pytest.raises(RunError, match=r"forcebound\.benchmark\.pacing ended with status 1"):
-        collect(module("pacing", "not a core"), 0.1, Measured("one"))
+def test_a_contestant_that_fails_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RunError, match="fail"):
+        apart(fail, (1, 1))
+    assert "ValueError" in capfd.readouterr().err
 
 
 @pytest.mark.live
-def test_a_process_ends_with_what_needs_it_even_if_that_fails() -> None:
-    def fail() -> Iterator[int]:
-        with started(module("pacing", 0, "other", 1_000_000, 60_000)) as process:
-            yield process.pid
+def test_what_a_process_returns_comes_back() -> None:
+    assert returned_by(math.sqrt, 4.0, takes=60.0) == 2.0
+
+
+def wait_for_ever(folder: Path) -> None:
+    import os
+    import time
+
+    (folder / "new").write_text(str(os.getpid()))
+    (folder / "new").rename(folder / "pid")
+    time.sleep(1000.0)
+
+
+@pytest.mark.live
+def test_a_process_ends_with_what_needs_it_even_if_that_fails(tmp_path: Path) -> None:
+    def failing() -> Iterator[None]:
+        with serving(wait_for_ever, tmp_path):
+            yield
             raise RuntimeError
 
-    failing = fail()
-    pid = next(failing)
+    body = failing()
+    next(body)
+    while not (tmp_path / "pid").exists():
+        pass
+    pid = (tmp_path / "pid").read_text()
     with pytest.raises(RuntimeError):
-        next(failing)
+        next(body)
     assert not Path(f"/proc/{pid}").exists()
 
 
 @pytest.mark.live
+@pytest.mark.parametrize("contestant", [graph, bare])
+def test_a_loop_gives_a_time_for_each_answer(contestant: object) -> None:
+    found = loop(contestant, ORDINARY, (1_000_000, 30))  # type: ignore[arg-type]
+    assert 0 < len(found.times_ns) <= 30
+    assert len(found.times_ns) + found.missed >= 30
+    assert all(time_ns > 0 for time_ns in found.times_ns)
+
+
+@pytest.mark.live
 @needs_compiler
-@pytest.mark.parametrize("name", sorted(BENCHMARKS))
+@pytest.mark.parametrize("name", [name for name in page.NAMES if name not in page.SLOW])
 def test_a_short_run_gives_every_figure(name: str) -> None:
-    said: list[str] = []
-    result = BENCHMARKS[name].run(duration=0.3, progress=said.append)
-    assert json.loads(json.dumps(result, allow_nan=False)) == result
-    assert said
-    for one in result["contestants"].values():
-        assert one["count"] > 0
-        assert 0 < one["processor_share"] < 10
-        times = [one[key] for key in ("p50_us", "p99_us", "p99_9_us", "max_us")]
-        assert times == sorted(times)
-        assert all(math.isfinite(time) and time > 0 for time in times)
-    for one in result["comparisons"].values():
-        assert math.isfinite(one["value"])
-        assert one["value"] >= 0 or "beyond" in one["what"]  # a difference, on a noisy machine
-    assert {"cores", "kernel", "policies", "python", "pyzmq"} <= set(result["conditions"])
-    assert tables(result)
+    import importlib
 
-
-def test_the_benchmark_of_the_codec_measures_every_packet() -> None:
-    done = subprocess.run(
-        [sys.executable, str(CODEC), "--rounds", "1", "--calls", "5", "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    document = json.loads(done.stdout)  # its status depends on the machine
-    assert set(document["packets"]) == {
-        "device_state",
-        "environment_query",
-        "environment_reply",
-        "force_command",
-        "telemetry",
-    }
-    assert all(one["warm_ratio"] > 0 for one in document["packets"].values())
+    contestants, figures = importlib.import_module(f"benchmarks.{name}").run(0.3, 1000.0)
+    for one in contestants:
+        times = [one.at(share) for share in SHARES]
+        assert times == sorted(times), one.label
+    assert figures
+    assert all(math.isfinite(one.value) for one in figures)
+    assert page.section(name, (contestants, figures))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from builders import MS
+from msgspec.structs import replace as changed
 
 from forcebound.bounding import Dissipation
 from forcebound.devices import Device
@@ -114,7 +115,7 @@ def test_a_force_is_planned_for_the_hold_limit_that_the_device_has_set(learns: b
         for tick in range(20):
             device.position = (tick * 1e-3,)
             node.write(tick * MS, (8.5,), 1.0)
-        return node.bounder.limit, node.report()["hold_limit"]
+        return node.bounder.limit, node.report().hold_limit
 
     clamped = limit_of(Clamping(), DISSIPATION, learns)
     as_stated = limit_of(Silent(), replace(DISSIPATION, hold_limit=2e-3), learns=False)
@@ -139,16 +140,18 @@ def test_another_law_begins_a_new_ledger_and_keeps_what_the_last_one_has_met() -
         device.position = (math.nan,) if tick % 5 == 4 else (1e-4 * tick,)
         node.write((2 * tick if tick > 10 else tick) * MS, (0.0,), 1.0)
     before = node.report()
-    assert (before["overruns"], before["refused_readings"]) == (9, 4)
+    assert (before.overruns, before.refused_readings) == (9, 4)
     assert node.bounder.estimated_energy > 0.0
     node.change_law("certified_memoryless")
     device.position = (2e-3,)
     node.write(60 * MS, (0.0,), 1.0)
     assert node.bounder.estimated_energy == 0.0
-    assert node.report() == {**before, "hold_limit": pytest.approx(before["hold_limit"])}
+    after = node.report()
+    assert after.hold_limit == pytest.approx(before.hold_limit)
+    assert changed(after, hold_limit=before.hold_limit) == before
     device.position = (math.nan,)
     node.write(61 * MS, (0.0,), 1.0)
-    assert node.report()["refused_readings"] == node.refused_readings == 5
+    assert node.report().refused_readings == node.refused_readings == 5
 
 
 def test_a_hold_limit_that_the_device_cannot_change_is_told() -> None:
@@ -163,7 +166,7 @@ def test_a_device_that_can_be_given_a_hold_limit_gets_the_shortest_one_first() -
     node = bounded(device)
     assert node.learns
     assert device.limits[-1] == pytest.approx(1.02e-3)
-    assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
+    assert node.report().hold_limit == pytest.approx(1.02e-3)
 
 
 def test_a_watchdog_that_may_be_early_is_given_a_longer_limit() -> None:
@@ -190,8 +193,8 @@ def test_writes_later_than_the_device_states_are_counted() -> None:
     device = Stamping()
     node = bounded(device)
     write_late(node, device, 10)
-    assert node.report()["late_writes"] == 5
-    assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
+    assert node.report().late_writes == 5
+    assert node.report().longest_write_delay == pytest.approx(2e-4)
 
 
 def test_a_way_of_uncertain_duration_is_taken_for_the_slowest() -> None:
@@ -233,7 +236,7 @@ def test_uncertain_readings_leave_the_time_from_reading_to_writing_as_it_is() ->
         written = node.write(device.time_ns, (0.0,), 1.0)
         assert (written.read_ns, written.write_ns) == device.stamps()  # of the device's clock
         assert written.ahead_ns == (tick + 1) * 100_000
-    assert node.report()["longest_write_delay"] == pytest.approx(2e-4)
+    assert node.report().longest_write_delay == pytest.approx(2e-4)
 
 
 def test_a_fresh_reading_serves_a_state_and_never_the_ledger() -> None:
@@ -252,14 +255,14 @@ def test_a_fresh_reading_serves_a_state_and_never_the_ledger() -> None:
 def test_a_device_that_cannot_be_given_a_hold_limit_has_a_fixed_one() -> None:
     node = bounded(Silent())
     assert not node.learns
-    assert node.report()["hold_limit"] == pytest.approx(1.25e-3)
+    assert node.report().hold_limit == pytest.approx(1.25e-3)
 
 
 def test_a_hold_limit_of_the_launch_file_stays() -> None:
     device = Told()
     node = bounded(device, learns=False)
     assert set(device.limits) == {DISSIPATION.hold_limit}
-    assert node.report()["hold_limit"] == pytest.approx(1.02e-3)
+    assert node.report().hold_limit == pytest.approx(1.02e-3)
 
 
 def test_an_arm_takes_torques_and_shows_the_force_at_its_tip() -> None:

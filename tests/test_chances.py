@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from builders import MS, TimedPacket
-from chance_tests import SURELY_NOT, delays, is_likely, losses
+from chance_tests import SURELY_NOT, EveryPacket, delays, is_likely, losses
 
 from forcebound.network.chances import Draws
 from forcebound.network.distribution import QUANTILES
@@ -145,7 +145,7 @@ def test_both_states_of_gilbert_elliott_lose_by_their_own_probability() -> None:
 
 def test_outages_lose_what_arrives_in_them_and_nothing_else() -> None:
     outages = (Outage(0.010, 0.005), Outage(0.013, 0.004), Outage(0.030, 0.0))
-    link: Link[TimedPacket] = Link(Impairment(delay=0.002, outages=outages), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.002, outages=outages), 1)
     start_ns = 7_000 * MS  # counted from the first packet, whatever the clock says
     for seq in range(40):
         link.accept(start_ns + seq * MS, TimedPacket(seq, 0))
@@ -155,7 +155,7 @@ def test_outages_lose_what_arrives_in_them_and_nothing_else() -> None:
 
 
 def test_an_outage_that_is_set_later_is_not_in_the_past() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.002), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.002), 1)
     for seq in range(100):
         if seq == 60:
             link.change(Impairment(delay=0.002, outages=(Outage(0.010, 0.005),)))

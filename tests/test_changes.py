@@ -7,12 +7,14 @@ from unittest.mock import Mock
 
 import pytest
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, load
-from forcebound.config.parameters import differences, holders, parameters
+from forcebound.config.names import LAW
+from forcebound.config.parameters import differences, parameters, processes_of
 from forcebound.errors import ConfigError
 from forcebound.launch.application import Tuner
 from forcebound.launch.build import build_device
+from forcebound.messages.control import Configure
 from forcebound.messages.packets import EnvironmentQuery, Event
 from forcebound.monitor.formatting import as_written
 from forcebound.monitor.tuning import find_parameters, read_settings
@@ -148,17 +150,17 @@ def test_a_section_stands_for_its_parameters(config: GraphConfig) -> None:
 
 def test_a_link_belongs_to_the_process_that_receives() -> None:
     names = ["links.environment_query.delay", "links.force_command.loss"]
-    assert holders(names) == {"environment", "device"}
-    assert holders(["environment.stiffness"]) == {"environment"}
-    assert holders([LAW]) == {"device"}
+    assert processes_of(names) == {"environment", "device"}
+    assert processes_of(["environment.stiffness"]) == {"environment"}
+    assert processes_of([LAW]) == {"device"}
 
 
 # --- In a running process ------------------------------------------------------------------------
 
 
-def request(config: GraphConfig, time_ns: int, **stiffness: float) -> dict[str, Any]:
+def request(config: GraphConfig, time_ns: int, **stiffness: float) -> Configure:
     settings = parameters(config) | {f"environment.{n}": v for n, v in stiffness.items()}
-    return {"request": "configure", "time_ns": time_ns, "parameters": settings}
+    return Configure(time_ns, settings)
 
 
 def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
@@ -173,32 +175,28 @@ def test_of_two_requests_that_overtake_each_other_the_newer_one_counts(
     assert reply.force == (pytest.approx(4.0),)
 
 
+def with_law(config: GraphConfig, law: object) -> Configure:
+    return Configure(5, parameters(config) | {LAW: law})
+
+
 def test_a_device_takes_a_law_and_no_other_process_does(config: GraphConfig) -> None:
     device = build_device(config)
-    settings = request(config, 5)
-    settings["parameters"][LAW] = "none"
+    settings = with_law(config, "none")
     assert Tuner(config)(Mock(nodes=[EnvironmentNode(config.environment.model)]), settings) == {}
     assert Tuner(config)(Mock(nodes=[device]), settings) == {}  # it tells when it has taken it
     packets = [packet for time_ns in (0, 400_000) for packet in device.step(time_ns, ())]
     assert [packet.data["law"] for packet in packets if isinstance(packet, Event)] == ["none"]
     for damaged in ("my_law.py", 3):
-        settings["parameters"][LAW] = damaged
         with pytest.raises(ConfigError, match=r"no law of one's own|no parameters of this graph"):
-            Tuner(config)(Mock(nodes=[device]), settings)
+            Tuner(config)(Mock(nodes=[device]), with_law(config, damaged))
 
 
 def test_a_process_takes_only_the_parameters_of_its_own_node(config: GraphConfig) -> None:
-    settings = request(config, 5, stiffness=400.0)
-    settings["parameters"]["links.force_command.delay"] = 0.01
-    assert Tuner(config)(Mock(nodes=[]), settings) == {}
+    settings = {"environment.stiffness": 400.0, "links.force_command.delay": 0.01}
+    assert Tuner(config)(Mock(nodes=[]), Configure(5, settings)) == {}
 
 
-@pytest.mark.parametrize(
-    "damaged",
-    [{}, {"parameters": 3}, {"time_ns": "x"}, {"parameters": {"environment.stiffness": "soft"}}],
-)
-def test_a_damaged_request_changes_nothing(config: GraphConfig, damaged: dict[str, Any]) -> None:
+def test_a_damaged_request_changes_nothing(config: GraphConfig) -> None:
     process = Mock(nodes=[EnvironmentNode(config.environment.model)])
-    whole = {"time_ns": 5, "parameters": {}} if damaged else {}
-    with pytest.raises(ConfigError, match=r"expected parameters|no parameters of this graph"):
-        Tuner(config)(process, {**whole, **damaged})
+    with pytest.raises(ConfigError, match="cannot be made"):
+        Tuner(config)(process, Configure(5, {"environment.stiffness": "soft"}))

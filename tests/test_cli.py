@@ -238,7 +238,6 @@ def test_check_and_show_args_start_nothing() -> None:
         (("launch", "stiff_wall.yaml", "--record", "/nowhere/run"), "no folder /nowhere"),
         (("simulate", "stiff_wall", "--check", "--record", "/nowhere/run.mcap"), "/nowhere"),
         (("simulate", "stiff_wall", "--record", "/proc/run.mcap"), "cannot write the recording"),
-        (("bench", "nothing"), "nothing"),
         (("bridge", "rviz"), "unknown command 'rviz'; known: foxglove, plotjuggler"),
         (("lunch",), "unknown command 'lunch'; did you mean 'launch'?"),
         (("sweep", "nowhere"), "nowhere"),
@@ -368,22 +367,10 @@ def test_keys_are_made_listed_and_shown(tmp_path: Path, monkeypatch: pytest.Monk
     assert invoke("keys", "show", "nobody").exit_code == 2
 
 
-@pytest.mark.parametrize("mode", [0o750, 0o701, 0o777])
-def test_a_node_refuses_a_run_directory_that_others_may_enter(tmp_path: Path, mode: int) -> None:
-    tmp_path.chmod(mode)
-    result = invoke("node", "environment", "stiff_wall.yaml", "--run-dir", str(tmp_path))
+def test_only_an_environment_is_run_by_itself() -> None:
+    result = invoke("node", "controller", "stiff_wall")
     assert result.exit_code == 2
-    assert f"others may enter the run directory {tmp_path}" in result.stderr
-    assert "mkdir -m 700 DIR" in result.stderr
-    assert "chmod" not in result.stderr  # of /tmp it would break the machine
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give folders away")
-def test_a_node_refuses_a_run_directory_of_another_user(tmp_path: Path) -> None:
-    os.chown(tmp_path, 12345, -1)
-    result = invoke("node", "environment", "stiff_wall.yaml", "--run-dir", str(tmp_path))
-    assert result.exit_code == 2
-    assert "belongs to another user" in result.stderr
+    assert "controller" in result.stderr
 
 
 @pytest.mark.parametrize("command", ["stop", "start"])

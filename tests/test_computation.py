@@ -187,7 +187,7 @@ def test_the_seed_of_the_launch_file_decides_the_times(tmp_path: Path) -> None:
         ({"compute_trace": "no.csv"}, "15:18: compute_trace: cannot read the trace"),
         (
             {"compute_trace": "no.csv", "compute_delay": "1 ms"},
-            "15:18: compute_trace says what each delay is: give it without compute_delay",
+            "15:18: compute_trace sets each delay: give it without compute_delay",
         ),
         ({"compute_jiter": "1 ms"}, "unknown key in environment: 'compute_jiter'"),
     ],

@@ -7,6 +7,7 @@ from builders import MS
 from forcebound.config.loader import load
 from forcebound.controllers.direct import DirectController
 from forcebound.launch.build import dead_lease_ns, lease_ns
+from forcebound.messages.control import EnvironmentDied
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -58,7 +59,7 @@ def test_the_first_environment_that_answers_serves_and_another_one_is_refused() 
     assert "two" in event.message
     assert "one" in event.message
     assert node.step(4 * MS, [reply_of("two", query)]) == []  # told once a second, counted always
-    assert node.status()["rejected"] == {"second_environment": 2}
+    assert node.status().rejected == {"second_environment": 2}
 
 
 def test_another_environment_serves_once_the_one_that_did_has_been_silent() -> None:
@@ -72,11 +73,7 @@ def test_another_environment_serves_once_the_one_that_did_has_been_silent() -> N
     assert query.environment is None
     _, command = node.step(1003 * MS, [reply_of("two", query)])
     assert isinstance(command, ForceCommand)
-    assert node.status()["environment"] == "two"
-
-
-def died(process: str) -> dict[str, str]:
-    return {"request": "environment_died", "process": process}
+    assert node.status().environment == "two"
 
 
 def test_the_lease_of_an_environment_that_is_gone_is_shorter_and_the_next_one_has_a_whole_one() -> (
@@ -84,10 +81,10 @@ def test_the_lease_of_an_environment_that_is_gone_is_shorter_and_the_next_one_ha
 ):
     node = ControllerNode(DirectController(), lease_ns=1000 * MS, dead_lease_ns=200 * MS)
     node.step(1 * MS, [reply_of("host/1/a", ask(node, 0))])
-    node.handle(died("host/12/"))
+    node.handle(EnvironmentDied("host/12/"))
     assert ask(node, 300 * MS).environment == "host/1/a"
     node.step(301 * MS, [reply_of("host/1/a", ask(node, 301 * MS))])
-    node.handle(died("host/1/"))
+    node.handle(EnvironmentDied("host/1/"))
     assert ask(node, 501 * MS).environment == "host/1/a"  # the force must be at zero before
     lost, query = node.step(502 * MS, [DeviceState(2, 502 * MS, 0.0, (0.0,), (0.0,), (0.0,))])
     assert isinstance(lost, Event)

@@ -86,7 +86,7 @@ def test_a_controller_that_fails_is_counted_and_commands_nothing() -> None:
     packets = [node.step(k, [reply(k, 1.0, 1)]) for k in range(1, 5)]
     commands = [[p for p in sent if isinstance(p, ForceCommand)] for sent in packets]
     assert [len(sent) for sent in commands] == [1, 0, 1, 0]
-    assert node.status()["failures"] == 2
+    assert node.status().failures == 2
     events = [p.event for sent in packets for p in sent if isinstance(p, Event)]
     assert events == ["environment_serves", "controller_failed"]
 
@@ -123,4 +123,4 @@ def test_no_controller_hears_of_a_number_that_is_not_finite(number: float) -> No
         assert isinstance(command, ForceCommand)  # which the device rejects if it has to
         assert repr(command.force) == repr(change.get("force", (1.0,)))
     assert controller.told == [replace(sound, proxy=None, normal=None)] * 2
-    assert node.status()["rejected"] == {"not_finite": 2}
+    assert node.status().rejected == {"not_finite": 2}

@@ -23,7 +23,7 @@ from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.codec import encode
 from forcebound.messages.packets import LINKS, EnvironmentReply, Packet, Telemetry
-from forcebound.monitor.delay import SHARES, Measured, measure, watch
+from forcebound.monitor.delay import DelayFigures, Measured, Percentiles, measure, watch
 from forcebound.network.impairment import Impairment
 from forcebound.network.sockets import Network
 from forcebound.network.trace import DelayTrace
@@ -99,12 +99,7 @@ def test_a_run_without_any_answer_is_all_lost() -> None:
     columns = TelemetryColumns.from_packets([telemetry(seq, None, None) for seq in range(5)])
     trace = loop_delays(columns)
     assert trace.delays == (None,) * 5
-    assert Measured(trace, {}).summary == {
-        "ticks": 5,
-        "lost_share": 1.0,
-        "loop_delay_ms": dict.fromkeys(SHARES),
-        "histogram": [],
-    }
+    assert Measured(trace, {}).figures == DelayFigures(5, 1.0, Percentiles(), [])
 
 
 def test_a_run_shorter_than_its_delays_has_no_trace() -> None:
@@ -138,10 +133,10 @@ def test_a_replay_on_one_link_has_the_loop_delay_of_the_recording(tmp_path: Path
         "replay.yaml",
     )
     replay = run_virtual(load(path), 0.3)
-    recorded = measure(tmp_path / "run.mcap").summary["loop_delay_ms"]
-    assert recorded["p50"] == pytest.approx(4.4)
-    assert replay.summary["loop_delay_ms"]["p50"] == pytest.approx(recorded["p50"])
-    assert replay.summary["loop_delay_ms"]["p99"] == pytest.approx(recorded["p99"])
+    recorded = measure(tmp_path / "run.mcap").figures.loop_delay_ms
+    assert recorded.p50 == pytest.approx(4.4)
+    assert replay.summary["loop_delay_ms"]["p50"] == pytest.approx(recorded.p50)
+    assert replay.summary["loop_delay_ms"]["p99"] == pytest.approx(recorded.p99)
 
 
 FAR = {
@@ -219,7 +214,7 @@ def test_a_trace_replaces_no_other_file(tmp_path: Path) -> None:
     for output, status in ((run, 2), (launch, 2), (trace, 0), (trace, 0)):
         result = CliRunner().invoke(main, ["delay", str(run), "-o", str(output)])
         assert result.exit_code == status, result.output
-        assert ("exists and is no trace" in result.output) == (status == 2)
+        assert ("exists and is not a trace" in result.output) == (status == 2)
     assert run.read_bytes() == recorded
     assert launch.read_text() == GOOD
 

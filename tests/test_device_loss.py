@@ -109,7 +109,7 @@ def test_counts_go_on_when_a_device_returns() -> None:
 
 
 def wait_for_loss(graph: LiveGraph) -> None:
-    graph.until(lambda: graph.node("device")["state"] == "lost", "the loss")
+    graph.until(lambda: graph.node("device").state == "lost", "the loss")
 
 
 def put_home(link: Path) -> None:

@@ -226,7 +226,7 @@ def test_a_reading_that_cannot_be_is_counted_and_told_once_a_second() -> None:
         events += [event for event in told if isinstance(event, Event)]
     counts = [event.data["refused"] for event in events if event.event == "readings_refused"]
     assert counts == ["1", "501"]
-    assert node.status()["bounder"]["refused_readings"] == 600
+    assert node.status().bounder.refused_readings == 600
 
 
 def test_a_packet_refused_by_the_codec_is_counted_too() -> None:
@@ -234,7 +234,7 @@ def test_a_packet_refused_by_the_codec_is_counted_too() -> None:
     node.reject("malformed")
     node.reject("malformed")
     assert tick(node, 0).rejected == {"malformed": 2}
-    assert node.status()["rejected"] == {"malformed": 2}
+    assert node.status().rejected == {"malformed": 2}
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeAlias
 
+import numpy as np
 import pytest
 from builders import MS
 from hypothesis import given, settings
@@ -124,7 +125,8 @@ def test_a_desktop_arm_reaches_its_workspace_without_a_singular_pose() -> None:
     for corner in itertools.product(*[(-0.5 * e, 0.0, 0.5 * e) for e in arm.workspace]):
         angles = arm.angles(corner)
         assert angles is not None
-        assert not kinematics.is_singular(angles)
+        volume = abs(np.linalg.det(kinematics.jacobian(angles)))
+        assert volume > 0.1 * arm.upper**2 * arm.lower
 
 
 def test_the_launch_file_of_the_desktop_arm_keeps_the_hand_in_its_workspace() -> None:
@@ -155,20 +157,6 @@ class SinkingHand(Operator):
 
     def target(self, elapsed: float) -> Vector:
         return (0.0, -0.1 * elapsed)
-
-
-def test_singular_poses_are_found() -> None:
-    five_bar, planar = WIDE.kinematics(), SerialArm().kinematics()
-    spatial = SerialArm(joints=3).kinematics()
-    assert five_bar.is_singular((0.05, math.pi - 0.05))  # distal links nearly in line
-    assert five_bar.is_singular((0.0, math.pi))  # they could not meet
-    assert five_bar.is_singular((2.0, math.pi - 2.0))  # the elbows have passed each other
-    assert planar.is_singular((0.3, 0.0))  # stretched
-    assert planar.is_singular((0.3, math.pi))
-    assert spatial.is_singular((0.2, math.pi / 2 + 0.5, -1.0))  # tip above the base
-    assert not five_bar.is_singular((0.76, 2.38))
-    assert not planar.is_singular((0.83, -1.9))
-    assert not spatial.is_singular((0.0, 0.83, -1.9))
 
 
 def test_a_five_bar_that_cannot_be_held_gets_no_torque() -> None:

@@ -57,7 +57,7 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert problems(found) <= OF_TIME
         assert status == (1 if problems(found) else 0)
 
-        pid = graph.node("environment")["pid"]
+        pid = graph.pid("environment")
         graph.signal("environment", signal.SIGSTOP)
         graph.wait_until_released()
         status, found = examine(graph)
@@ -78,9 +78,7 @@ def test_a_healthy_graph_then_a_suspended_environment_then_a_link_that_loses_all
         assert status == 1
         assert problems(found) - OF_TIME == {"hop_broken", "no_force"}
         assert found["hop_broken"]["where"] == "link environment_query"
-        [cause] = found["hop_broken"]["causes"]
-        assert cause == {"code": "injected_loss", "data": {"topic": "environment_query"}}
-        assert "lost on purpose" in found["hop_broken"]["seen"]
+        assert found["hop_broken"]["causes"] == ["injected_loss"]
 
         done = graph.order(
             "param", "set", "--run", str(graph.run_dir), "links.environment_query.loss:=0"

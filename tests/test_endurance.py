@@ -160,9 +160,9 @@ def test_ten_minutes_live_with_everything_at_once_lose_no_memory_and_no_descript
     with live_graph(str(everything)) as graph:
         for _ in range(LIVE_SECONDS // 10):
             graph.wait(10.0)
-            for name, node in graph.status()["nodes"].items():
-                sizes.setdefault(name, []).append(resident(node["pid"]))
-                files.setdefault(name, []).append(descriptors(node["pid"]))
+            for name in graph.status().nodes:
+                sizes.setdefault(name, []).append(resident(graph.pid(name)))
+                files.setdefault(name, []).append(descriptors(graph.pid(name)))
         ended = graph.end(patience=600.0)  # there is much to read
     summary = ended.summary
     for name, size in sizes.items():

@@ -67,7 +67,7 @@ def test_a_query_that_is_not_finite_is_counted_and_not_answered(key: str) -> Non
             node.step(0, [replace(query(0), **{key: number if key == "elapsed" else (number,)})])
             == []
         )
-    assert node.status()["rejected"] == {"not_finite": 2}
+    assert node.status().rejected == {"not_finite": 2}
     assert node.answered == 0
 
 
@@ -108,7 +108,7 @@ def test_an_answer_with_another_number_of_axes_is_none_and_is_counted(
     (event,) = node.step(0, [query(0)])
     assert isinstance(event, Event)
     assert event.event == "environment_failed"
-    assert node.status()["failures"] == 1
+    assert node.status().failures == 1
     assert "expected 1 entries, got 0" in caplog.text
 
 
@@ -121,5 +121,5 @@ def test_an_environment_that_raises_is_silent_and_counted(
         assert isinstance(event, Event)
         assert (event.event, event.is_fault) == ("environment_failed", True)
         assert node.step(1, [query(1)]) == []
-    assert node.status()["failures"] == 2
+    assert node.status().failures == 2
     assert len(caplog.records) == 1

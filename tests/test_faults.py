@@ -15,6 +15,8 @@ from live_graph import (
     live_graph,
 )
 
+from forcebound.messages.control import ProcessState
+
 pytestmark = PROCESSES_OF_THEIR_OWN
 
 
@@ -36,9 +38,9 @@ def test_a_node_killed_in_contact_is_started_anew_and_the_force_returns(victim: 
         graph.signal(victim, signal.SIGKILL)
         harm_ns = time.monotonic_ns()
         graph.wait_until_released()
-        graph.until(lambda: graph.node(victim)["state"] == "running", "its successor")
+        graph.until(lambda: graph.node(victim).state == "running", "its successor")
         graph.wait_until_in_contact()
-        assert graph.node(victim)["restarts"] == 1
+        assert graph.node(victim).restarts == 1
         ended = graph.end()
     check_survived(ended, harm_ns)
     assert ended.faults["process_ended"] == 1
@@ -65,7 +67,7 @@ def test_a_node_that_stands_still_for_two_seconds_leaves_no_force(victim: str) -
         continued_ns = time.monotonic_ns()
         graph.signal(victim, signal.SIGCONT)
         graph.wait_until_in_contact()
-        assert graph.node(victim)["restarts"] == 0
+        assert graph.node(victim).restarts == 0
         ended = graph.end()
     assert check_survived(ended, harm_ns) > continued_ns
     assert "process_ended" not in ended.faults
@@ -86,9 +88,9 @@ def test_an_environment_leaves_and_comes_back_by_command() -> None:
         stopped = graph.order("stop", "environment", *run)
         assert stopped.returncode == 0, stopped.stderr
         harm_ns = time.monotonic_ns()
-        assert graph.node("environment") == {"state": "stopped", "pid": None, "restarts": 0}
+        assert graph.node("environment") == ProcessState("stopped")
         graph.wait(1.5)  # longer than the lease, and than any back-off of a first restart
-        assert graph.node("environment")["state"] == "stopped"
+        assert graph.node("environment").state == "stopped"
         started = graph.order("start", "environment", *run)
         assert started.returncode == 0, started.stderr
         graph.wait_until_in_contact()
@@ -104,7 +106,7 @@ def test_an_environment_leaves_and_comes_back_by_command() -> None:
 
 def test_a_launcher_that_hangs_harms_nobody_and_makes_up_for_it_afterwards() -> None:
     with live_graph("stiff_wall.yaml") as graph:
-        environment = graph.node("environment")["pid"]
+        environment = graph.pid("environment")
         graph.process.send_signal(signal.SIGSTOP)
         graph.wait(0.5)
         os.kill(environment, signal.SIGKILL)
@@ -112,7 +114,7 @@ def test_a_launcher_that_hangs_harms_nobody_and_makes_up_for_it_afterwards() -> 
         graph.wait_until_released()
         graph.process.send_signal(signal.SIGCONT)
         graph.wait_until_in_contact()
-        assert graph.node("environment")["restarts"] == 1
+        assert graph.node("environment").restarts == 1
         ended = graph.end()
     check_survived(ended, harm_ns)
     assert ended.faults["process_ended"] == 1
@@ -123,7 +125,7 @@ def test_a_recorder_that_cannot_write_leaves_a_result_that_says_so() -> None:
         graph.until(lambda: graph.record.stat().st_size > 50_000, "something to save")
         # As a disk that is full from now on, but for this process alone.
         size = graph.record.stat().st_size + 20_000
-        resource.prlimit(graph.node("recorder")["pid"], resource.RLIMIT_FSIZE, (size, size))
+        resource.prlimit(graph.pid("recorder"), resource.RLIMIT_FSIZE, (size, size))
         graph.until(lambda: "recording stopped" in graph.log, "the recorder to say so")
         graph.wait_until_in_contact()
         ended = graph.end()

@@ -7,7 +7,7 @@ import pytest
 from launch_texts import problems_of, written
 
 from forcebound.config.loader import load
-from forcebound.config.resolved import restore, to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.environments import change_environment, open_environment
 from forcebound.environments.contract import check
 from forcebound.environments.fixtures import (
@@ -112,7 +112,7 @@ environment:
 
 def test_a_launch_file_names_fixtures_and_the_hand_rests_on_the_limit(tmp_path: Path) -> None:
     config = load(written(tmp_path, FILE), ["law:=none", "approach_speed:=35 mm/s"])
-    assert restore(to_document(config)) == config
+    assert with_parts(restore(to_document(config))) == config
     result = run_virtual(config)
     depth = result.columns.true_position[-1, 0] - 0.005
     assert depth == pytest.approx(

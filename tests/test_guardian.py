@@ -31,7 +31,7 @@ def board() -> Iterator[tuple[int, int]]:
 
 @pytest.mark.parametrize("fate", FATES)
 def test_a_force_ends_once_whatever_becomes_of_its_process(fate: str) -> None:
-    messages, _ = watch(fate)  # how soon, `python benchmarks/guardian.py` prints
+    messages, _ = watch(fate)  # how soon, `python -m benchmarks guardian` prints
     assert messages.count(ZERO) == 1
     assert messages[-1] == ZERO
     assert set(messages) <= {FORCE, ZERO}

@@ -12,12 +12,13 @@ from forcebound.config.document import shipped
 from forcebound.config.fields import fields_of
 from forcebound.config.graph import BESIDE_MODEL, KINDS
 from forcebound.config.loader import arguments_of, from_document, load
-from forcebound.config.resolved import restore, to_document
+from forcebound.config.resolved import restore, run_document, to_document, with_parts
 from forcebound.config.schema import json_schema
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.nodes.servo import ServoSettings
+from forcebound.processes import NODES
 
 # --- what ships ----------------------------------------------------------------------------------
 
@@ -65,19 +66,25 @@ def test_a_resolved_document_is_plain_json_and_reads_back_the_same(shipped_name:
     config = load(shipped_name)
     text = json.dumps(to_document(config), allow_nan=False)
     assert from_document(json.loads(text)) == config
-    assert restore(json.loads(text)) == config
+    assert with_parts(restore(json.loads(text))) == config
 
 
-def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(tmp_path: Path) -> None:
-    document = written(tmp_path, json.dumps(to_document(load("stress"))), "launch.json")
+@pytest.mark.parametrize("kind", NODES)
+def test_a_node_process_loads_no_parser_of_launch_files_or_recordings(
+    kind: str, tmp_path: Path
+) -> None:
+    document = written(tmp_path, json.dumps(run_document(load("stress"))), "launch.json")
     program = (
         "import json, sys\n"
         "from forcebound.config.resolved import restore\n"
-        "restore(json.load(open(sys.argv[1])))\n"
+        "from forcebound.launch import worker\n"
+        "config = restore(json.load(open(sys.argv[1])))\n"
+        "worker.build_node(sys.argv[2], config)\n"
+        "worker.Tuner(config)\n"
         "parsers = {'mcap', 'pydantic', 'ruamel.yaml', 'pint'}\n"
         "sys.exit(str(sorted(parsers & set(sys.modules)) or ''))\n"
     )
-    command = [sys.executable, "-c", program, str(document)]
+    command = [sys.executable, "-c", program, str(document), kind]
     out = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert out.stderr.strip() == ""
 

@@ -26,7 +26,7 @@ def graph() -> Iterator[LiveGraph]:
 
 
 def pids_of(graph: LiveGraph) -> dict[str, int]:
-    pids = {name: node["pid"] for name, node in graph.status()["nodes"].items()}
+    pids = {name: graph.pid(name) for name in graph.status().nodes}
     assert set(pids) == {"environment", "controller", "device", "recorder"}
     return pids
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from builders import MS, TimedPacket
-from chance_tests import SURELY_NOT, binomial_tail, distance_is_likely, is_likely
+from chance_tests import SURELY_NOT, EveryPacket, binomial_tail, distance_is_likely, is_likely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,13 +67,12 @@ impairments = st.builds(
 @given(
     impairment=impairments,
     seed=st.integers(0, 2**64),
-    newest_only=st.booleans(),
     actions=st.lists(st.tuples(st.booleans(), st.integers(0, 30 * MS)), max_size=60),
 )
 def test_no_packet_is_gained_or_forgotten_or_kept_back(
-    impairment: Impairment, seed: int, newest_only: bool, actions: list[tuple[bool, int]]
+    impairment: Impairment, seed: int, actions: list[tuple[bool, int]]
 ) -> None:
-    link: Link[TimedPacket] = Link(impairment, seed, newest_only)
+    link: Link[TimedPacket] = Link(impairment, seed)
     now = 0
     delivered: list[TimedPacket] = []
     for seq, (is_asked, wait_ns) in enumerate(actions):
@@ -85,32 +84,29 @@ def test_no_packet_is_gained_or_forgotten_or_kept_back(
     delivered += link.due(now + 200 * MS)
     assert link.queued == 0
     assert len(delivered) == len(set(delivered)) == link.delivered
-    if newest_only:
-        assert delivered == sorted(delivered, key=lambda packet: packet.seq)
-    else:
-        assert link.superseded == 0
+    assert delivered == sorted(delivered, key=lambda packet: packet.seq)
 
 
-@given(impairments, st.integers(0, 2**64), st.booleans())
+@given(impairments, st.integers(0, 2**64))
 def test_every_delivery_is_within_the_jitter_and_never_before_the_arrival(
-    impairment: Impairment, seed: int, newest_only: bool
+    impairment: Impairment, seed: int
 ) -> None:
     latest_ns = (impairment.delay + impairment.jitter) * 1e9 + 1
     earliest_ns = max(0.0, (impairment.delay - impairment.jitter) * 1e9 - 1)
-    for time_ns, packet in deliver(Link(impairment, seed, newest_only), stream(50)):
+    for time_ns, packet in deliver(EveryPacket(impairment, seed), stream(50)):
         assert earliest_ns <= time_ns - packet.time_ns <= latest_ns
 
 
 def test_another_seed_gives_other_deliveries() -> None:
     impairment = Impairment(delay=0.01, jitter=0.005, loss=0.1)
-    runs = {tuple(deliver(Link(impairment, seed, False), stream(50))) for seed in range(20)}
+    runs = {tuple(deliver(EveryPacket(impairment, seed), stream(50))) for seed in range(20)}
     assert len(runs) == 20
 
 
 def test_the_packets_do_not_decide_their_fate() -> None:
     impairment = Impairment(delay=0.02, jitter=0.01, loss=0.3)
-    one = deliver(Link(impairment, 1, False), stream(100))
-    other = deliver(Link(impairment, 1, False), stream(100, first=5000))
+    one = deliver(EveryPacket(impairment, 1), stream(100))
+    other = deliver(EveryPacket(impairment, 1), stream(100, first=5000))
     assert [time_ns for time_ns, _ in one] == [time_ns for time_ns, _ in other]
 
 
@@ -119,7 +115,7 @@ def test_the_packets_do_not_decide_their_fate() -> None:
 
 def test_a_perfect_link_delivers_at_once() -> None:
     packets = stream(100)
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     for packet in packets:
         link.accept(packet.time_ns, packet)
         assert link.next_due_ns == packet.time_ns
@@ -129,14 +125,14 @@ def test_a_perfect_link_delivers_at_once() -> None:
 
 
 def test_a_delay_is_exact_to_the_nanosecond() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.002_000_001), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.002_000_001), 1)
     assert deliver(link, stream(5)) == [
         (packet.time_ns + 2_000_001, packet) for packet in stream(5)
     ]
 
 
 def test_equal_times_keep_the_order_of_arrival() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.001), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.001), 1)
     packets = [TimedPacket(seq, 0) for seq in (3, 1, 2, 0)]
     for packet in packets:
         link.accept(0, packet)
@@ -145,7 +141,7 @@ def test_equal_times_keep_the_order_of_arrival() -> None:
 
 def test_a_loss_of_one_loses_all_and_of_zero_none() -> None:
     for loss, expected in ((0.0, 200), (1.0, 0)):
-        link: Link[TimedPacket] = Link(Impairment(delay=0.001, loss=loss), 1, newest_only=False)
+        link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.001, loss=loss), 1)
         assert len(deliver(link, stream(200))) == expected
         assert link.lost == 200 - expected
 
@@ -153,7 +149,7 @@ def test_a_loss_of_one_loses_all_and_of_zero_none() -> None:
 @pytest.mark.parametrize("loss", [0.01, 0.1, 0.5, 0.9])
 def test_packets_are_lost_with_the_given_probability(loss: float) -> None:
     count = 4000
-    link: Link[TimedPacket] = Link(Impairment(loss=loss), link_seed(1, "loss"), newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(loss=loss), link_seed(1, "loss"))
     deliver(link, stream(count))
     assert binomial_tail(count, loss, link.lost) > SURELY_NOT
 
@@ -162,7 +158,7 @@ def test_packets_are_lost_with_the_given_probability(loss: float) -> None:
 def test_losses_are_independent(loss: float) -> None:
     """Given that a packet is lost, the next is lost as often as any other."""
     packets = stream(8000)
-    link: Link[TimedPacket] = Link(Impairment(loss=loss), link_seed(2, "loss"), newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(loss=loss), link_seed(2, "loss"))
     arrived = {packet.seq for _, packet in deliver(link, packets)}
     lost = [packet.seq not in arrived for packet in packets]
     # Disjoint pairs, so that the pairs are independent and the count is binomial.
@@ -172,8 +168,8 @@ def test_losses_are_independent(loss: float) -> None:
 
 def test_delays_are_uniform_within_the_jitter() -> None:
     count = 4000
-    link: Link[TimedPacket] = Link(
-        Impairment(delay=0.010, jitter=0.004), link_seed(1, "jitter"), newest_only=False
+    link: Link[TimedPacket] = EveryPacket(
+        Impairment(delay=0.010, jitter=0.004), link_seed(1, "jitter")
     )
     deliveries = deliver(link, stream(count))
     delays = [time_ns - packet.time_ns for time_ns, packet in deliveries]
@@ -183,8 +179,8 @@ def test_delays_are_uniform_within_the_jitter() -> None:
 
 def test_delays_of_successive_packets_are_independent() -> None:
     count = 4000
-    link: Link[TimedPacket] = Link(
-        Impairment(delay=0.010, jitter=0.004), link_seed(3, "jitter"), newest_only=False
+    link: Link[TimedPacket] = EveryPacket(
+        Impairment(delay=0.010, jitter=0.004), link_seed(3, "jitter")
     )
     delays = {
         packet.seq: time_ns - packet.time_ns for time_ns, packet in deliver(link, stream(count))
@@ -195,8 +191,8 @@ def test_delays_of_successive_packets_are_independent() -> None:
 
 def test_jitter_beyond_the_delay_stops_at_the_arrival() -> None:
     count = 2000
-    link: Link[TimedPacket] = Link(
-        Impairment(delay=0.001, jitter=0.004), link_seed(1, "clamp"), newest_only=False
+    link: Link[TimedPacket] = EveryPacket(
+        Impairment(delay=0.001, jitter=0.004), link_seed(1, "clamp")
     )
     delays = [time_ns - packet.time_ns for time_ns, packet in deliver(link, stream(count))]
     assert min(delays) == 0
@@ -205,7 +201,7 @@ def test_jitter_beyond_the_delay_stops_at_the_arrival() -> None:
 
 
 def test_jitter_reorders_packets() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.01, jitter=0.005), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.01, jitter=0.005), 1)
     order = [packet.seq for _, packet in deliver(link, stream(100))]
     assert sorted(order) == list(range(100)) != order
 
@@ -215,7 +211,7 @@ def test_survivors_are_delayed_as_if_there_were_no_loss() -> None:
         {
             packet: time_ns
             for time_ns, packet in deliver(
-                Link(Impairment(delay=0.01, jitter=0.005, loss=loss), 7, False), stream(300)
+                EveryPacket(Impairment(delay=0.01, jitter=0.005, loss=loss), 7), stream(300)
             )
         }
         for loss in (0.0, 0.3)
@@ -225,7 +221,7 @@ def test_survivors_are_delayed_as_if_there_were_no_loss() -> None:
 
 
 def test_a_change_leaves_packets_on_the_way_alone() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.05), 1, newest_only=False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(delay=0.05), 1)
     first, second = TimedPacket(0, 0), TimedPacket(1, MS)
     link.accept(0, first)
     link.change(Impairment(delay=0.001))
@@ -243,7 +239,7 @@ def test_links_of_a_graph_have_seeds_of_their_own() -> None:
 
 
 def test_of_the_packets_that_are_through_only_the_newest_is_delivered() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.001), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.001), 1)
     for packet in stream(5):
         link.accept(0, packet)
     assert link.due(MS) == [stream(5)[-1]]
@@ -252,7 +248,7 @@ def test_of_the_packets_that_are_through_only_the_newest_is_delivered() -> None:
 
 def test_a_pause_leaves_no_backlog() -> None:
     packets = stream(1000)
-    link: Link[TimedPacket] = Link(Impairment(delay=0.002, jitter=0.001), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.002, jitter=0.001), 1)
     for packet in packets[:500]:  # nobody asks for half a second
         link.accept(packet.time_ns, packet)
     first, *rest = link.due(500 * MS)
@@ -266,20 +262,20 @@ def test_a_pause_leaves_no_backlog() -> None:
 
 def test_nothing_older_than_what_was_delivered_comes_later() -> None:
     packets = stream(300)
-    link: Link[TimedPacket] = Link(Impairment(delay=0.02, jitter=0.02), 3, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.02, jitter=0.02), 3)
     order = [packet.seq for _, packet in deliver(link, packets)]
     assert order == sorted(set(order))
     assert link.superseded > 100
 
 
 def test_jitter_of_seconds_is_not_taken_for_a_restart() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=5.0, jitter=5.0), 3, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(delay=5.0, jitter=5.0), 3)
     order = [packet.seq for _, packet in deliver(link, stream(3000))]
     assert order == sorted(order)
 
 
 def test_a_packet_that_comes_twice_is_delivered_once() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     packet = TimedPacket(3, 0)
     link.accept(0, packet)
     assert link.due(0) == [packet]
@@ -289,7 +285,7 @@ def test_a_packet_that_comes_twice_is_delivered_once() -> None:
 
 
 def test_equal_stamps_are_told_apart_by_their_sequence_numbers() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     for seq in (0, 2, 1, 3):
         link.accept(0, TimedPacket(seq, 0))
     assert link.due(0) == [TimedPacket(3, 0)]
@@ -298,7 +294,7 @@ def test_equal_stamps_are_told_apart_by_their_sequence_numbers() -> None:
 
 
 def test_answers_are_ordered_by_the_state_that_they_answer() -> None:
-    link: Link[Answer] = Link(Impairment(), 1, newest_only=True)
+    link: Link[Answer] = Link(Impairment(), 1)
     newer = Answer(seq=0, time_ns=0, device_seq=8, device_time_ns=8 * MS)
     older = Answer(seq=1, time_ns=9, device_seq=7, device_time_ns=7 * MS)
     second = Answer(seq=2, time_ns=9, device_seq=8, device_time_ns=8 * MS)
@@ -320,35 +316,35 @@ def accepted_after(link: Link[Any], packets: Iterable[Stamped]) -> list[Stamped]
 
 
 def test_a_restarted_process_is_heard_at_once() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     accepted_after(link, stream(5000))
     again = stream(10, first=0, start_ns=5100 * MS)  # counts from 0, the machine's clock goes on
     assert accepted_after(link, again) == again
 
 
 def test_a_restarted_answerer_is_heard_at_once() -> None:
-    link: Link[Answer] = Link(Impairment(), 1, newest_only=True)
+    link: Link[Answer] = Link(Impairment(), 1)
     accepted_after(link, [Answer(i, i, 100 + i, (100 + i) * MS) for i in range(900)])
     again = [Answer(i, 0, 1100 + i, (1100 + i) * MS) for i in range(10)]
     assert accepted_after(link, again) == again
 
 
 def test_answers_to_a_restarted_device_are_heard_at_once() -> None:
-    link: Link[Answer] = Link(Impairment(), 1, newest_only=True)
+    link: Link[Answer] = Link(Impairment(), 1)
     accepted_after(link, [Answer(i, i, i, i * MS) for i in range(900)])
     again = [Answer(900 + i, 900 + i, i, (1100 + i) * MS) for i in range(10)]
     assert accepted_after(link, again) == again
 
 
 def test_a_restarted_machine_is_heard_at_once() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     accepted_after(link, stream(5000, start_ns=3600 * 1000 * MS))
     again = stream(10, first=0, start_ns=30_000 * MS)  # clock and count begin anew
     assert accepted_after(link, again) == again
 
 
 def test_a_clock_set_back_is_never_refused_for_longer_than_stated() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     accepted_after(link, stream(600))
     again = stream(2000)  # the same clock, from 0 again after 0.6 s
     heard = accepted_after(link, again)
@@ -357,7 +353,7 @@ def test_a_clock_set_back_is_never_refused_for_longer_than_stated() -> None:
 
 
 def test_packets_of_a_former_life_do_not_come_after_the_new_one() -> None:
-    link: Link[TimedPacket] = Link(Impairment(delay=0.1, jitter=0.1), 5, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(delay=0.1, jitter=0.1), 5)
     former = stream(100, first=90_000, start_ns=90_000 * MS)
     new = stream(100, first=0, start_ns=5 * MS)
     for packet in former + new:  # all arrive in one instant, and overtake each other
@@ -369,7 +365,7 @@ def test_packets_of_a_former_life_do_not_come_after_the_new_one() -> None:
 
 
 def test_one_absurd_packet_does_not_silence_the_stream() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, newest_only=True)
+    link: Link[TimedPacket] = Link(Impairment(), 1)
     accepted_after(link, [*stream(10), TimedPacket(2**63 - 1, 2**63 - 1)])
     rest = stream(10, first=11, start_ns=11 * MS)
     assert accepted_after(link, rest) == rest
@@ -387,6 +383,6 @@ def test_it_takes_every_packet_of_the_graph() -> None:
         1, 2, 0.0, zero, zero, zero, 0.0, 0.0, None, None, None, 0.0, None, None, 0, {}
     )
     for packet in (state, reply, command, telemetry):
-        link: Link[Any] = Link(Impairment(), 1, newest_only=True)
+        link: Link[Any] = Link(Impairment(), 1)
         link.accept(10, packet)
         assert link.due(10) == [packet]

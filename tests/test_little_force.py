@@ -1,16 +1,16 @@
 """Why a law gives little force, from telemetry and the report of a bounder, case by case."""
 
-import json
 from typing import Any
 
 import pytest
 from builders import MS, telemetry_packet
+from msgspec.structs import replace
 
 from forcebound.analysis.bounder import causes_of_little_force, summarize_bounder
 from forcebound.analysis.tables import summary_rows
 from forcebound.config.loader import load
 from forcebound.launch.virtual import run_virtual
-from forcebound.messages.packets import Event
+from forcebound.messages.control import BounderReport
 from forcebound.nodes.events import BOUNDER_REPORTED, EventLog
 from forcebound.telemetry import TelemetryColumns
 
@@ -23,7 +23,7 @@ DEVICE: dict[str, Any] = {
     "resolution": 3e-5,
     "watchdog": "silent",
 }
-PUNCTUAL = {"overruns": 0, "hold_limit": 1.02e-3}
+PUNCTUAL = BounderReport(hold_limit=1.02e-3, longest_hold_limit=1.02e-3)
 TICKS = 1000
 
 
@@ -70,17 +70,17 @@ def test_missed_ticks_are_a_cause_from_one_in_a_hundred_on() -> None:
 
 
 def test_an_overrun_a_second_matters_with_a_silent_watchdog_and_not_with_another() -> None:
-    report = PUNCTUAL | {"overruns": 1}
+    report = replace(PUNCTUAL, overruns=1)
     assert causes(pressed(), report) == ["overruns_at_auto"]
     assert causes(pressed(), report, hold_limit=1.02) == ["overruns"]
     assert causes(pressed(), report, watchdog="reporting") == ["dissipation"]
     assert causes(pressed(), report, watchdog="none") == ["dissipation"]
-    many = PUNCTUAL | {"overruns": 9}
+    many = replace(PUNCTUAL, overruns=9)
     assert causes(pressed(), many, watchdog="reporting") == ["overruns_at_auto"]
 
 
 def test_a_long_hold_limit_is_set_or_learned_from_late_ticks() -> None:
-    report = PUNCTUAL | {"hold_limit": 4e-3}
+    report = replace(PUNCTUAL, hold_limit=4e-3)
     assert causes(pressed(), report) == ["late_ticks"]
     assert causes(pressed(), report, hold_limit=4.0) == ["long_hold_limit"]
 
@@ -105,16 +105,12 @@ def test_imperfections_and_a_coarse_encoder_are_causes() -> None:
 
 
 def test_a_law_that_is_not_certified_has_no_ledger_to_look_at() -> None:
-    assert causes(pressed(), PUNCTUAL | {"hold_limit": 4e-3}, law="tdpa") == ["law_not_certified"]
-
-
-def reported(**report: Any) -> list[Event]:
-    data = {name: json.dumps(value) for name, value in report.items()}
-    return [EventLog("device").emit(9 * MS, BOUNDER_REPORTED, "", data)]
+    report = replace(PUNCTUAL, hold_limit=4e-3)
+    assert causes(pressed(), report, law="tdpa") == ["law_not_certified"]
 
 
 def test_the_report_of_the_bounder_is_in_the_summary() -> None:
-    events = reported(
+    report = BounderReport(
         overruns=3,
         hold_limit=1.1e-3,
         longest_hold_limit=4e-3,
@@ -124,6 +120,7 @@ def test_the_report_of_the_bounder_is_in_the_summary() -> None:
         largest_allowance=5e-4,
         allowance_repaid=True,
     )
+    events = [EventLog("device").emit(9 * MS, BOUNDER_REPORTED, "", report.as_texts())]
     sources = {"damping": "measured", "friction": "measured", "lag": "assumed"}
     device = DEVICE | {"energy_cap": 0.02, "sources": sources}
     added = summarize_bounder(pressed(), events, {"device": device})

@@ -22,6 +22,7 @@ import zmq
 from builders import telemetry_packet
 from click.testing import CliRunner, Result
 from live_graph import LiveGraph, live_graph
+from msgspec.structs import astuple
 from tornado.websocket import websocket_connect
 from waiting import PATIENCE, free_port, until
 
@@ -30,9 +31,10 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.messages.packets import DeviceState, Event
 from forcebound.monitor import drawing, runs, streams
 from forcebound.monitor.bridges import PROGRAMS, frames, serve
-from forcebound.monitor.delay import SHARES, Measured
-from forcebound.monitor.streams import Stream, check_fields, topic_named
+from forcebound.monitor.delay import Measured
+from forcebound.monitor.streams import Stream, StreamFigures, check_fields, topic_named
 from forcebound.network.trace import DelayTrace
+from forcebound.process import Received
 
 MS = 1_000_000
 
@@ -46,13 +48,11 @@ def test_rate_is_that_of_the_senders_time_stamps_and_gaps_are_counted() -> None:
     for seq in (10, 11, 12, 14):
         stream.add(state(seq, seq * MS), 100)
     figures = stream.figures(duration=5.0)
-    assert figures["rate_hz"] == pytest.approx(3 / 0.004)
-    assert figures["interval_ms"] == pytest.approx(
-        {"min": 1.0, "mean": 4 / 3, "max": 2.0, "deviation": 0.4714}, rel=1e-3
-    )
-    assert (figures["packets"], figures["missing"]) == (4, 1)
-    assert figures["bandwidth_b_per_s"] == 80.0
-    assert figures["mean_size_b"] == 100.0
+    assert figures.rate_hz == pytest.approx(3 / 0.004)
+    assert figures.interval_ms is not None
+    assert astuple(figures.interval_ms) == pytest.approx((1.0, 4 / 3, 2.0, 0.4714), rel=1e-3)
+    assert (figures.packets, figures.missing) == (4, 1)
+    assert (figures.bandwidth_b_per_s, figures.mean_size_b) == (80.0, 100.0)
 
 
 def test_events_of_several_nodes_have_a_rate_but_no_interval() -> None:
@@ -60,20 +60,20 @@ def test_events_of_several_nodes_have_a_rate_but_no_interval() -> None:
     for node in ("device", "controller"):
         stream.add(Event(0, 5, node, "kind", False, "text", {}), 50)
     figures = stream.figures(duration=2.0)
-    assert (figures["rate_hz"], figures["interval_ms"], figures["missing"]) == (1.0, None, 0)
+    assert (figures.rate_hz, figures.interval_ms, figures.missing) == (1.0, None, 0)
 
 
 def test_nothing_is_measured_of_a_graph_that_has_just_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(streams, "read_topics", lambda *_: None)
-    with pytest.raises(RunError, match="has ended meanwhile"):
+    monkeypatch.setattr(streams, "packets_of", lambda *_: ())
+    with pytest.raises(RunError, match="has ended"):
         streams.measure_streams(tmp_path, ["telemetry"], 0.1)
 
 
 def test_silent_topic_has_no_size() -> None:
     figures = Stream().figures(2.0)
-    assert (figures["rate_hz"], figures["mean_size_b"], figures["packets"]) == (0.0, None, 0)
+    assert (figures.rate_hz, figures.mean_size_b, figures.packets) == (0.0, None, 0)
 
 
 def test_unknown_topics_and_fields_are_named_with_the_nearest() -> None:
@@ -85,12 +85,10 @@ def test_unknown_topics_and_fields_are_named_with_the_nearest() -> None:
 
 
 def test_no_value_is_lost_where_a_list_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    def give(run: Path, topics: tuple[str, ...], take: streams.Take, duration: float) -> None:
-        for cut in (None, (0.01, 0.02)):
-            take("telemetry", telemetry_packet(position=(1.0, 2.0), cut_position=cut), b"")
-
+    packets = [telemetry_packet(position=(1.0, 2.0), cut_position=c) for c in (None, (0.01, 0.02))]
     monkeypatch.setattr(runs, "find", lambda run: Path())
-    monkeypatch.setattr(streams, "read_topics", give)
+    came = [Received("telemetry", packet, b"") for packet in packets]
+    monkeypatch.setattr(streams, "packets_of", lambda *_: iter(came))
     words = ["echo", "telemetry", "--csv", "--field", "position", "--field", "cut_position"]
     assert CliRunner().invoke(main, words).stdout.splitlines() == [
         "position[0],position[1],cut_position",
@@ -101,17 +99,16 @@ def test_no_value_is_lost_where_a_list_comes_later(monkeypatch: pytest.MonkeyPat
 
 def test_histogram_has_every_delay_and_outliers_in_its_last_class() -> None:
     delays = [0.001] * 500 + [0.002] * 499 + [0.5, None]
-    summary = Measured(DelayTrace([i * 1e-3 for i in range(1001)], delays), {}).summary
-    classes = summary["histogram"]
-    assert sum(row["count"] for row in classes) == 1000
-    assert classes[0]["from_ms"] == 1.0
-    assert list(summary["loop_delay_ms"]) == list(SHARES)
-    assert summary["loop_delay_ms"]["max"] == pytest.approx(500.0)
+    summary = Measured(DelayTrace([i * 1e-3 for i in range(1001)], delays), {}).figures
+    classes = summary.histogram
+    assert sum(row.count for row in classes) == 1000
+    assert classes[0].from_ms == 1.0
+    assert summary.loop_delay_ms.max == pytest.approx(500.0)
 
 
 def test_graph_is_drawn_as_text_flowchart_and_picture(tmp_path: Path) -> None:
     links = ("device_state", "environment_query", "environment_reply", "force_command")
-    rates = {topic: {"rate_hz": 1000.4} for topic in links}
+    rates = {topic: StreamFigures(2, 1000.4, None, 0, 1e5, 100.0) for topic in links}
     assert (
         drawing.as_text(rates).splitlines()[0]
         == "device      ── device_state 1000 Hz ──▶ controller"
@@ -285,7 +282,7 @@ def test_each_command_looks_at_a_running_graph_by_the_name_of_its_file(
 
         [listed] = json.loads(look("list", "--json").stdout)
         nodes = {one["node"]: SimpleNamespace(**one) for one in listed["processes"]}
-        assert nodes["device"].pid == graph.node("device")["pid"]
+        assert nodes["device"].pid == graph.pid("device")
         assert nodes["device"].state == "running"
         assert nodes["device"].memory > 10e6
         assert nodes["device"].processor > 0.0

@@ -117,7 +117,7 @@ def test_an_environment_on_another_machine_serves(
         serving(file, machines.at(machines.environment), keys["server-lab"]) as environment,
         live_graph(str(file), prefix=machines.at(machines.graph), variables=variables) as graph,
     ):
-        assert set(graph.status()["nodes"]) == {"controller", "device", "recorder"}
+        assert set(graph.status().nodes) == {"controller", "device", "recorder"}
         graph.wait(0.5)
         ended = graph.end()
         environment.end()
@@ -186,7 +186,7 @@ def test_a_wire_pulled_in_contact_leaves_no_force_until_it_is_back(
         plugged_ns = time.monotonic_ns()
         machines.plug("up")
         graph.wait_until_in_contact()
-        assert graph.node("controller")["restarts"] == 0
+        assert graph.node("controller").restarts == 0
         assert environment.process.poll() is None
         ended = graph.end()
     assert ended.exit_status == 0, ended.log

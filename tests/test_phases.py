@@ -83,8 +83,8 @@ def test_phases_that_set_nothing_are_the_plain_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("phases", "message"),
     [
-        ("phases: 3", "phases must be a list"),
-        ("phases: []", "phases must be a list"),
+        ("phases: 3", "phases: expected"),
+        ("phases: []", "phases: expected"),
         ("phases: [{name: a, duration: 0 s}]", "duration"),
         ("phases: [{name: a}]", "needs 'duration'"),
         ("phases: [{name: a, duration: 1 s, sett: {}}]", "did you mean 'set'"),

@@ -11,6 +11,7 @@ from forcebound.config.loader import load
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.errors import ConfigError
 from forcebound.launch.build import build_device
+from forcebound.messages.control import Point, Pointed, Refused
 from forcebound.network.sockets import Network
 from forcebound.nodes.device import DeviceNode
 from forcebound.operators.pointer import PointerHand
@@ -65,8 +66,7 @@ def run(device: DeviceNode, start_ns: int, ticks: int) -> list[Any]:
 
 def test_device_follows_the_pointer_that_a_request_moves() -> None:
     device = node()
-    answer = device.handle({"request": "point", "target": [0.005]})
-    assert answer == {"target": [0.005], "time_ns": 0}
+    assert device.handle(Point((0.005,))) == Pointed((0.005,), 0)
     last = run(device, 0, 1500)[-1]
     assert last.true_position[0] == pytest.approx(0.005, abs=4e-4)  # 0.12 N over 400 N/m
 
@@ -83,13 +83,13 @@ def test_a_dragged_device_answers_after_each_write_and_says_from_when_on_it_foll
         servo.turn(time_ns)
         return client.pending()
 
-    device.handle({"request": "point", "target": [0.001]})
+    device.handle(Point((0.001,)))
     assert not device.awaits_requests  # the write comes first
     servo.turn(400_000)
     assert device.awaits_requests
-    until(lambda: client.ask({"request": "point", "target": [0.002]}), "a connection")
+    until(lambda: client.ask(Point((0.002,))), "a connection")
     until(lambda: is_answered(400_001), "an answer in the same tick")
-    assert client.answer() == {"target": [0.002], "time_ns": MS}  # the next read
+    assert client.answer() == Pointed((0.002,), MS)  # the next read
 
 
 def test_a_device_that_nobody_drags_looks_for_requests_rarely() -> None:
@@ -98,16 +98,18 @@ def test_a_device_that_nobody_drags_looks_for_requests_rarely() -> None:
     assert not device.awaits_requests
 
 
-@pytest.mark.parametrize("target", [None, [], [0.0, 0.0], ["x"], [math.nan], "0.1"])
-def test_a_pointer_that_is_no_place_is_refused(target: object) -> None:
-    answer = node().handle({"request": "point", "target": target})
-    assert answer == {"error": "target: expected 1 to 1 numbers in m"}
+@pytest.mark.parametrize("target", [(0.0, 0.0), (math.nan,)])
+def test_a_pointer_that_is_no_place_is_refused(target: tuple[float, ...]) -> None:
+    answer = node().handle(Point(target))
+    assert isinstance(answer, Refused)
+    assert "target" in answer.error
 
 
 def test_a_hand_that_follows_no_pointer_says_so() -> None:
     device = build_device(load("stiff_wall"))
-    answer = device.handle({"request": "point", "target": [0.0]})
-    assert answer == {"error": "no hand follows a pointer here: set operator: {kind: pointer}"}
+    answer = device.handle(Point((0.0,)))
+    assert isinstance(answer, Refused)
+    assert "operator" in answer.error
     assert PhantomPremium15().open(None, 0.001).point((0.0,)) is None
 
 
@@ -123,7 +125,7 @@ def test_law_changes_at_zero_force_and_begins_a_new_ledger() -> None:
     assert not any(after[at - 1].applied_force)
     given = 1e3 * after[at - 1].true_energy
     assert event.message.endswith(f"under certified the hand has put in {given:.1f} mJ")
-    assert float(event.data["energy_before"]) == device.status()["energy_before"]
+    assert float(event.data["energy_before"]) == device.status().energy_before
 
 
 def test_a_law_of_ones_own_is_refused_and_nothing_changes() -> None:

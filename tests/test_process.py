@@ -15,6 +15,16 @@ from waiting import PATIENCE, until
 from forcebound.controllers.direct import DirectController
 from forcebound.environments import StatelessEnvironment
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.control import (
+    Accepted,
+    Engage,
+    Engaged,
+    EnvironmentStatus,
+    GetStatus,
+    NodeStatus,
+    Refused,
+    StopProcess,
+)
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -95,7 +105,7 @@ def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
     listening = runner(node, "environment", run_dir, network)
     sender = Sender(network, run_dir, "environment_query")
-    assert listening.status()["waiting_for"] == ["environment_query"]
+    assert listening.status().waiting_for == ("environment_query",)
 
     def heard() -> bool:
         sender.send(query(7))
@@ -105,9 +115,8 @@ def test_a_packet_reaches_the_node(network: Network, run_dir: Path) -> None:
     until(heard, "a query")
     assert node.heard[0] == query(7)
     status = listening.status()
-    assert status["ready"]
-    assert status["waiting_for"] == []
-    assert status["received"]["environment_query"] >= 1
+    assert not status.waiting_for
+    assert status.received["environment_query"] >= 1
 
 
 def test_a_node_with_nothing_to_do_is_not_stepped(network: Network, run_dir: Path) -> None:
@@ -133,17 +142,17 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
             device.turn(0)
-            return reason in device.status()["rejected"]
+            return reason in device.status().rejected
 
         until(counted, reason)
-    assert node.status()["rejected"].keys() == {"malformed", "version", "keys"}
+    assert node.status().rejected.keys() == {"malformed", "version", "keys"}
     assert "expected version 3 of the wire format, got 2: use one version" in caplog.text
-    assert not device.status()["ready"]
+    assert device.status().waiting_for
 
 
 def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
-    link: Link[Packet] = Link(Impairment(delay=0.005), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(delay=0.005), 1)
     listening = runner(node, "environment", run_dir, network, {"environment_query": link})
     sender = Sender(network, run_dir, "environment_query")
 
@@ -162,14 +171,14 @@ def test_an_impaired_link_delays_by_its_model(network: Network, run_dir: Path) -
 
 def test_a_lossy_link_says_what_it_lost(network: Network, run_dir: Path) -> None:
     node = ListeningNode()
-    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1)
     listening = runner(node, "environment", run_dir, network, {"environment_query": link})
     sender = Sender(network, run_dir, "environment_query")
 
     def lost() -> bool:
         sender.send(query(1))
         listening.turn(MS)
-        return bool(listening.status()["links"]["environment_query"]["lost"])
+        return bool(listening.status().links["environment_query"]["lost"])
 
     until(lost, "a loss")
     assert node.heard == []
@@ -182,17 +191,17 @@ def test_after_a_pause_only_the_newest_packet_counts(
     node = ListeningNode()
     links: dict[str, Link[Packet]] = {}
     if delay:
-        links["environment_query"] = Link(Impairment(delay=delay), 1, newest_only=True)
+        links["environment_query"] = Link(Impairment(delay=delay), 1)
     listening = runner(node, "environment", run_dir, network, links)
     sender = Sender(network, run_dir, "environment_query")
-    witness = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=False)
+    witness = network.subscriber(topic_endpoint(run_dir, "environment_query"))
     heard: list[bytes] = []
 
     def connected() -> bool:
         sender.send(query(0))
         listening.turn(MS)
         heard.extend(witness.receive())
-        return bool(listening.status()["ready"] and heard)
+        return bool(not listening.status().waiting_for and heard)
 
     until(connected, "a subscription")
     for seq in range(1, 101):
@@ -220,24 +229,32 @@ def test_the_status_and_the_force_are_asked_for_on_the_control_socket(
 ) -> None:
     node, device = device_node()
     servo = runner(node, "device", run_dir, network)
-    assert servo.answer({"request": "status"})["deadline_misses"] == 0
-    assert servo.answer({"request": "engage"}) == {"engaged": True}
+    assert servo.answer(GetStatus()) == servo.status()
+    assert isinstance(servo.answer(Engage()), Engaged)
     servo.turn(0)
     assert device.engaged_ns == 0
-    assert servo.answer({"request": "stop"}) == {"stopping": True}
-    assert "known: status, stop, configure, engage" in servo.answer({"request": "dance"})["error"]
-    assert "unknown request None" in servo.answer({})["error"]
+    assert isinstance(servo.answer(StopProcess()), Accepted)
 
 
-def test_only_a_servo_engages(network: Network, run_dir: Path) -> None:
+def test_only_a_servo_engages(network: Network, run_dir: Path, stop: Stop) -> None:
     listening = runner(ListeningNode(), "environment", run_dir, network)
-    assert "known: status, stop" in listening.answer({"request": "engage"})["error"]
+    client = network.control_client(control_endpoint(run_dir, "environment"))
+    until(lambda: client.ask(Engage()), "a connection")
+
+    def answered() -> bool:
+        listening.wait(stop.descriptor)
+        return client.pending()
+
+    until(answered, "the refusal")
+    answer = client.answer()
+    assert isinstance(answer, Refused)
+    assert "status, stop, configure" in answer.error
 
 
 def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop: Stop) -> None:
     listening = runner(ListeningNode(), "environment", run_dir, network)
     client = network.control_client(control_endpoint(run_dir, "environment"))
-    until(lambda: client.ask({"request": "status"}), "a connection")
+    until(lambda: client.ask(GetStatus()), "a connection")
 
     def answered() -> bool:
         listening.wait(stop.descriptor)
@@ -245,21 +262,21 @@ def test_a_wait_answers_the_control_socket(network: Network, run_dir: Path, stop
 
     until(answered, "the status")
     answer = client.answer()
-    assert answer is not None
-    assert answer["waiting_for"] == ["environment_query"]
+    assert isinstance(answer, NodeStatus)
+    assert answer.waiting_for == ("environment_query",)
 
 
 def test_a_stopped_servo_writes_zero_and_says_so(
     network: Network, run_dir: Path, stop: Stop
 ) -> None:
     node, device = device_node()
-    witness = network.subscriber(topic_endpoint(run_dir, "telemetry"), newest_only=False)
+    witness = network.subscriber(topic_endpoint(run_dir, "telemetry"))
     servo = runner(node, "device", run_dir, network)
     until(lambda: _spoken(servo, witness), "a witness")
     stop.request()
     servo.run(stop)
     assert device.written[-1][1] == (0.0,)
-    assert not node.status()["engaged"]
+    assert not node.status().engaged
     heard: list[bytes] = []
 
     def heard_the_last() -> bool:
@@ -308,7 +325,8 @@ def test_a_servo_by_hand_engages_when_the_first_command_has_come(
     commands = Sender(network, run_dir, "force_command")
     device = StopsWhenEngaged()
     node = DeviceNode(device, DISSIPATION, ServoSettings(law="none"))
-    runner(node, "device", run_dir, network).run(stop, engages_itself=True)
+    node.engage()
+    runner(node, "device", run_dir, network).run(stop)
     assert device.engaged_ns is not None
 
 
@@ -316,8 +334,8 @@ def test_the_controller_connects_device_and_environment(network: Network, run_di
     controller = runner(ControllerNode(DirectController()), "controller", run_dir, network)
     states = Sender(network, run_dir, "device_state")
     replies = Sender(network, run_dir, "environment_reply")
-    queries = network.subscriber(topic_endpoint(run_dir, "environment_query"), newest_only=True)
-    commands = network.subscriber(topic_endpoint(run_dir, "force_command"), newest_only=True)
+    queries = network.subscriber(topic_endpoint(run_dir, "environment_query"))
+    commands = network.subscriber(topic_endpoint(run_dir, "force_command"))
     heard: dict[str, list[bytes]] = {"query": [], "command": []}
 
     def both() -> bool:
@@ -351,6 +369,8 @@ def test_an_environment_says_its_name_and_how_often_its_code_failed(
 
     node = EnvironmentNode(Failing(), name="here/1/a")
     answering = runner(node, "environment", run_dir, network)
-    assert (answering.status()["name"], answering.status()["failures"]) == ("here/1/a", 0)
+    status = answering.status()
+    assert isinstance(status, EnvironmentStatus)
+    assert (status.name, status.failures) == ("here/1/a", 0)
     node.step(5, [query(1)])
-    assert answering.status()["failures"] == 1
+    assert node.status().failures == 1

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import subprocess
 import sys
 import time
@@ -24,7 +23,7 @@ role = asked.pop("role")
 facts = realtime.enter(realtime.Settings(**asked), role)
 realtime.freeze_garbage()
 print(json.dumps({
-    "facts": {fact.code: dict(fact.data) for fact in facts},
+    "facts": {fact.code: fact.sentence for fact in facts},
     "policy": os.sched_getscheduler(0),
     "priority": os.sched_getparam(0).sched_priority,
     "cores": sorted(os.sched_getaffinity(0)),
@@ -102,10 +101,10 @@ def test_most_of_a_wait_is_slept_however_long_the_spin(monkeypatch: pytest.Monke
 def test_a_node_of_the_chain_runs_as_it_says(role: str) -> None:
     became = enter(role, core=CORES[-1])
     assert became["cores"] == [CORES[-1]]
-    assert became["facts"]["core"] == {"core": CORES[-1]}
+    assert str(CORES[-1]) in became["facts"]["core"]
     if became["policy"] == os.SCHED_FIFO:
         assert became["priority"] == PROCESSES[role].priority
-        assert became["facts"]["fifo"] == {"priority": became["priority"]}
+        assert str(became["priority"]) in became["facts"]["fifo"]
     else:
         assert {"fifo_not_permitted", "fifo_refused"} & set(became["facts"])
     assert {"memory_locked", "memory_limited", "memory_refused"} & set(became["facts"])
@@ -125,7 +124,7 @@ def test_without_a_core_there_is_no_fifo() -> None:
 def test_a_core_that_is_gone_is_said_and_the_run_goes_on() -> None:
     became = enter("device", core=max(CORES) + 1000, lock_memory=False)
     assert became["policy"] == os.SCHED_OTHER
-    assert became["facts"]["core_refused"]["core"] == max(CORES) + 1000
+    assert str(max(CORES) + 1000) in became["facts"]["core_refused"]
 
 
 @pytest.mark.live
@@ -156,14 +155,6 @@ def test_processors_are_kept_awake_only_on_request_and_a_refusal_is_a_hindrance(
     (awake,) = [f for f in realtime.enter(settings, "device") if f.code == "awake"]
     assert not awake.is_hindrance
     assert latency.read_bytes() == bytes(4)
-
-
-@pytest.mark.parametrize("code", sorted(realtime.SENTENCES))
-def test_each_fact_has_a_sentence_with_its_data(code: str) -> None:
-    data: dict[str, int | str] = {"core": 7, "priority": 40, "limit": 65536, "error": "why"}
-    sentence = realtime.Fact(code, data).sentence
-    named = re.findall(r"{(\w+)}", realtime.SENTENCES[code])
-    assert all(str(data[name]) in sentence for name in named)
 
 
 def test_the_device_goes_before_the_controller_before_the_environment() -> None:

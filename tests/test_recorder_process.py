@@ -55,9 +55,9 @@ def test_the_recorder_keeps_everything_and_counts_what_it_cannot_read(
         streams = [(topic, topic_endpoint(run_dir, topic)) for topic in topics]
         status = process.record(sink, "recorder", run_dir, streams, None, stop)
     assert set(map(type, sink.packets)) == {EnvironmentQuery}
-    assert status["received"] == {"environment_query": len(sink.packets), "telemetry": 0}
-    assert status["waiting_for"] == ["telemetry"]
-    assert status["rejected"]["malformed"] >= 1
+    assert status.received == {"environment_query": len(sink.packets), "telemetry": 0}
+    assert status.waiting_for == ("telemetry",)
+    assert status.rejected["malformed"] >= 1
     assert sink.flushes >= 1
 
 

@@ -2,9 +2,8 @@
 
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeAlias
 
 import pytest
 from builders import MS, query
@@ -14,6 +13,14 @@ from forcebound.controllers.direct import DirectController
 from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
+from forcebound.messages.control import (
+    Accepted,
+    Configure,
+    ControllerStatus,
+    EnvironmentDied,
+    Parameters,
+    Refused,
+)
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Event, ForceCommand, Packet
 from forcebound.network.ends import RemoteEnd
 from forcebound.network.impairment import Impairment
@@ -85,9 +92,9 @@ def pair(request: pytest.FixtureRequest, run_dir: Path) -> Iterator[Pair]:
 
 def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -> None:
     here = pair.folders["here"]
-    commands = pair.here.subscriber(topic_endpoint(here, "force_command"), newest_only=False)
-    replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"), newest_only=False)
-    queries = pair.here.subscriber(topic_endpoint(here, "environment_query"), newest_only=False)
+    commands = pair.here.subscriber(topic_endpoint(here, "force_command"))
+    replies = pair.here.subscriber(remote_endpoint(here, "environment_reply"))
+    queries = pair.here.subscriber(topic_endpoint(here, "environment_query"))
     heard: dict[str, list[bytes]] = {"commands": [], "replies": [], "queries": []}
 
     def all_came() -> bool:
@@ -104,30 +111,32 @@ def test_an_environment_on_another_machine_answers_whoever_listens(pair: Pair) -
     reply = decode(heard["replies"][0], EnvironmentReply)
     assert isinstance(reply, EnvironmentReply)
     assert reply.environment == "far"
-    assert pair.controller.status()["environment"] == "far"
+    status = pair.controller.status()
+    assert isinstance(status, ControllerStatus)
+    assert status.environment == "far"
 
     def is_connected() -> bool:
         pair.turn()
-        return bool(pair.controller.status()["remote"]["connected"])
+        return (remote := pair.controller.status().remote) is not None and remote.connected
 
     until(is_connected, "the state of the link")
-    assert pair.controller.status()["received"]["environment_reply"] >= 1
+    assert pair.controller.status().received["environment_reply"] >= 1
 
 
 def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
     def rejected() -> bool:
         pair.turn()
         pair.far.send(encode(state(1_000_000)))
-        return bool(pair.controller.status()["rejected"].get("keys"))
+        return bool(pair.controller.status().rejected.get("keys"))
 
     until(rejected, "a rejected device state from the other machine")
-    received = pair.controller.status()["received"]["device_state"]
+    received = pair.controller.status().received["device_state"]
     assert received <= pair.seq
 
 
 def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
     endpoint = event_endpoint(pair.folders["here"], "controller")
-    events = pair.here.subscriber(endpoint, newest_only=False)
+    events = pair.here.subscriber(endpoint)
     told: list[str] = []
 
     def connected() -> bool:
@@ -139,15 +148,15 @@ def test_a_connection_is_told_as_an_event(pair: Pair) -> None:
         return {"environment_serves", "remote_connected"} <= set(told)
 
     until(connected, "an environment that serves")
-    status = pair.controller.status()["remote"]["counts"]
-    assert status["connected"] >= 1
-
-
-Configure: TypeAlias = Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]]
+    remote = pair.controller.status().remote
+    assert remote is not None
+    assert remote.counts["connected"] >= 1
 
 
 def perfect(
-    run_dir: Path, network: Network, configure: Configure | None = None
+    run_dir: Path,
+    network: Network,
+    configure: "Callable[[Runner, Configure], Parameters] | None" = None,
 ) -> tuple[Runner, Publisher]:
     node = EnvironmentNode(Wall())
     runner = Runner(node, "environment", run_dir, {}, network, configure=configure)
@@ -159,7 +168,7 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
 ) -> None:
     runner, publisher = perfect(run_dir, network)
     assert runner.link("environment_query") is None
-    link: Link[Packet] = Link(Impairment(loss=1.0), 1, newest_only=True)
+    link: Link[Packet] = Link(Impairment(loss=1.0), 1)
     runner.set_link("environment_query", link)
     seq = 0
 
@@ -172,18 +181,18 @@ def test_a_link_that_was_perfect_can_be_impaired_while_the_process_runs(
 
     until(lost, "three queries that are lost")
     assert runner.steps == 0
-    assert runner.status()["links"]["environment_query"]["lost"] == link.lost
+    assert runner.status().links["environment_query"]["lost"] == link.lost
 
 
 def test_a_request_to_configure_is_told_as_an_event_with_what_changed(
     network: Network, run_dir: Path
 ) -> None:
     runner, _ = perfect(run_dir, network, lambda runner, request: {"environment.stiffness": 5.0})
-    events = network.subscriber(event_endpoint(run_dir, "environment"), newest_only=False)
+    events = network.subscriber(event_endpoint(run_dir, "environment"))
     told: list[Packet] = []
 
     def came() -> bool:
-        assert runner.answer({"request": "configure"}) == {"configured": True}
+        assert isinstance(runner.answer(Configure(1, {})), Accepted)
         told.extend(decode(data, Event) for data in events.receive())
         return bool(told)
 
@@ -200,22 +209,19 @@ def test_a_controller_is_told_that_the_environment_that_served_is_gone(
     node = ControllerNode(DirectController(), dead_lease_ns=1)
     node.step(1, [EnvironmentReply(0, 0, 0, 0, 0, 0, (0.0,), "host/1/a")])
     runner = Runner(node, "controller", run_dir, {}, network)
-    assert runner.answer({"request": "environment_died", "process": "host/2/"}) == {"noted": True}
-    assert "error" in runner.answer({"request": "environment_died"})
+    assert isinstance(runner.answer(EnvironmentDied("host/2/")), Accepted)
     node.step(5, [])
-    assert node.status()["environment"] == "host/1/a"
-    assert runner.answer({"request": "environment_died", "process": "host/1/"}) == {"noted": True}
+    assert node.status().environment == "host/1/a"
+    assert isinstance(runner.answer(EnvironmentDied("host/1/")), Accepted)
     node.step(5, [])
-    assert node.status()["environment"] is None
-    other = Runner(EnvironmentNode(Wall()), "environment", run_dir, {}, network)
-    assert "unknown request" in other.answer({"request": "environment_died"})["error"]
+    assert node.status().environment is None
 
 
 def test_a_change_that_cannot_be_read_is_answered_and_the_process_goes_on(
     network: Network, run_dir: Path
 ) -> None:
-    def broken(runner: Runner, request: Mapping[str, Any]) -> dict[str, Any]:
+    def broken(runner: Runner, request: Configure) -> Parameters:
         raise ConfigError("no such file")
 
     runner, _ = perfect(run_dir, network, broken)
-    assert runner.answer({"request": "configure"}) == {"error": "no such file"}
+    assert runner.answer(Configure(1, {})) == Refused("no such file")

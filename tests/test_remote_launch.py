@@ -44,7 +44,7 @@ def test_the_logs_of_graph_and_environment_can_be_matched(tmp_path: Path, run_di
     where = f"127.0.0.1 port {port}, with the key this-user"
     with serving(file, runtime=run_dir) as environment:
         until(
-            lambda: f"listening at {where}-environment; no peer yet" in environment.log,
+            lambda: f"listening at {where}-environment" in environment.log,
             "its address",
         )
         name = re.findall(r"this environment is (\S+)", environment.log)[0]

@@ -72,7 +72,7 @@ class Graph:
 
     @property
     def holder(self) -> object:
-        return self.node.status()["environment"]
+        return self.node.status().environment
 
 
 @pytest.fixture
@@ -113,13 +113,13 @@ def test_a_second_admitted_peer_neither_displaces_nor_impersonates_the_one_that_
     peer, first, second = three
     links: dict[str, Link[Packet]] = {}
     if impairment is not None:
-        links["environment_reply"] = Link(impairment, 1, newest_only=True)
+        links["environment_reply"] = Link(impairment, 1)
     graph = Graph(peer, links)
     attack(graph, first, second, name)
     assert set(graph.forces) == {TRUE}
     assert len(graph.forces) > 20  # jitter reorders the others
     assert graph.holder == "wall-1"
-    assert graph.node.status()["rejected"]["second_environment"] == 100
+    assert graph.node.status().rejected["second_environment"] == 100
     assert len(graph.forwarded) == 101
     refused = [event.message for event in graph.events if event.event == "environment_refused"]
     wanted = "in the name of wall-1" if name == "wall-1" else "rejected environment wall-2"
@@ -143,7 +143,7 @@ def test_an_environment_with_a_key_keeps_the_lease_over_a_new_connection(
         return len(graph.forces) > 1
 
     run_until(heard, "an answer over the new connection", again, second)
-    assert "second_environment" not in graph.node.status()["rejected"]
+    assert "second_environment" not in graph.node.status().rejected
 
 
 def test_a_silent_environment_leaves_the_lease_to_the_next_one() -> None:

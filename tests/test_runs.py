@@ -23,9 +23,10 @@ from forcebound.launch.run_directory import (
     RunDocument,
     remove_left_over,
     run_directory,
+    run_folders,
 )
 from forcebound.launch.run_lock import LOCK_FILE, is_held, shared
-from forcebound.monitor import delay, observation
+from forcebound.monitor import delay, observation, runs
 from forcebound.monitor.listing import list_graphs
 from forcebound.monitor.runs import find, running, while_running
 
@@ -33,7 +34,12 @@ MakeRun = Callable[..., Path]
 
 
 @pytest.fixture
-def make_run() -> Iterator[MakeRun]:
+def only_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "run_folders", lambda: {tmp_path})
+
+
+@pytest.fixture
+def make_run(only_here: None) -> Iterator[MakeRun]:
     """Makes a run directory that has an owner until the end of the test."""
     with ExitStack() as stack:
 
@@ -61,7 +67,7 @@ def test_a_run_is_a_directory_that_has_an_owner(tmp_path: Path, make_run: MakeRu
     make_run(tmp_path, "broken").joinpath(RUN_FILE).write_text("{")
     make_run(tmp_path, "nobody").joinpath(RUN_FILE).write_text(json.dumps({"launcher": None}))
     make_run(tmp_path, "list").joinpath(RUN_FILE).write_text("[]")
-    assert list(running([tmp_path])) == [second, first]
+    assert list(running()) == [second, first]
 
 
 def test_a_run_of_somebody_else_is_not_looked_into(
@@ -69,26 +75,27 @@ def test_a_run_of_somebody_else_is_not_looked_into(
 ) -> None:
     run_dir = make_run(tmp_path, "a")
     monkeypatch.setattr(os, "getuid", lambda: run_dir.stat().st_uid + 1)
-    assert not running([tmp_path])
+    assert not running()
     with pytest.raises(ConfigError, match=r"not the run directory .*; none runs"):
-        find(run_dir, [tmp_path])
+        find(run_dir)
 
 
 def test_the_only_run_needs_no_name(tmp_path: Path, make_run: MakeRun) -> None:
     run_dir = make_run(tmp_path, "a")
-    assert find(None, [tmp_path]) == run_dir
+    assert find(None) == run_dir
 
 
-def test_without_a_run_the_message_says_how_to_start_one(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("only_here")
+def test_without_a_run_the_message_says_how_to_start_one() -> None:
     with pytest.raises(ConfigError, match=r"no graph of yours runs.*forcebound launch"):
-        find(None, [tmp_path])
+        find(None)
 
 
 def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) -> None:
     first = make_run(tmp_path, "a", file="stiff_wall law:=none")
     second = make_run(tmp_path, "b", file="stress.yaml")
     with pytest.raises(ConfigError) as caught:
-        find(None, [tmp_path])
+        find(None)
     head, *lines = str(caught.value).splitlines()
     assert head == "several graphs run; name one with --run GRAPH, of"
     assert lines == [
@@ -96,8 +103,8 @@ def test_of_several_runs_one_must_be_named(tmp_path: Path, make_run: MakeRun) ->
         f"  {second}  (stress.yaml, process {os.getpid()})",
     ]
     with pytest.raises(ConfigError, match="name one with `forcebound delay DIR`"):
-        find(None, [tmp_path], option="`forcebound delay DIR`")
-    assert find(second, [tmp_path]) == second
+        find(None, option="`forcebound delay DIR`")
+    assert find(second) == second
 
 
 def test_a_graph_has_the_name_of_its_launch_file_also_where_that_file_lies(
@@ -109,8 +116,8 @@ def test_a_graph_has_the_name_of_its_launch_file_also_where_that_file_lies(
     (tmp_path / "my_wall.yaml").touch()
     (tmp_path / "stiff_wall").mkdir()
     for name in ("my_wall", "my_wall.yaml", "./my_wall.yaml"):
-        assert find(Path(name), [tmp_path]) == run_dir
-    assert find(Path("stiff_wall"), [tmp_path]) != run_dir
+        assert find(Path(name)) == run_dir
+    assert find(Path("stiff_wall")) != run_dir
 
 
 def test_a_graph_of_which_nothing_answers_is_listed_as_silent(
@@ -125,23 +132,24 @@ def test_an_environment_alone_is_found_but_does_not_count_beside_a_graph(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
     alone = make_run(tmp_path, "a", is_graph=False)
-    assert find(None, [tmp_path]) == alone
+    assert find(None) == alone
     with pytest.raises(ConfigError, match=r"no graph of yours .* only environments for graphs on"):
-        find(None, [tmp_path], of_graph=True)
+        find(None, require_graph=True)
     with pytest.raises(ConfigError, match="an environment alone, and no graph"):
-        find(alone, [tmp_path], of_graph=True)
+        find(alone, require_graph=True)
     graph = make_run(tmp_path, "b")
-    assert find(None, [tmp_path]) == graph
-    assert find(None, [tmp_path], of_graph=True) == graph
+    assert find(None) == graph
+    assert find(None, require_graph=True) == graph
 
 
+@pytest.mark.usefixtures("only_here")
 def test_a_run_elsewhere_is_found_by_its_directory(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     run_dir = tmp_path / "by-hand"
     run_dir.mkdir()
     RunDocument(os.getpid(), None, "", []).write(run_dir)
     with shared(run_dir):
-        assert find(run_dir, [tmp_path / "empty"]) == run_dir.resolve()
+        assert find(run_dir) == run_dir.resolve()
 
 
 def test_a_directory_of_no_run_is_refused_with_those_that_run(
@@ -151,36 +159,37 @@ def test_a_directory_of_no_run_is_refused_with_those_that_run(
     dead = make_run(tmp_path, "dead", is_alive=False)
     for wrong in (dead, tmp_path / "missing"):
         with pytest.raises(ConfigError, match=f"(?s){wrong.name} is not.*these are.*{run_dir}"):
-            find(wrong, [tmp_path])
+            find(wrong)
 
 
 def test_a_link_of_anybody_in_a_shared_folder_disables_nothing(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    run_dir = make_run(tmp_path, "a")
     (tmp_path / "forcebound-x").symlink_to("forcebound-x")
     (tmp_path / "forcebound-y").symlink_to(run_dir)
-    assert find(None, [tmp_path]) == run_dir
+    assert find(None) == run_dir
     assert remove_left_over([tmp_path]) == []
     with pytest.raises(ConfigError, match="not the run directory of a running graph"):
-        find(tmp_path / "forcebound-x", [tmp_path])
+        find(tmp_path / "forcebound-x")
 
 
 def test_a_pipe_in_place_of_the_document_is_not_waited_for(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    run_dir = make_run(tmp_path, "a", is_temporary=True)
+    run_dir = make_run(tmp_path, "a")
     other = tmp_path / "forcebound-b"
     other.mkdir(mode=0o700)
     os.mkfifo(other / RUN_FILE)
-    assert find(None, [tmp_path]) == run_dir
+    assert find(None) == run_dir
     with pytest.raises(ConfigError, match="not the run directory of a running graph"):
-        find(other, [tmp_path])
+        find(other)
 
 
 def test_by_default_it_looks_where_the_launcher_makes_its_directories(
     run_dir: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(runs, "run_folders", run_folders)
     private, shared_folder = run_dir / "a", run_dir / "b"
     private.mkdir(mode=0o700)
     shared_folder.mkdir()
@@ -222,8 +231,8 @@ def test_a_node_by_hand_does_not_stand_in_the_way_of_the_graph_that_is_meant(
 ) -> None:
     by_hand, launched = make_run(tmp_path, "a"), make_run(tmp_path, "b")
     (launched / "control-launcher").touch()
-    assert find(None, [tmp_path]) == launched
-    assert find(by_hand, [tmp_path]) == by_hand
+    assert find(None) == launched
+    assert find(by_hand) == by_hand
 
 
 @pytest.mark.parametrize("command", [["doctor"], ["delay"]])
@@ -243,7 +252,7 @@ def test_a_graph_that_ends_while_it_is_looked_at_is_a_failed_run(
     run = [str(run_dir)] if command == ["delay"] else ["--run", str(run_dir)]
     done = CliRunner().invoke(main, [*command, *run])
     assert done.exit_code == 1
-    assert f"the graph in {run_dir} has ended meanwhile" in done.stderr
+    assert f"the graph in {run_dir} has ended" in done.stderr
 
 
 def test_what_is_wrong_with_a_graph_that_goes_on_is_said_as_it_is(
@@ -270,7 +279,7 @@ import os, sys
 from pathlib import Path
 from forcebound.launch.run_directory import (RunDocument, run_directory)
 with run_directory() as run_dir:
-    RunDocument(os.getpid(), None, "", [], is_temporary=True).write(run_dir)
+    RunDocument(os.getpid(), None, "", []).write(run_dir)
     print(run_dir, flush=True)
     sys.stdin.read()
 """
@@ -306,15 +315,14 @@ def test_the_directory_of_a_killed_owner_is_removed_by_the_next_run(
 def test_only_what_is_provably_dead_and_of_no_use_is_removed(
     tmp_path: Path, make_run: MakeRun
 ) -> None:
-    make_run(tmp_path, "lives", is_temporary=True)
-    make_run(tmp_path, "of-a-person", is_alive=False)
-    make_run(tmp_path, "recorded", is_alive=False, is_temporary=True).joinpath(RECORDING).touch()
-    make_run(tmp_path, "older", is_alive=False, is_temporary=True).joinpath(LOCK_FILE).unlink()
-    make_run(tmp_path, "begins", is_alive=False, is_temporary=True).joinpath(RUN_FILE).unlink()
-    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    make_run(tmp_path, "lives")
+    make_run(tmp_path, "recorded", is_alive=False).joinpath(RECORDING).touch()
+    make_run(tmp_path, "older", is_alive=False).joinpath(LOCK_FILE).unlink()
+    make_run(tmp_path, "begins", is_alive=False).joinpath(RUN_FILE).unlink()
+    dead = make_run(tmp_path, "dead", is_alive=False)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    linked = make_run(elsewhere, "linked", is_alive=False, is_temporary=True)
+    linked = make_run(elsewhere, "linked", is_alive=False)
     (tmp_path / "forcebound-link").symlink_to(linked)
     kept = set(tmp_path.iterdir()) - {dead}
     assert remove_left_over([tmp_path]) == [dead]
@@ -325,7 +333,7 @@ def test_only_what_is_provably_dead_and_of_no_use_is_removed(
 def test_what_somebody_else_has_left_is_not_touched(
     tmp_path: Path, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dead = make_run(tmp_path, "dead", is_alive=False, is_temporary=True)
+    dead = make_run(tmp_path, "dead", is_alive=False)
     monkeypatch.setattr(os, "getuid", lambda: dead.stat().st_uid + 1)
     assert remove_left_over([tmp_path]) == []
     assert dead.is_dir()

@@ -80,12 +80,12 @@ def test_without_its_guardian_a_force_waits_for_the_user_and_nothing_outlives_th
 ):
     with live_graph("haply_2diy", PATIENT, is_alone=False) as graph:
         graph.wait_until_engaged()
-        first = graph.node("device")["pid"]
+        first = graph.pid("device")
         os.kill(started_by(first)["guardian"], signal.SIGSTOP)
-        graph.until(lambda: graph.node("device")["state"] == "lost", "the loss")
+        graph.until(lambda: graph.node("device").state == "lost", "the loss")
         resume_device(graph.run_dir)
         graph.wait_for_telemetry(lambda t: t.engagement == 1.0, "an engaged force")
-        second = graph.node("device")["pid"]
+        second = graph.pid("device")
         started = started_by(second)
         assert set(started) == {"guardian", "emulator"}
         for pid in started.values():

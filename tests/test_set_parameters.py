@@ -7,28 +7,46 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from launch_texts import written
 
 from forcebound.config.graph import GraphConfig
-from forcebound.config.loader import from_document, load
+from forcebound.config.loader import load
 from forcebound.config.parameters import parameters
-from forcebound.config.resolved import to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.environments import open_environment
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument, updating
-from forcebound.monitor import control, tuning
-from forcebound.monitor.findings import Fact
+from forcebound.messages.control import (
+    Answer,
+    Configure,
+    ConfigureNode,
+    ControllerStatus,
+    EnvironmentStatus,
+    LauncherStatus,
+    ProcessState,
+    Request,
+)
+from forcebound.monitor import control, snapshot, tuning
 from forcebound.monitor.tuning import (
+    Change,
     changed_parameters,
     configuration,
     find_parameters,
     found_elsewhere,
     set_parameters,
 )
-from forcebound.monitor.wording import note
+
+
+def codes(change: Change) -> list[str]:
+    return [note.code for note in change.notes]
+
+
+def begin(run_dir: Path, config: GraphConfig) -> None:
+    """Write what a launcher writes of a run."""
+    (run_dir / "launch.json").write_text(json.dumps(to_document(config)))
+    RunDocument(1, None, "", []).write(run_dir)
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +58,11 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     config: GraphConfig, tmp_path: Path
 ) -> None:
     file = tmp_path / "launch.json"
-    file.write_text(json.dumps(to_document(config)))
+    begin(tmp_path, config)
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert done.values == {"environment.stiffness": 500.0}
-    assert done.notes == (Fact("no_node", {"node": "environment"}),)
-    model = from_document(json.loads(file.read_text())).environment.model
+    assert codes(done) == ["no_node"]
+    model = with_parts(restore(json.loads(file.read_text()))).environment.model
     force = open_environment(model, 1).force("", (0.012,), (0.0,), 0.0)
     assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
@@ -78,8 +96,8 @@ def test_a_node_that_does_not_answer_is_named(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.1)
-    monkeypatch.setattr(control, "STATUS_TIMEOUT", 0.1)
-    (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
+    monkeypatch.setattr(snapshot, "STATUS_TIMEOUT", 0.1)
+    begin(tmp_path, config)
     (tmp_path / "control-environment").touch()
     with pytest.raises(RunError, match="environment did not answer"):
         set_parameters(tmp_path, {"environment.stiffness": 500})
@@ -98,7 +116,7 @@ for value in (number * 1e-3 for number in range(1, 26)):
 
 
 def test_of_changes_made_at_the_same_time_none_is_lost(config: GraphConfig, tmp_path: Path) -> None:
-    (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
+    begin(tmp_path, config)
     names = ("environment.stiffness", "links.device_state.delay")
     setters = [
         subprocess.Popen([sys.executable, "-c", SETTER, tmp_path, name], stderr=subprocess.PIPE)
@@ -113,7 +131,7 @@ def test_a_change_that_another_command_does_not_end_is_said(
     config: GraphConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "ANSWER_TIMEOUT", 0.02)
-    (tmp_path / "launch.json").write_text(json.dumps(to_document(config)))
+    begin(tmp_path, config)
     with updating(tmp_path, 0.0) as is_alone:
         assert is_alone
         with pytest.raises(RunError, match=r"another command .* suspended"):
@@ -125,39 +143,42 @@ def test_what_ends_on_another_machine_is_changed_there(tmp_path: Path) -> None:
     remote = written(
         tmp_path, "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 127.0.0.1}\n"
     )
-    (tmp_path / "launch.json").write_text(json.dumps(to_document(load(remote))))
+    begin(tmp_path, load(remote))
     with pytest.raises(ConfigError, match="on another machine"):
         set_parameters(tmp_path, {"environment.stiffness": 500})
     assert set_parameters(tmp_path, {"links.environment_reply.loss": 0.1}).values
 
 
 class Answering:
-    """Processes that answer requests, each with what a test gives it."""
+    """Processes that answer requests, each with what a test gives it.
 
-    def __init__(self, run_dir: Path, **answers: dict[str, Any]) -> None:
-        self.asked: list[tuple[str, str]] = []
-        self._run_dir, self._answers = run_dir, answers
+    Args:
+        run_dir: Of the graph.
+        replies: That come to the controller between two answers.
+        answers: By process; None: silent.
+    """
+
+    def __init__(self, run_dir: Path, replies: int, answers: Mapping[str, Answer | None]) -> None:
+        self.asked: list[tuple[str, Request]] = []
+        self._run_dir, self._replies, self._answers = run_dir, replies, answers
         for name in answers:
             (run_dir / f"control-{name}").touch()
 
     def __call__(
-        self, run_dir: Path, names: Collection[str], request: Mapping[str, Any], patience: float
-    ) -> dict[str, dict[str, Any] | None]:
+        self, run_dir: Path, names: Collection[str], request: Request, timeout: float
+    ) -> dict[str, Answer | None]:
         assert run_dir == self._run_dir
-        assert patience > 0.0
-        told = (request["request"], request.get("node"))
-        self.asked += [(name, " ".join(filter(None, told))) for name in names]
-        for answer in self._answers.values():
-            answer.setdefault("received", {}).setdefault("environment_reply", 0)
-            answer["received"]["environment_reply"] += answer.get("replies", 0)
-        return {
-            name: None if "silent" in self._answers[name] else copy.deepcopy(self._answers[name])
-            for name in names
-        }
+        assert timeout > 0.0
+        self.asked += [(name, request) for name in names]
+        controller = self._answers.get("controller")
+        if isinstance(controller, ControllerStatus):
+            came = controller.received.get("environment_reply", 0) + self._replies
+            controller.received = {"environment_reply": came}
+        return {name: copy.deepcopy(self._answers[name]) for name in names}
 
     @property
     def configured(self) -> set[str]:
-        return {name for name, request in self.asked if request == "configure"}
+        return {name for name, request in self.asked if isinstance(request, Configure)}
 
 
 REMOTE = "forcebound: 1\ninclude: stiff_wall.yaml\nremote: {address: 127.0.0.1, local: true}\n"
@@ -169,26 +190,27 @@ def answering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     document = to_document(load(written(tmp_path, REMOTE)))
     (tmp_path / "launch.json").write_text(json.dumps(document))
 
-    def make(is_graph: bool = True, **answers: dict[str, Any]) -> Answering:
+    def make(is_graph: bool = True, replies: int = 0, **answers: Answer | None) -> Answering:
         metadata = {"launch": json.dumps(document)}
         RunDocument(1, None, "", [], metadata, is_graph=is_graph).write(tmp_path)
-        made = Answering(tmp_path, **answers)
-        for module in (tuning, control):
+        made = Answering(tmp_path, replies, answers)
+        for module in (tuning, control, snapshot):
             monkeypatch.setattr(module, "ask_all", made)
         return made
 
     return make
 
 
-def launcher(**states: str) -> dict[str, Any]:
-    return {"nodes": {name: {"state": state} for name, state in states.items()}}
+def launcher(**states: str) -> LauncherStatus:
+    nodes = {name: ProcessState(state) for name, state in states.items()}
+    return LauncherStatus(phase="running", nodes=nodes)
 
 
 @pytest.mark.parametrize("name", ["environment_reply", "device_state", "force_command"])
 def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
     answering: Callable[..., Answering], tmp_path: Path, name: str
 ) -> None:
-    processes = answering(is_graph=False, environment={"refused_for": None})
+    processes = answering(is_graph=False, environment=EnvironmentStatus(name="a"))
     with pytest.raises(ConfigError, match=r"ends at the .*on the machine of the graph.*set` there"):
         set_parameters(tmp_path, {f"links.{name}.delay": 0.015, "environment.stiffness": 1})
     assert not processes.configured
@@ -205,9 +227,10 @@ def test_on_the_machine_of_an_environment_the_links_of_the_graph_are_refused(
 def test_an_environment_elsewhere_that_waits_takes_a_change_with_a_note(
     answering: Callable[..., Answering], tmp_path: Path
 ) -> None:
-    answering(is_graph=False, environment={"refused_for": "device-lab/1/a"})
+    answering(is_graph=False, environment=EnvironmentStatus(name="a", refused_for="device-lab/1/a"))
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
-    assert done.notes == (Fact("environment_waits", {"serving": "device-lab/1/a"}),)
+    assert codes(done) == ["environment_waits"]
+    assert "device-lab/1/a" in done.notes[0].sentence
 
 
 RUNNING = {"device": "running", "controller": "running", "environment": "running"}
@@ -226,12 +249,13 @@ def test_a_change_to_a_stand_by_says_who_serves(
 ) -> None:
     processes = answering(
         launcher=launcher(**RUNNING),
-        controller={"environment": serving, "replies": replies},
-        environment={"name": "near/2/b"},
+        replies=replies,
+        controller=ControllerStatus(environment=serving),
+        environment=EnvironmentStatus(name="near/2/b"),
     )
     done = set_parameters(tmp_path, {"links.environment_query.delay": 0.001})
     assert processes.configured == {"environment"}
-    assert done.notes == (Fact("another_serves", {"serving": "far/1/a"}),) * is_told
+    assert codes(done) == ["another_serves"] * is_told
     assert not set_parameters(tmp_path, {"links.environment_reply.delay": 0.001}).notes
 
 
@@ -240,22 +264,25 @@ def test_an_environment_that_was_stopped_on_request_keeps_the_change(
 ) -> None:
     processes = answering(
         launcher=launcher(**{**RUNNING, "environment": "stopped"}),
-        controller={"environment": "far/1/a", "replies": 100},
+        replies=100,
+        controller=ControllerStatus(environment="far/1/a"),
     )
     done = set_parameters(tmp_path, {"environment.stiffness": 500})
     assert not processes.configured
-    assert done.notes[0] == Fact("node_stopped", {"node": "environment"})
-    assert "when it starts again: forcebound start environment" in note(done.notes[0])
-    assert done.notes[1] == Fact("another_serves", {"serving": "far/1/a"})
+    assert codes(done) == ["node_stopped", "another_serves"]
+    assert "`forcebound start environment`" in done.notes[0].sentence
     assert changed_parameters(tmp_path) == {"environment.stiffness": 500.0}
 
 
 def test_a_suspended_node_gets_the_change_from_the_launcher_when_it_goes_on(
     answering: Callable[..., Answering], tmp_path: Path
 ) -> None:
-    processes = answering(launcher=launcher(**RUNNING), controller={}, environment={"silent": 1})
+    processes = answering(
+        launcher=launcher(**RUNNING), controller=ControllerStatus(), environment=None
+    )
     for _ in range(2):  # also the second time, when the document has the value already
         processes.asked.clear()
         with pytest.raises(RunError, match="kept until it continues"):
             set_parameters(tmp_path, {"environment.stiffness": 500})
-        assert ("launcher", "configure environment") in processes.asked
+        [passed_on] = [one for _, one in processes.asked if isinstance(one, ConfigureNode)]
+        assert passed_on.node == "environment"

@@ -3,9 +3,7 @@
 import os
 import socket
 import threading
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import pytest
@@ -13,6 +11,7 @@ import zmq
 from waiting import PATIENCE, until
 
 from forcebound.errors import ConfigError
+from forcebound.messages.control import Accepted, GetStatus, Refused, StopNode
 from forcebound.network import sockets
 from forcebound.network.control import SERVE_LIMIT, ControlClient
 from forcebound.network.keys import KeyPair
@@ -48,23 +47,18 @@ def take(subscriber: Subscriber, last: bytes) -> list[bytes]:
     return got
 
 
-def test_only_the_newest_packet_is_left_after_a_pause(network: Network, run_dir: Path) -> None:
+def test_every_packet_arrives_in_its_order(network: Network, run_dir: Path) -> None:
     endpoint = f"ipc://{run_dir}/a"
     publisher = network.publisher(endpoint)
-    newest = network.subscriber(endpoint, newest_only=True)
-    everything = network.subscriber(endpoint, newest_only=False)
-    meet(publisher, newest, everything)
+    subscriber = network.subscriber(endpoint)
+    meet(publisher, subscriber)
     for number in range(100):
         publisher.send(b"%d" % number)
-    assert take(everything, b"99") == [b"%d" % number for number in range(100)]
-    # The input thread may still be at work on the other socket, but is far ahead of this one.
-    assert len(take(newest, b"99")) < 50
-    assert newest.receive() == []
+    assert take(subscriber, b"99") == [b"%d" % number for number in range(100)]
 
 
-@pytest.mark.parametrize("newest_only", [True, False])
 def test_a_message_of_several_frames_is_one_malformed_packet(
-    network: Network, run_dir: Path, newest_only: bool
+    network: Network, run_dir: Path
 ) -> None:
     endpoint = f"ipc://{run_dir}/a"
     raw = zmq.Context()
@@ -72,7 +66,7 @@ def test_a_message_of_several_frames_is_one_malformed_packet(
     try:
         publisher.linger = 0
         publisher.bind(endpoint)
-        subscriber = network.subscriber(endpoint, newest_only=newest_only)
+        subscriber = network.subscriber(endpoint)
         meet(Publisher(publisher), subscriber)
         got: list[bytes] = []
         for _ in range(20_000):  # with CONFLATE this ends the process: Assertion failed: !_more
@@ -93,7 +87,7 @@ def test_what_has_arrived_outlives_its_sender(network: Network, run_dir: Path) -
     endpoint = f"ipc://{run_dir}/a"
     with Network() as leaving:
         publisher = leaving.publisher(endpoint)
-        subscriber = network.subscriber(endpoint, newest_only=False)
+        subscriber = network.subscriber(endpoint)
         meet(publisher, subscriber)
         for number in range(50):
             publisher.send(b"%d" % number)
@@ -101,16 +95,16 @@ def test_what_has_arrived_outlives_its_sender(network: Network, run_dir: Path) -
 
 
 def test_an_empty_socket_gives_nothing_and_raises_nothing(network: Network, run_dir: Path) -> None:
-    subscriber = network.subscriber(f"ipc://{run_dir}/nobody", newest_only=True)
+    subscriber = network.subscriber(f"ipc://{run_dir}/nobody")
     assert not subscriber.pending()
     assert subscriber.receive() == []
-    assert subscriber.receive_ready() == []
+    assert subscriber.wait() is None
 
 
 def test_the_descriptor_speaks_for_every_packet(network: Network, run_dir: Path) -> None:
     endpoint = f"ipc://{run_dir}/a"
     publisher = network.publisher(endpoint)
-    subscriber = network.subscriber(endpoint, newest_only=True)
+    subscriber = network.subscriber(endpoint)
     meet(publisher, subscriber)
     for number in range(200):
         publisher.send(b"%d" % number)
@@ -118,8 +112,7 @@ def test_the_descriptor_speaks_for_every_packet(network: Network, run_dir: Path)
         while not got:
             readable = sockets.wait([subscriber.descriptor], round(PATIENCE * 1e9))
             assert readable, f"packet {number} came without a word of the descriptor"
-            got = subscriber.receive_ready()
-            assert subscriber.emptied
+            got = subscriber.receive()
         assert got == [b"%d" % number]
 
 
@@ -128,7 +121,7 @@ def test_an_ipc_endpoint_in_use_is_refused_and_not_stolen(network: Network, run_
     publisher = network.publisher(endpoint)
     with pytest.raises(ConfigError, match=r"cannot bind to ipc://.*/a: the address is in use"):
         network.publisher(endpoint)
-    meet(publisher, network.subscriber(endpoint, newest_only=True))
+    meet(publisher, network.subscriber(endpoint))
 
 
 def test_an_ipc_file_that_a_killed_process_left_is_taken_over(
@@ -137,7 +130,7 @@ def test_an_ipc_file_that_a_killed_process_left_is_taken_over(
     with socket.socket(socket.AF_UNIX) as dead:
         dead.bind(str(run_dir / "a"))
     publisher = network.publisher(f"ipc://{run_dir}/a")
-    meet(publisher, network.subscriber(f"ipc://{run_dir}/a", newest_only=True))
+    meet(publisher, network.subscriber(f"ipc://{run_dir}/a"))
 
 
 def test_a_port_in_use_is_refused(network: Network) -> None:
@@ -167,7 +160,7 @@ def test_an_endpoint_that_cannot_be_bound_says_what_to_do(
 
 def test_a_malformed_endpoint_cannot_be_connected_to_either(network: Network) -> None:
     with pytest.raises(ConfigError, match="cannot connect to nonsense"):
-        network.subscriber("nonsense", newest_only=True)
+        network.subscriber("nonsense")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
@@ -179,50 +172,51 @@ def test_tcp_works_with_both_families(network: Network, host: str) -> None:
     except OSError:
         pytest.skip(f"no {host} on this machine")
     publisher = network.publisher(f"tcp://{host}:{port}")
-    subscriber = network.subscriber(f"tcp://{host}:{port}", newest_only=False)
+    subscriber = network.subscriber(f"tcp://{host}:{port}")
     meet(publisher, subscriber)
     for number in range(2000):  # what a bridge sends after it was late
         publisher.send(b"%d" % number)
     assert len(take(subscriber, b"1999")) == 2000
 
 
-def test_either_end_may_bind(network: Network, run_dir: Path) -> None:
-    endpoint = f"ipc://{run_dir}/a"
-    subscriber = network.subscriber(endpoint, newest_only=True, bind=True)
-    meet(network.publisher(endpoint, bind=False), subscriber)
-
-
 def test_a_frame_that_is_too_large_does_not_arrive(network: Network, run_dir: Path) -> None:
-    # libzmq ends such a connection; the end that connected never tries again, so the test binds.
-    endpoint = f"ipc://{run_dir}/a"
-    subscriber = network.subscriber(endpoint, newest_only=False, bind=True)
-    publisher = network.publisher(endpoint, bind=False)
-    meet(publisher, subscriber)
-    publisher.send(bytes(MAX_FRAME + 1))
-    got: list[bytes] = []
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
+    raw = zmq.Context()
+    peer = raw.socket(zmq.DEALER, socket_class=zmq.Socket)
+    try:
+        peer.linger = 0
+        peer.connect(f"ipc://{run_dir}/control")
+        peer.send_multipart([b"", bytes(MAX_FRAME + 1)])
+        heard: list[GetStatus | StopNode] = []
 
-    def heard_again() -> bool:
-        publisher.send(b"after")
-        got.extend(subscriber.receive())
-        return b"after" in got
+        def answer(request: GetStatus | StopNode) -> Accepted:
+            heard.append(request)
+            return Accepted()
 
-    until(heard_again, "the peers to meet again")
-    assert set(got) == {b"after"}
+        def heard_again() -> bool:  # libzmq has ended the connection, and the peer tries again
+            peer.send_multipart([b"", msgpack.packb({"request": "status"})])
+            server.serve(answer)
+            return bool(heard)
+
+        until(heard_again, "the peers to meet again")
+        assert set(heard) == {GetStatus()}
+    finally:
+        raw.destroy()
 
 
 def test_a_request_is_answered(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     client = network.control_client(f"ipc://{run_dir}/control")
-    until(lambda: client.ask({"request": "status"}), "a connection")
+    until(lambda: client.ask(GetStatus()), "a connection")
     assert client.answer() is None
     until(server.pending, "the request")
-    server.serve(lambda request: {"heard": request["request"]})
+    server.serve(lambda request: Refused(type(request).__name__))
     until(client.pending, "the answer")
-    assert client.answer() == {"heard": "status"}
+    assert client.answer() == Refused("GetStatus")
 
 
 def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     raw = zmq.Context()
     flood = raw.socket(zmq.DEALER, socket_class=zmq.Socket)
     try:
@@ -233,10 +227,10 @@ def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Pat
         until(server.pending, "the requests")
         answered: list[object] = []
 
-        def answer(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        def answer(request: GetStatus) -> Accepted:
             answered.append(request)
             sockets.wait((), 1_000_000)  # so that more are there by then
-            return {}
+            return Accepted()
 
         until(lambda: server.serve(answer), "more requests than one turn serves")
         turns = 1
@@ -251,34 +245,47 @@ def test_a_flood_of_requests_does_not_hold_a_turn(network: Network, run_dir: Pat
 
 
 def test_a_request_may_follow_one_without_an_answer(network: Network, run_dir: Path) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     client = network.control_client(f"ipc://{run_dir}/control")
-    until(lambda: client.ask({"request": 1}), "a connection")
-    assert client.ask({"request": 2})
+    until(lambda: client.ask(StopNode("1")), "a connection")
+    assert client.ask(StopNode("2"))
     answers: list[object] = []
 
     def answered() -> bool:
-        server.serve(lambda request: {"to": request["request"]})
+        server.serve(lambda request: Refused(request.node))
         answer = client.answer()
         if answer is not None:
-            answers.append(answer["to"])
+            answers.append(answer)
         return bool(answers)
 
     until(answered, "the answer")
-    assert answers == [2]
+    assert answers == [Refused("2")]
 
 
 def test_nobody_to_ask_is_no_error(network: Network, run_dir: Path) -> None:
     client = network.control_client(f"ipc://{run_dir}/nobody")
-    assert not client.ask({"request": "status"})
+    assert not client.ask(GetStatus())
     assert client.answer() is None
 
 
-@pytest.mark.parametrize("junk", [b"", b"\xc1", msgpack.packb([1, 2]), b"\x81" * 500])
-def test_a_request_that_is_no_map_gets_an_error(
+JUNK = [
+    b"",
+    b"\xc1",
+    b"\x81" * 500,
+    msgpack.packb([1, 2]),
+    msgpack.packb({}),
+    msgpack.packb({"request": "dance"}),
+    msgpack.packb({"request": "stop_node"}),
+    msgpack.packb({"request": "stop_node", "node": 3}),
+    msgpack.packb({"request": "status", "quickly": True}),
+]
+
+
+@pytest.mark.parametrize("junk", JUNK)
+def test_a_request_that_the_process_does_not_take_gets_an_error(
     network: Network, run_dir: Path, junk: bytes
 ) -> None:
-    server = network.control_server(f"ipc://{run_dir}/control")
+    server = network.control_server(f"ipc://{run_dir}/control", (GetStatus, StopNode))
     raw = zmq.Context()
     request = raw.socket(zmq.REQ, socket_class=zmq.Socket)
     try:
@@ -288,33 +295,34 @@ def test_a_request_that_is_no_map_gets_an_error(
         until(server.pending, "the request")
         server.serve(lambda request: pytest.fail("asked the node"))
         assert request.poll(round(PATIENCE * 1000))
-        assert "error" in msgpack.unpackb(request.recv())
+        answer = msgpack.unpackb(request.recv())
+        assert answer["answer"] == "error"
+        assert "status, stop_node" in answer["error"]
     finally:
         raw.destroy()
 
 
-def test_an_answer_that_is_no_map_is_no_answer(network: Network, run_dir: Path) -> None:
+def test_an_answer_that_cannot_be_read_is_an_error(network: Network, run_dir: Path) -> None:
     raw = zmq.Context()
     reply = raw.socket(zmq.REP, socket_class=zmq.Socket)
     try:
         reply.linger = 0
         reply.bind(f"ipc://{run_dir}/control")
         client: ControlClient = network.control_client(f"ipc://{run_dir}/control")
-        until(lambda: client.ask({}), "a connection")
+        until(lambda: client.ask(GetStatus()), "a connection")
         assert reply.poll(round(PATIENCE * 1000))
         reply.recv()
         reply.send(b"\xc1")
         until(client.pending, "the answer")
-        assert client.answer() is None
+        assert isinstance(client.answer(), Refused)
     finally:
         raw.destroy()
 
 
 def test_closing_does_not_hang_on_a_peer_that_never_came(run_dir: Path) -> None:
-    network = Network(farewell_ms=50)
-    network.publisher(f"ipc://{run_dir}/nobody", bind=False).send(b"lost")
-    client = network.control_client(f"ipc://{run_dir}/nobody-either")
-    client.ask({"request": "status"})
+    network = Network(linger_ms=50)
+    client = network.control_client(f"ipc://{run_dir}/nobody")
+    client.ask(GetStatus())
     network.close()  # hangs for ever with ZeroMQ's defaults
 
 

@@ -23,6 +23,7 @@ from forcebound.launch.lifecycle import Limits
 from forcebound.launch.live import run_live
 from forcebound.launch.screen import Screen
 from forcebound.launch.supervisor import Supervisor
+from forcebound.messages.control import Configure, ConfigureNode, Engage, GetStatus, ProcessState
 from forcebound.monitor import control
 from forcebound.monitor.control import ask_launcher, start_node, stop_node
 from forcebound.network import sockets
@@ -33,21 +34,23 @@ FAKE_NODE = """
 import os, signal, sys
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
+from forcebound.messages.control import *
+REQUESTS = (*OF_NODES, Engage, EnvironmentDied)
 name, run_dir, mode = sys.argv[1:]
 if mode == "starts no more" and os.path.exists(f"{run_dir}/engaged"):
     signal.pause()
 with Network() as network:
-    server = network.control_server(f"ipc://{run_dir}/control-{name}")
+    server = network.control_server(f"ipc://{run_dir}/control-{name}", REQUESTS)
     if mode == "stubborn":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     else:
         signal.signal(signal.SIGTERM, lambda number, frame: os._exit(0))
     print(name, "is there", flush=True)
     def answer(request):
-        if request["request"] == "engage":
+        if isinstance(request, Engage):
             open(f"{run_dir}/engaged", "w").close()
-            return {"engaged": True}
-        return {"waiting_for": ["device_state"] if mode == "deaf" else []}
+            return Engaged()
+        return NodeStatus(received={"device_state": int(mode != "deaf")})
     while True:
         sockets.wait([server.descriptor], 20_000_000)
         server.serve(answer)
@@ -133,8 +136,7 @@ def test_a_run_ends_while_a_node_that_died_starts_again(run_dir: Path) -> None:
     def is_restarted() -> bool:
         if not (run_dir / "engaged").exists():
             return False
-        status = ask_launcher(run_dir, {"request": "status"})
-        return bool(status["nodes"]["environment"]["restarts"])
+        return bool(ask_launcher(run_dir, GetStatus()).nodes["environment"].restarts)
 
     def user() -> None:
         try:
@@ -158,12 +160,11 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
     modes = {"device": "good", "controller": "good", "environment": "good"}
     seen: dict[str, Any] = {}
 
-    def node(name: str) -> dict[str, Any]:
-        status: dict[str, Any] = ask_launcher(run_dir, {"request": "status"})["nodes"][name]
-        return status
+    def node(name: str) -> ProcessState:
+        return ask_launcher(run_dir, GetStatus()).nodes[name]
 
     def phase() -> object:
-        return ask_launcher(run_dir, {"request": "status"})["phase"]
+        return ask_launcher(run_dir, GetStatus()).phase
 
     def user() -> None:
         until(lambda: (run_dir / "engaged").exists(), "an engaged force")
@@ -173,21 +174,22 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
         seen["stopped"] = node("environment")
         start_node(run_dir, "environment")
         seen["started"] = node("environment")
-        os.kill(before["pid"], signal.SIGKILL)
-        until(lambda: node("controller")["restarts"] == 1, "a restart")
-        until(lambda: node("controller")["state"] == "running", "its answer")
-        seen["pids differ"] = node("controller")["pid"] != before["pid"]
+        assert before.pid is not None
+        os.kill(before.pid, signal.SIGKILL)
+        until(lambda: node("controller").restarts == 1, "a restart")
+        until(lambda: node("controller").state == "running", "its answer")
+        seen["pids differ"] = node("controller").pid != before.pid
         for name in ("device", "operator"):
             with pytest.raises(ConfigError) as refused:
                 stop_node(run_dir, name)
             seen[name] = str(refused.value)
         with pytest.raises(ConfigError) as refused:
-            ask_launcher(run_dir, {"request": "dance"})
-        seen["dance"] = str(refused.value)
-        passed = ask_launcher(run_dir, {"request": "configure", "node": "environment"})
-        seen["passed on"] = passed["phase"]
+            ask_launcher(run_dir, Engage())
+        seen["engage"] = str(refused.value)
+        passed = ask_launcher(run_dir, ConfigureNode("environment", Configure(1, {})))
+        seen["passed on"] = passed.phase
         with pytest.raises(ConfigError) as refused:
-            ask_launcher(run_dir, {"request": "configure", "node": "operator"})
+            ask_launcher(run_dir, ConfigureNode("operator", Configure(1, {})))
         seen["not passed on"] = str(refused.value)
 
     def user_who_ends_the_run() -> None:
@@ -204,12 +206,12 @@ def test_the_launcher_answers_stops_starts_and_restarts(run_dir: Path) -> None:
     thread.join()
     assert "error" not in seen, seen
     assert interrupted
-    assert seen["stopped"] == {"state": "stopped", "pid": None, "restarts": 0}
-    assert seen["started"]["state"] == "running"
+    assert seen["stopped"] == ProcessState("stopped")
+    assert seen["started"].state == "running"
     assert seen["pids differ"]
     assert "a run ends without its device" in seen["device"]
     assert "no node 'operator' in this graph" in seen["operator"]
-    assert "known: status, configure, stop_node, start_node" in seen["dance"]
+    assert "status, stop_node, start_node" in seen["engage"]
     assert seen["passed on"] == "running"
     assert "does not run 'operator'" in seen["not passed on"]
     assert said.count(("environment", "environment is there")) == 2
@@ -221,11 +223,11 @@ def test_a_launcher_that_hangs_is_told_from_one_that_is_not_there(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "ANSWER_TIMEOUT", 0.1)
-    with pytest.raises(ConfigError, match=r"no launcher answers in .*started by hand"):
-        ask_launcher(run_dir, {"request": "status"})
+    with pytest.raises(ConfigError, match=r"no launcher answers in"):
+        ask_launcher(run_dir, GetStatus())
     (run_dir / "control-launcher").touch()
     with pytest.raises(RunError, match=r"has not answered for 0.1 s"):
-        ask_launcher(run_dir, {"request": "status"})
+        ask_launcher(run_dir, GetStatus())
 
 
 @pytest.mark.live

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import MS, TimedPacket
+from chance_tests import EveryPacket
 from fakes import press
 from hypothesis import given
 from hypothesis import strategies as st
@@ -134,8 +135,8 @@ def test_it_is_the_last_row_at_or_before(rows: list[tuple[int, int | None]], sin
     assert trace.delay_ns(since) == rows[row][1]
 
 
-def link_of(impairment: Impairment = NAMED, newest_only: bool = False) -> Link[TimedPacket]:
-    return Link(impairment, 1, newest_only, wifi())
+def link_of(impairment: Impairment = NAMED) -> Link[TimedPacket]:
+    return EveryPacket(impairment, 1, wifi())
 
 
 def through(link: Link[TimedPacket], arrivals: list[int]) -> dict[int, int]:
@@ -162,12 +163,12 @@ def test_time_counts_from_the_first_packet_of_the_link() -> None:
 
 
 def test_falling_delays_reorder_packets() -> None:
-    link = Link[TimedPacket](NAMED, 1, False, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+    link = EveryPacket(NAMED, 1, DelayTrace((0.0, 0.001), (0.005, 0.001)))
     assert list(through(link, [0, MS])) == [1, 0]
 
 
-def test_who_wants_the_newest_gets_no_packet_that_was_overtaken() -> None:
-    link = Link[TimedPacket](NAMED, 1, True, DelayTrace((0.0, 0.001), (0.005, 0.001)))
+def test_a_packet_that_was_overtaken_is_superseded() -> None:
+    link = Link[TimedPacket](NAMED, 1, DelayTrace((0.0, 0.001), (0.005, 0.001)))
     assert list(through(link, [0, MS])) == [1]
     assert link.superseded == 1
 
@@ -184,7 +185,7 @@ def test_a_trace_goes_with_loss_duplicates_and_outages() -> None:
     assert not in_gap & set(found)
     assert {found[seq] - seq * MS for seq in found if seq % 30 < 10} == {4 * MS}
     assert {found[seq] - seq * MS for seq in found if seq % 30 >= 20} == {2 * MS}
-    plain = Link[TimedPacket](Impairment(loss=0.3, duplicate=0.3), 1, False)
+    plain = EveryPacket(Impairment(loss=0.3, duplicate=0.3), 1)
     assert set(found) == set(through(plain, arrivals)) - in_gap  # the same chances as without
     assert 0.15 < link.duplicated / 3000 < 0.25
 
@@ -200,7 +201,7 @@ def test_the_rate_comes_on_top() -> None:
 
 
 def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
-    link: Link[TimedPacket] = Link(Impairment(), 1, False)
+    link: Link[TimedPacket] = EveryPacket(Impairment(), 1)
     link.accept(0, TimedPacket(0, 0))
     link.change(NAMED, wifi())
     link.accept(5 * MS, TimedPacket(1, 0))
@@ -214,15 +215,15 @@ def test_a_link_changes_to_a_trace_and_back_while_it_runs() -> None:
 
 def test_a_link_is_not_silently_perfect_without_its_trace() -> None:
     with pytest.raises(ValueError, match=r"needs the delays of its trace wifi\.csv"):
-        Link(NAMED, 1, False)
-    link: Link[TimedPacket] = Link(Impairment(), 1, False)
+        EveryPacket(NAMED, 1)
+    link: Link[TimedPacket] = EveryPacket(Impairment(), 1)
     with pytest.raises(ValueError, match="needs the delays of its trace"):
         link.change(NAMED)
 
 
 @pytest.mark.parametrize("other", [Impairment(delay=0.001), Impairment(0.01, jitter=0.001)])
 def test_a_trace_excludes_other_delays(other: Impairment) -> None:
-    with pytest.raises(ConfigError, match="trace says what each delay is: give it without delay"):
+    with pytest.raises(ConfigError, match="trace sets each delay: give it without delay"):
         replace(other, trace=Path("wifi.csv"))
 
 
@@ -249,7 +250,7 @@ def test_a_launch_file_names_a_trace_relative_to_itself(tmp_path: Path) -> None:
         ("time_s\n", "trace: wifi.csv", "16:30: trace: "),
         (WIFI, "trace: gone.csv", "16:30: trace: cannot read the trace "),
         (WIFI, "trace: 5", "16:30: trace: expected "),
-        (WIFI, "trace: wifi.csv, delay: 1 ms", "trace says what each delay is"),
+        (WIFI, "trace: wifi.csv, delay: 1 ms", "trace sets each delay"),
     ],
 )
 def test_problems_with_a_trace_are_told_at_their_place(

@@ -15,10 +15,11 @@ from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.parts import member_of
-from forcebound.config.resolved import member_document, restore, to_document
+from forcebound.config.phases import timetable
+from forcebound.config.resolved import member_document, restore, run_document, to_document
 from forcebound.environments import open_environment
-from forcebound.environments.wall import Wall
 from forcebound.errors import ConfigError
+from forcebound.launch.build import build_node
 from forcebound.launch.results import run_metadata
 from forcebound.launch.virtual import run_virtual
 from forcebound.messages.packets import Vector
@@ -103,21 +104,22 @@ def test_its_parameters_can_be_changed_as_those_of_any_other(tmp_path: Path) -> 
         change(config, {"environment.stiffness": -1})
 
 
-def test_its_code_does_not_run_in_the_process_of_the_device(tmp_path: Path) -> None:
-    document = to_document(load(own(tmp_path)))
+def test_its_code_runs_in_no_other_process(tmp_path: Path) -> None:
+    document = run_document(load(own(tmp_path)))
     document["phases"] = [
         {"name": "late", "duration": 1.0, "set": {"environment.compute_delay": 0.002}},
         {"name": "soft", "duration": 1.0, "set": {"environment.rest": 0.001}},
     ]
     document["environment"] |= {"kind": str(tmp_path / "not_read.py"), "compute_delay": 0.001}
-    config = restore(document, runs=())
-    assert type(config.environment.model) is Wall
+    config = restore(document)
     assert config.environment.compute_delay == 0.001
-    late, soft = config.phases
-    assert dict(late.settings) == {"environment.compute_delay": 0.002}
-    assert dict(soft.settings) == {}
-    with pytest.raises(ConfigError, match=r"cannot read .*not_read\.py: No such file"):
-        from_document(document)
+    late, soft = timetable(config)
+    assert late.config.environment.compute_delay == 0.002
+    assert member_document("environment", soft.config.environment.model)["rest"] == 0.001
+    for kind in ("device", "controller"):
+        build_node(kind, config).close()
+    with pytest.raises(ConfigError, match="not_read"):
+        build_node("environment", config)
 
 
 def test_another_process_knows_it_again(tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ import pytest
 from live_graph import live_graph
 
 from forcebound.config.loader import load, load_tried
-from forcebound.config.resolved import restore, to_document
-from forcebound.config.sandbox import no_progress
+from forcebound.config.resolved import restore, run_document, to_document, with_parts
 from forcebound.environments.contract import check
 from forcebound.errors import ConfigError, DeviceError
+from forcebound.launch.build import build_node
 from forcebound.launch.check import check_here
 from forcebound.launch.results import RunResult, run_metadata
 from forcebound.launch.virtual import run_virtual
@@ -130,7 +130,7 @@ def test_a_recording_holds_the_text_of_the_file_and_processes_restore_it(
     config = load(write_page(page, tmp_path))
     assert run_metadata(config)[f"{page}_source"] == block(page, "python")
     document = json.loads(json.dumps(to_document(config)))
-    assert restore(document) == config
+    assert with_parts(restore(document)) == config
 
 
 def test_a_hand_of_ones_own_holds_the_device(tmp_path: Path) -> None:
@@ -162,17 +162,17 @@ def test_what_ships_is_not_mentioned(caplog: pytest.LogCaptureFixture) -> None:
 def test_code_of_environment_and_controller_stays_out_of_the_devices_process(
     tmp_path: Path,
 ) -> None:
-    document = to_document(load(write_page("controller", tmp_path)))
+    document = run_document(load(write_page("controller", tmp_path)))
     document["controller"]["kind"] = str(tmp_path / "gone.py:Gone")
-    restored = restore(document, runs={"device", "operator"})
-    assert to_document(restored)["controller"] == {"kind": "direct"}
+    config = restore(document)
+    build_node("device", config).close()
     with pytest.raises(ConfigError, match=r"cannot read .*gone\.py: No such file"):
-        restore(document)
+        build_node("controller", config)
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_what_the_page_shows_passes_its_check(page: str, pages: Path) -> None:
-    document = check_here(no_progress, page, str(pages / f"my_{page}.py"))
+    document = check_here(page, str(pages / f"my_{page}.py"))
     assert document["violations"] == []
 
 

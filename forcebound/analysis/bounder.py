@@ -2,10 +2,8 @@
 
 A certified law gives at most ``f_c + 2 sqrt(b G / T_max)`` for a ledger of G joules. Each cause is
 judged by its share in that: what lengthens T_max, what empties the ledger, what fills it slowly.
-:mod:`forcebound.monitor.texts` says what to do about each.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,6 +11,7 @@ import numpy as np
 
 from forcebound.analysis.surface import Floats
 from forcebound.bounding import LAWS
+from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event
 from forcebound.nodes.events import BOUNDER_REPORTED
 from forcebound.telemetry import TelemetryColumns
@@ -27,6 +26,7 @@ FREQUENT_REPORTED = 5.0  # 1/s; a reporting one takes a hundredth
 LATE_ANSWER = 1.0  # periods
 DEAR_SHARE = 0.25  # of the energy that the commanded force needs
 FULL_SHARE = 0.95  # of the energy cap
+PUNCTUAL = "a quieter machine, realtime.policy: fifo"
 COSTLY = ("presliding", "gain_error", "lag", "write_delay", "weight_error")  # of a device
 
 # What a summary has of the bounder's report, and has not without one.
@@ -44,10 +44,17 @@ REPORTED = (
 
 
 class Cause(NamedTuple):
-    """One cause of little force."""
+    """A likely cause of something, and what to do about it."""
 
-    code: str  # a key of forcebound.monitor.texts.CAUSES
-    data: Mapping[str, Any]  # SI units
+    code: str
+    advice: str
+    command: str = ""  # of a shell, which helps
+    data: Mapping[str, float | str] = {}  # SI units
+
+    @property
+    def remedy(self) -> str:
+        """What to do, with the command."""
+        return f"{self.advice}: {self.command}" if self.command else self.advice
 
 
 def summarize_bounder(
@@ -74,36 +81,39 @@ def summarize_bounder(
         * ``energy_cap_j``: most energy that the ledger may keep, if the launch file says so
         * ``number_sources``: how many of the device's numbers are measured, from a data sheet or
           assumed, if any is stated
-        * ``little_force``: why the law gave little force, by ``cause`` and with its ``data``
+        * ``little_force``: why the law gave little force: ``cause``, its ``data``, and ``advice``
     """
     device = config.get("device") or {}
     report = bounder_report(events)
     cap = device.get("energy_cap", "auto")
     since = columns.slice(columns.time >= 0.0) if (columns.engagement > 0.0).any() else None
     causes = [] if since is None else causes_of_little_force(since, device, report)
-    counted = {"hold_limit_overruns": report["overruns"]} if report else {}
-    times = ("hold_limit", "longest_hold_limit", "longest_write_delay")
-    mean, longest, delay = (report[name] * 1e3 if name in report else None for name in times)
     return {
-        **counted,
-        "hold_limit_ms": {"mean": mean, "longest": longest},
-        "refused_readings": report.get("refused_readings"),
-        "late_writes": report.get("late_writes"),
-        "longest_write_delay_ms": delay,
-        "largest_allowance_j": report.get("largest_allowance"),
-        "allowance_repaid": report.get("allowance_repaid"),
+        **({} if report is None else {"hold_limit_overruns": report.overruns}),
+        "hold_limit_ms": {
+            "mean": None if report is None else report.hold_limit * 1e3,
+            "longest": None if report is None else report.longest_hold_limit * 1e3,
+        },
+        "refused_readings": None if report is None else report.refused_readings,
+        "late_writes": None if report is None else report.late_writes,
+        "longest_write_delay_ms": None if report is None else report.longest_write_delay * 1e3,
+        "largest_allowance_j": None if report is None else report.largest_allowance,
+        "allowance_repaid": None if report is None else report.allowance_repaid,
         "energy_cap_j": None if cap == "auto" else cap,
         "number_sources": _count_sources(device.get("sources") or {}),
-        "little_force": [{"cause": cause.code, "data": dict(cause.data)} for cause in causes],
+        "little_force": [
+            {"cause": cause.code, "data": dict(cause.data), "advice": cause.remedy}
+            for cause in causes
+        ],
     }
 
 
-def bounder_report(events: Sequence[Event]) -> dict[str, Any]:
-    """Return the last report of the bounder among the events; empty if there is none."""
+def bounder_report(events: Sequence[Event]) -> BounderReport | None:
+    """Return the last report of the bounder among the events; None: there is none."""
     for event in reversed(events):
         if event.event == BOUNDER_REPORTED:
-            return {name: json.loads(text) for name, text in event.data.items()}
-    return {}
+            return BounderReport.from_texts(event.data)
+    return None
 
 
 def _count_sources(sources: Mapping[str, str]) -> dict[str, int]:
@@ -149,15 +159,14 @@ def limited_ticks(columns: TelemetryColumns, device: Mapping[str, Any]) -> tuple
 
 
 def causes_of_little_force(
-    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
+    columns: TelemetryColumns, device: Mapping[str, Any], report: BounderReport | None
 ) -> list[Cause]:
     """Return why the law gives little force, the avoidable causes first; empty if it gives enough.
 
     Args:
         columns: Telemetry, since the force engaged.
         device: Section ``device`` of the resolved launch file, in SI numbers.
-        report: What the device node reports of its bounder
-            (:meth:`forcebound.nodes.device.DeviceNode.status`); empty: not known.
+        report: What the device node reports of its bounder; None: not known.
     """
     law = device.get("law", "none")
     if law == "none" or not is_limited(columns, device):
@@ -166,11 +175,16 @@ def causes_of_little_force(
     if LAWS.is_shipped(law) and LAWS[law].is_certified:
         causes += [*_of_holds(columns, device, report), *_of_the_ledger(columns, device)]
     else:
-        causes.append(Cause("law_not_certified", {"law": law}))
+        why = f"law {law} limits it and does not say why; law certified would name the causes"
+        causes.append(Cause("law_not_certified", why, data={"law": law}))
     limited, _ = limited_ticks(columns, device)
     wanted, applied = (one[limited].mean() for one in magnitudes(columns, device))
     if not causes and applied < LITTLE_SHARE * wanted:
-        causes.append(Cause("dissipation", {}))
+        advice = (
+            "it is what the device's dissipation allows at this rate: more damping, a higher "
+            "device.rate, or a softer environment"
+        )
+        causes.append(Cause("dissipation", advice))
     return causes
 
 
@@ -178,27 +192,48 @@ def _of_the_loop(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterat
     missed = int(columns.deadline_misses[-1] - columns.deadline_misses[0])
     share = missed / (missed + columns.seq.size)
     if share > MISSED_SHARE:
-        yield Cause("missed_ticks", {"share": share})
+        advice = f"{share:.1%} of the ticks are missed: {PUNCTUAL}, or a lower device.rate"
+        yield Cause("missed_ticks", advice, "forcebound doctor --measure", {"share": share})
     delays = columns.loop_delay[np.isfinite(columns.loop_delay)]
-    if delays.size and np.median(delays) > LATE_ANSWER / device["rate"]:
-        yield Cause("delay", {"p50": float(np.median(delays))})
+    p50 = float(np.median(delays)) if delays.size else 0.0
+    if p50 > LATE_ANSWER / device["rate"]:
+        advice = (
+            f"half of the answers are {1e3 * p50:.2g} ms old or older: less delay on the links, an "
+            "environment that answers faster, or a controller of kind local_model"
+        )
+        yield Cause("delay", advice, data={"p50": p50})
 
 
 def _of_holds(
-    columns: TelemetryColumns, device: Mapping[str, Any], report: Mapping[str, Any]
+    columns: TelemetryColumns, device: Mapping[str, Any], report: BounderReport | None
 ) -> Iterator[Cause]:
+    if report is None:
+        return
     seconds = float(columns.time[-1] - columns.time[0])
     watchdog = device.get("watchdog", "silent")
     frequent = {"silent": FREQUENT_OVERRUNS, "reporting": FREQUENT_REPORTED}.get(watchdog)
-    overruns = report.get("overruns", 0)
     is_learned = device.get("hold_limit") == "auto"
-    if frequent is not None and seconds > 0.0 and overruns > frequent * seconds:
-        code = "overruns_at_auto" if is_learned else "overruns"
-        yield Cause(code, {"rate": overruns / seconds})
-    if "hold_limit" in report:
-        periods = report["hold_limit"] * device["rate"]
-        if periods > LONG_HOLD:
-            yield Cause("late_ticks" if is_learned else "long_hold_limit", {"periods": periods})
+    if frequent is not None and seconds > 0.0 and report.overruns > frequent * seconds:
+        rate = report.overruns / seconds
+        cost = f"{rate:.2g} hold-limit overruns/s cost energy of the ledger"
+        if is_learned:
+            advice = (
+                f"{cost}, though device.hold_limit is auto: {PUNCTUAL}; if the device has neither, "
+                "set_hold_limit or a watchdog that reports"
+            )
+            yield Cause("overruns_at_auto", advice, data={"rate": rate})
+        else:
+            advice = f"{cost}: device.hold_limit: auto, or a longer one; {PUNCTUAL}"
+            yield Cause("overruns", advice, data={"rate": rate})
+    periods = report.hold_limit * device["rate"]
+    if periods > LONG_HOLD and is_learned:
+        advice = f"ticks are late, so a force is planned for {periods:.2g} periods, and the longer "
+        yield Cause("late_ticks", f"{advice}the less: {PUNCTUAL}", data={"periods": periods})
+    elif periods > LONG_HOLD:
+        advice = f"device.hold_limit is {periods:.2g} periods, and the longer the less force: "
+        yield Cause(
+            "long_hold_limit", f"{advice}device.hold_limit: auto", data={"periods": periods}
+        )
 
 
 def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iterator[Cause]:
@@ -207,15 +242,22 @@ def _of_the_ledger(columns: TelemetryColumns, device: Mapping[str, Any]) -> Iter
     if cap != "auto":
         full = columns.estimated_energy[limited] > FULL_SHARE * cap
         if full.mean() > DEAR_SHARE:
-            yield Cause("energy_cap", {"cap": cap})
-    costly = [name for name in COSTLY if np.any(device.get(name) or 0.0)]
+            advice = f"the ledger is full at device.energy_cap, {1e3 * cap:.2g} mJ: a larger one,"
+            yield Cause("energy_cap", f"{advice} or auto", data={"cap": cap})
+    costly = [f"device.{name}" for name in COSTLY if np.any(device.get(name) or 0.0)]
     if costly:
-        yield Cause("imperfections", {"names": ", ".join(f"device.{name}" for name in costly)})
+        names = ", ".join(costly)
+        advice = f"{names} cost force: docs/theory.md, section 3, has the price of each"
+        yield Cause("imperfections", advice, data={"names": names})
     if "inertia" in device:
         return  # of joints: telemetry has no torques to judge their encoders by
-    price = 0.5 * np.max(device["resolution"]) * _path(columns.applied_force)
+    price = float(0.5 * np.max(device["resolution"]) * _path(columns.applied_force))
     if price > DEAR_SHARE * _needed(columns, device):
-        yield Cause("resolution", {"price": float(price)})
+        advice = (
+            f"changes of the force cost {1e3 * price:.2g} mJ with these encoder steps "
+            "(device.resolution): a finer encoder, or an environment that commands calmly"
+        )
+        yield Cause("resolution", advice, data={"price": price})
 
 
 def _needed(columns: TelemetryColumns, device: Mapping[str, Any]) -> float:

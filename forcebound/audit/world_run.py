@@ -227,4 +227,4 @@ def _links_of(case: WorldCase) -> dict[str, Link[Packet]]:
     if impairment == Impairment():
         return {}
     topics: Sequence[str] = [TOPIC_OF[kind] for kind in (EnvironmentQuery, EnvironmentReply)]
-    return {topic: Link(impairment, link_seed(case.seed, topic), True) for topic in topics}
+    return {topic: Link(impairment, link_seed(case.seed, topic)) for topic in topics}

@@ -63,7 +63,7 @@ COMMANDS: dict[str, tuple[click.Command, ...]] = {
         identify.identify,
         check.check,
     ),
-    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce, study.bench),
+    "Studies": (study.sweep, study.draw_map, study.audit, study.reproduce),
     "This machine": (start.completion, keys.keys_group, run.schema),
 }
 

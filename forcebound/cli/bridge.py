@@ -15,7 +15,7 @@ from forcebound.cli.common import (
     topics_argument,
 )
 
-_duration_option = duration_option_for("Time after which it ends. Default: with the graph.")
+Command = Callable[..., None]
 
 
 @click.group(short_help="Show a running graph in another program.", cls=Group)
@@ -23,26 +23,35 @@ def bridge() -> None:
     """Show a running graph in another program, which can change nothing."""
 
 
-def _telling(topics: Sequence[str], address: str) -> Callable[[], None]:
-    return lambda: show(f"{', '.join(topics)} at {address}; Ctrl-C ends it", err=True)
+def _serving(port: int) -> Callable[[Command], Command]:
+    """Give a command the topics, the graph, a port of this default, and a duration."""
+
+    def give(command: Command) -> Command:
+        kind, words = click.IntRange(1, 65535), f"On loopback. Default: {port}."
+        command = duration_option_for("Time after which it ends. Default: with the graph.")(
+            reports_errors(command)
+        )
+        command = click.option("--port", type=kind, default=port, help=words)(command)
+        return topics_argument(run_option(command))
+
+    return give
 
 
-def _port_option(default: int) -> Callable[..., Any]:
-    kind = click.IntRange(1, 65535)
-    return click.option(
-        "--port", type=kind, default=default, help=f"On loopback. Default: {default}."
-    )
+def _serve(
+    program: str, topics: Sequence[str], scheme: str, run_dir: Path | None, port: int, **time: Any
+) -> None:
+    from forcebound.monitor.bridges import serve
+    from forcebound.monitor.runs import find
+    from forcebound.monitor.streams import topic_named
+
+    chosen = [topic_named(topic) for topic in topics]
+    words = f"{', '.join(chosen)} at {scheme}://localhost:{port}; Ctrl-C ends it"
+    serve(program, find(run_dir), chosen, port, begin=lambda: show(words, err=True), **time)
 
 
 @bridge.command(short_help="Publish topics for PlotJuggler.")
-@topics_argument
-@run_option
-@_port_option(9872)
-@_duration_option
-@reports_errors
-def plotjuggler(
-    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
-) -> None:
+@_serving(9872)
+def plotjuggler(topics: tuple[str, ...], **options: Any) -> None:
     r"""Publish topics of a running graph for PlotJuggler, until Ctrl-C. Default: telemetry.
 
     In PlotJuggler: Streaming, ZMQ Subscriber, Start; connect to tcp:// localhost, port 9872, json.
@@ -51,30 +60,12 @@ def plotjuggler(
     forcebound bridge plotjuggler
     forcebound bridge plotjuggler telemetry device_state --run stiff_wall
     """
-    from forcebound.monitor.bridges import serve
-    from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import topic_named
-
-    wanted = [topic_named(topic) for topic in topics or ("telemetry",)]
-    serve(
-        "plotjuggler",
-        find(run_dir),
-        wanted,
-        port,
-        duration,
-        _telling(wanted, f"tcp://localhost:{port}"),
-    )
+    _serve("plotjuggler", topics or ("telemetry",), "tcp", **options)
 
 
 @bridge.command(short_help="Serve topics to Foxglove.")
-@topics_argument
-@run_option
-@_port_option(8765)
-@_duration_option
-@reports_errors
-def foxglove(
-    topics: tuple[str, ...], run_dir: Path | None, port: int, duration: float | None
-) -> None:
+@_serving(8765)
+def foxglove(topics: tuple[str, ...], **options: Any) -> None:
     r"""Serve topics of a running graph to Foxglove, until Ctrl-C. Default: all topics.
 
     In Foxglove or Lichtblick: Open connection, Foxglove WebSocket, ws://localhost:8765. Needs the
@@ -84,16 +75,5 @@ def foxglove(
     forcebound bridge foxglove
     """
     from forcebound.messages.packets import TOPICS
-    from forcebound.monitor.bridges import serve
-    from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import topic_named
 
-    wanted = [topic_named(topic) for topic in topics or TOPICS]
-    serve(
-        "foxglove",
-        find(run_dir),
-        wanted,
-        port,
-        duration,
-        _telling(wanted, f"ws://localhost:{port}"),
-    )
+    _serve("foxglove", topics or tuple(TOPICS), "ws", **options)

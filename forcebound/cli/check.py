@@ -51,11 +51,11 @@ class Progress:
     EVERY = 2.0  # s
 
     def __init__(self) -> None:
-        self._shown_at = time.monotonic()
+        self._shown_at, self._every = time.monotonic(), self.EVERY  # it may travel to a child
 
     def show(self, doing: str, done: int, total: int) -> None:
         """Print the progress if it is due: answers so far and in all, or the step that begins."""
-        if time.monotonic() - self._shown_at < self.EVERY:
+        if time.monotonic() - self._shown_at < self._every:
             return
         self._shown_at = time.monotonic()
         show(f"{done} of {total} answers" if total else doing, err=True)

@@ -155,14 +155,6 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
 
 @offering
-def benchmarks(_: click.Context, begun: str) -> Iterable[str]:
-    """Benchmarks."""
-    from forcebound.benchmark import BENCHMARKS
-
-    return BENCHMARKS
-
-
-@offering
 def laws(_: click.Context, begun: str) -> Iterable[str]:
     """Laws that come with forcebound."""
     from forcebound.bounding import LAWS
@@ -181,7 +173,7 @@ def parameters(context: click.Context, begun: str) -> Iterable[str]:
 @offering
 def changes(context: click.Context, begun: str) -> Iterable[str]:
     """Parameters of the running graph, each ``name:=``, and its value; for the law all choices."""
-    from forcebound.config.graph import LAW
+    from forcebound.config.names import LAW
     from forcebound.config.parameters import takeable_laws
     from forcebound.monitor.formatting import as_written
     from forcebound.monitor.tuning import find_parameters
@@ -200,4 +192,4 @@ def _configuration(context: click.Context) -> "GraphConfig":
     from forcebound.monitor.runs import find
     from forcebound.monitor.tuning import configuration
 
-    return configuration(find(context.params.get("run_dir")), serves=False)
+    return configuration(find(context.params.get("run_dir")), with_code=False)

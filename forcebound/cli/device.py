@@ -66,5 +66,5 @@ def resume(run_dir: Path | None) -> None:
     from forcebound.monitor.control import resume_device
     from forcebound.monitor.runs import find
 
-    resume_device(find(run_dir, of_graph=True))
+    resume_device(find(run_dir, require_graph=True))
     show("the device is back; its force engages")

@@ -1,13 +1,15 @@
 """Commands that change a running graph: its nodes, parameters, links."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import Group, json_option, print_json, reports_errors, run_option, show
+
+if TYPE_CHECKING:
+    from forcebound.messages.control import Parameters
 
 
 @click.command(short_help="Stop a node: zero force.")
@@ -21,16 +23,16 @@ def stop(node_name: str, run_dir: Path | None) -> None:
     forcebound stop environment
     """
     from forcebound.monitor.control import stop_node
-    from forcebound.monitor.nodes import ENVIRONMENT, present
     from forcebound.monitor.runs import find
+    from forcebound.monitor.snapshot import other_environment, snapshot
 
-    run = find(run_dir, of_graph=True)
-    serving = present(run).serving if node_name == ENVIRONMENT else None
+    run = find(run_dir, require_graph=True)
+    serving = other_environment(snapshot(run)) if node_name == "environment" else None
     stop_node(run, node_name)
-    what = f"{serving} serves as before"
-    if serving is None:
-        what = "the device applies zero force until replies arrive again"
-    show(f"{node_name} is stopped; {what}")
+    effect = "the device applies zero force until replies arrive again"
+    if serving is not None:
+        effect = f"{serving} serves as before"
+    show(f"{node_name} is stopped; {effect}")
 
 
 @click.command(short_help="Start a node that was stopped.")
@@ -46,7 +48,7 @@ def start(node_name: str, run_dir: Path | None) -> None:
     from forcebound.monitor.control import start_node
     from forcebound.monitor.runs import find
 
-    start_node(find(run_dir, of_graph=True), node_name)
+    start_node(find(run_dir, require_graph=True), node_name)
     show(f"{node_name} runs")
 
 
@@ -106,7 +108,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: boo
     """
     from contextlib import closing
 
-    from forcebound.monitor import tuning, wording
+    from forcebound.monitor import tuning
     from forcebound.monitor.kernels import Kernels
     from forcebound.monitor.runs import find, while_running
 
@@ -117,7 +119,7 @@ def set_parameters(settings: tuple[str, ...], run_dir: Path | None, as_json: boo
     if not change.values and not as_json:
         show("nothing to change: the graph already has these values")
     for note in change.notes:
-        show(f"note: {wording.note(note)}", err=True)
+        show(f"note: {note.sentence}", err=True)
 
 
 def _show_parameters(
@@ -135,9 +137,7 @@ def _show_parameters(
         _print(run, found, as_json, with_ranges=not (names or changed))
 
 
-def _print(
-    run: Path, values: Mapping[str, Any], as_json: bool, *, with_ranges: bool = False
-) -> None:
+def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
     from forcebound.monitor.formatting import as_written, ranges
     from forcebound.monitor.tuning import configuration, found_elsewhere
 

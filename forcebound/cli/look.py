@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from forcebound.monitor.listing import ListedGraph
 
 HEAD = ("node", "state", "pid", "processor", "memory", "restarts")
+MEASURE_S = 12.0  # of all contestants together, without their start
 COLOURS = {"problem": "red", "note": "yellow", "fine": "green"}
 
 
@@ -74,7 +75,7 @@ def _show_graphs(graphs: "Sequence[ListedGraph]", write: Callable[[Any], None] |
 
 def _show_graph(graph: "ListedGraph") -> None:
     core = "any core" if graph.core is None else f"core {graph.core}"
-    show(f"{graph.name}  ({graph.phase or 'nodes by hand'}, {core}, {graph.run_dir})")
+    show(f"{graph.name}  ({graph.phase or 'an environment'}, {core}, {graph.run_dir})")
     print_rows(HEAD, _rows(graph))
 
 
@@ -96,17 +97,22 @@ def _as_document(graph: "ListedGraph") -> dict[str, Any]:
 
 
 @click.command()
+@click.option("--measure", is_flag=True, help=f"Measure this machine, too: {MEASURE_S:g} s.")
 @run_option
 @json_option
 @reports_errors
-def doctor(run_dir: Path | None, as_json: bool) -> None:
+def doctor(measure: bool, run_dir: Path | None, as_json: bool) -> None:
     r"""Diagnose the running graph, else this machine.
 
-    Exit status 0: no problem; 1: at least one problem, or the graph ended meanwhile; 2: no such
+    With --measure, also how late wake-ups of a servo are at 1 kHz, and how long the loop of a graph
+    takes, beside one of bare sockets; best when nothing else runs.
+
+    Exit status 0: no problem; 1: at least one problem, or the graph ended; 2: no such
     graph.
 
     \b
     forcebound doctor
+    forcebound doctor --measure
     forcebound doctor --run stiff_wall --json
     """
     from forcebound.monitor import doctor, machine, runs
@@ -115,30 +121,38 @@ def doctor(run_dir: Path | None, as_json: bool) -> None:
     graph = None if run_dir is None and not runs.running() else runs.find(run_dir)
     findings = machine.examine(machine.look()) if graph is None else doctor.examine(observe(graph))
     is_well = all(finding.severity != "problem" for finding in findings)
+    measured = _measured() if measure else {}
     if as_json:
         name = None if graph is None else str(graph)
-        documents = [_document(finding) for finding in findings]
-        print_json({"graph": name, "is_well": is_well, "findings": documents})
+        documents = [finding.document() for finding in findings]
+        found = {"graph": name, "is_well": is_well, "findings": documents}
+        print_json(found | ({"measured": measured} if measure else {}))
     else:
         show("this machine; no graph runs" if graph is None else f"graph in {graph}")
-        for document in map(_document, findings):
-            _show_finding(document)
+        for finding in findings:
+            _show_finding(finding)
         if is_well:
             show("no problem found")
+        if measure:
+            head = ("measured at 1 kHz", *next(iter(measured.values())))
+            print_rows(head, [(name, *map(str, one.values())) for name, one in measured.items()])
     sys.exit(0 if is_well else 1)
 
 
-def _document(finding: "Finding") -> dict[str, Any]:
-    """Return a finding as a map: its codes and data, and its words."""
-    from forcebound.monitor import wording
+def _measured() -> dict[str, dict[str, float]]:
+    """Return what this machine is capable of, by what was measured."""
+    from forcebound.monitor.measure import SHARES, measure, percentile
 
-    words = {"seen": wording.seen(finding), "advice": wording.advice(finding)}
-    return {**asdict(finding), **words, "commands": wording.commands(finding)}
+    return {
+        name: {f"{share}_us": round(percentile(rounds, share) / 1e3, 1) for share in SHARES}
+        | {"ticks": sum(len(one.times_ns) for one in rounds)}
+        | {"missed": sum(one.missed for one in rounds)}
+        for name, rounds in measure(MEASURE_S, 1000.0).items()
+    }
 
 
-def _show_finding(document: Mapping[str, Any]) -> None:
-    severity = document["severity"]
-    label = click.style(f"{severity:<8}", fg=COLOURS[severity])
-    click.echo(f"{label} " + printable(f"{document['where']}: {document['seen']}"))
-    if document["advice"]:
-        show(f"{'':8} -> {document['advice']}")
+def _show_finding(finding: "Finding") -> None:
+    label = click.style(f"{finding.severity:<8}", fg=COLOURS[finding.severity])
+    click.echo(f"{label} " + printable(f"{finding.where}: {finding.seen}"))
+    if finding.advice:
+        show(f"{'':8} -> {finding.advice}")

@@ -42,7 +42,7 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     from forcebound.monitor.recorder import free_name, record_running
     from forcebound.monitor.runs import find, while_running
 
-    run_dir = find(graph, of_graph=True, option="`forcebound record GRAPH`")
+    run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
     def begin(name: str) -> None:
         if not as_json:

@@ -30,8 +30,9 @@ from forcebound.cli.common import (
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
-from forcebound.errors import RunError
+from forcebound.errors import ConfigError, RunError
 from forcebound.files import check_writable, content_of
+from forcebound.processes import PROCESSES
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
@@ -172,34 +173,25 @@ def simulate(
     report(result, record, as_json)
 
 
-@click.command(short_help="Run one node of a launch file by hand.")
-@click.argument("kind", type=click.Choice(["device", "controller", "environment", "recorder"]))
+@click.command(short_help="Serve a graph on another machine.")
+@click.argument("kind", metavar="environment", type=click.Choice([*PROCESSES]))
 @click.argument("file", shell_complete=complete.launch_files)
 @click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings)
-@click.option(
-    "--run-dir",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of the run's sockets, the same for every node of a run. Without it, an "
-    "environment serves a graph on another machine, as set in section remote: of FILE.",
-)
-@click.option(
-    "--supervised",
-    is_flag=True,
-    hidden=True,
-    help="End with the process that started it; engage on its request.",
-)
+@click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
 @reports_errors
-def node(
-    kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None, supervised: bool
-) -> None:
-    r"""Run one node of a launch file by hand, for a graph on this machine or another.
+def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
+    r"""Run the environment of FILE for a graph on another machine, as its section remote: says.
 
     \b
     forcebound node environment remote_wall
     """
-    from forcebound.launch.worker import run_node
+    from forcebound.launch.worker import run_node, serve_environment
 
-    sys.exit(run_node(kind, Path(file), run_dir, supervised, arguments))
+    if run_dir is not None:  # a launcher starts its processes so
+        sys.exit(run_node(kind, run_dir))
+    if kind != "environment":
+        raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
+    serve_environment(Path(file), arguments)
 
 
 @click.command(short_help="Draw recordings side by side.")
@@ -292,17 +284,20 @@ def _configuration(
     if show_args:
         _show_arguments(file, as_json)
         return None
-    config = load_tried(file, arguments)
+    config = load_tried(file, arguments, _try_start if check else None)
     if seed is not None:
         config = replace(config, seed=seed)
     if not check:
         return config
-    from forcebound.launch.trial import try_start
-
     also(config)
-    try_start(config)
     print_json(to_document(config)) if as_json else show(f"{file}: correct")
     return None
+
+
+def _try_start(config: "GraphConfig") -> None:
+    from forcebound.launch.trial import try_start
+
+    try_start(config)
 
 
 def _show_arguments(file: str, as_json: bool) -> None:
@@ -340,7 +335,8 @@ def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
         print_json(result.summary)
         return
     print_table([result])
-    _explain(result.summary["little_force"])
+    for cause in result.summary["little_force"]:
+        show(f"little force: {cause['advice']}")
     if result.summary["phases"]:
         from forcebound.analysis.tables import phase_rows
 
@@ -349,14 +345,3 @@ def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
         print_rows(head, rows)
     if record is not None:
         show(f"recording: {record}")
-
-
-def _explain(causes: Sequence[Mapping[str, Any]]) -> None:
-    """Say what to do about little force."""
-    if not causes:
-        return
-    from forcebound.monitor.findings import Fact
-    from forcebound.monitor.wording import remedy
-
-    for cause in causes:
-        show(f"little force: {remedy(Fact(cause['cause'], cause['data']))}")

@@ -1,4 +1,4 @@
-"""Commands for benchmarks, audits, sweeps and the paper's experiments."""
+"""Commands for audits, sweeps and the paper's experiments."""
 
 import sys
 from collections.abc import Callable
@@ -16,11 +16,10 @@ from forcebound.cli.common import (
     json_option,
     print_document,
     print_json,
-    print_rows,
     reports_errors,
     show,
 )
-from forcebound.errors import ConfigError, RunError
+from forcebound.errors import RunError
 
 OUTPUT = ("-o", "--output", "out")
 
@@ -29,36 +28,6 @@ workers_option = click.option(
     type=click.IntRange(min=0),
     help="Number of processes; 0: only this one. Default: one per core.",
 )
-
-
-@click.command(short_help="Measure against a reference implementation.")
-@click.argument("name", shell_complete=complete.benchmarks)
-@duration_option
-@click.option("--rate", default=1000.0, show_default=True, help="Sampling rate, in Hz.")
-@json_option
-@reports_errors
-def bench(name: str, duration: float | None, rate: float, as_json: bool) -> None:
-    r"""Measure NAME (loop, servo, device, delay, bodies, touch, sweep or virtual).
-
-    Most are measured beside a reference implementation.
-
-    \b
-    forcebound bench loop
-    forcebound bench servo --rate 4000 --duration 10s --json
-    """
-    from forcebound.benchmark import BENCHMARKS, tables
-
-    if name not in BENCHMARKS:
-        known = "; ".join(f"{key}: {one.summary}" for key, one in BENCHMARKS.items())
-        raise ConfigError(f"no benchmark {name!r}; known are {known}")
-    if not rate > 0:
-        raise ConfigError(f"--rate must be > 0 Hz, got {rate}")
-    result = BENCHMARKS[name].run(duration, rate, lambda line: show(line, err=True))
-    if as_json:
-        print_json(result)
-        return
-    for table in tables(result):
-        print_rows(table.columns, table.rows, table.title)
 
 
 def _campaign_options(

@@ -3,11 +3,14 @@
 import csv
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
@@ -27,7 +30,8 @@ from forcebound.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forcebound.messages.packets import Packet
+    from forcebound.monitor.delay import Bin, LinkDelays
+    from forcebound.monitor.streams import StreamFigures
 
 BAR = 40  # characters, of the longest bar of a histogram
 BARS = "·▁▂▃▄▅▆▇█"  # of a histogram in one line; ·: none
@@ -70,7 +74,7 @@ def echo(
     forcebound echo telemetry --csv --duration 5s > telemetry.csv
     """
     from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import check_fields, fields_of_packet, read_topics, topic_named
+    from forcebound.monitor.streams import check_fields, fields_of_packet, packets_of, topic_named
 
     if as_csv + as_line + as_json > 1:
         raise click.UsageError("choose one of --csv, --line, --json")
@@ -78,16 +82,10 @@ def echo(
     write = (
         _as_csv() if as_csv else _as_line if as_line else print_json_line if as_json else _as_block
     )
-    left = [count]
-
-    def take(_: str, packet: "Packet", data: bytes) -> bool:
-        values = fields_of_packet(packet)
+    packets = packets_of(find(run_dir), (topic,), duration)
+    for received in islice(packets, count):
+        values = fields_of_packet(received.packet)
         write({name: values[name] for name in fields or values if name in values})
-        if left[0] is not None:
-            left[0] -= 1
-        return left[0] != 0
-
-    read_topics(find(run_dir), (topic,), take, duration)
 
 
 def _as_block(values: Mapping[str, Any]) -> None:
@@ -151,33 +149,32 @@ def hz(
     """
     figures = _measured(topics, run_dir, duration)
     if as_json:
-        print_json(figures)
+        print_json(to_builtins(figures))
         return
     times = ("rate", "mean", "min", "max", "deviation")
     head = ("topic", *times, "packets", "missing", "bandwidth", "mean size")
     print_rows(head, [(topic, *_stream(one)) for topic, one in figures.items()])
 
 
-def _stream(figures: Mapping[str, Any]) -> tuple[str, ...]:
-    interval = figures["interval_ms"] or {}
-    times = [interval.get(name) for name in ("mean", "min", "max", "deviation")]
-    shown = [UNKNOWN if time is None else f"{time:.3f} ms" for time in times]
-    rate = f"{figures['rate_hz']:.1f} Hz"
-    counts = (str(figures["packets"]), str(figures["missing"]))
-    size = figures["mean_size_b"]
-    mean = UNKNOWN if size is None else f"{size:.0f} B"
-    return (rate, *shown, *counts, f"{figures['bandwidth_b_per_s'] / 1e3:.1f} kB/s", mean)
+def _stream(figures: "StreamFigures") -> tuple[str, ...]:
+    one = figures.interval_ms
+    times = () if one is None else (one.mean, one.min, one.max, one.deviation)
+    shown = [f"{time:.3f} ms" for time in times] or [UNKNOWN] * 4
+    counts = (str(figures.packets), str(figures.missing))
+    mean = UNKNOWN if figures.mean_size_b is None else f"{figures.mean_size_b:.0f} B"
+    bandwidth = f"{figures.bandwidth_b_per_s / 1e3:.1f} kB/s"
+    return (f"{figures.rate_hz:.1f} Hz", *shown, *counts, bandwidth, mean)
 
 
 def _measured(
     topics: Sequence[str], run_dir: Path | None, duration: float | None
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, "StreamFigures"]:
     from forcebound.messages.packets import TOPICS
     from forcebound.monitor.runs import find
     from forcebound.monitor.streams import DURATION, measure_streams, topic_named
 
-    wanted = [topic_named(topic) for topic in topics] or list(TOPICS)
-    return measure_streams(find(run_dir), wanted, DURATION if duration is None else duration)
+    chosen = [topic_named(topic) for topic in topics] or list(TOPICS)
+    return measure_streams(find(run_dir), chosen, DURATION if duration is None else duration)
 
 
 @click.command("graph", short_help="Show the graph with its measured rates.")
@@ -242,24 +239,21 @@ def log(
 
     from forcebound.messages.packets import Event
     from forcebound.monitor.runs import find
-    from forcebound.monitor.streams import fields_of_packet, read_topics
+    from forcebound.monitor.streams import fields_of_packet, packets_of
 
     ahead_ns = time.time_ns() - time.monotonic_ns()
 
-    def take(_: str, packet: "Packet", data: bytes) -> bool:
-        if isinstance(packet, Event) and (packet.is_fault or not quiet):
-            at = datetime.fromtimestamp((packet.time_ns + ahead_ns) * 1e-9).isoformat(
-                " ", "milliseconds"
-            )
-            if as_json:
-                print_json_line({"time": at, **fields_of_packet(packet)})
-            else:
-                more = f"  {_text(packet.data)}" if verbose and packet.data else ""
-                kind = "FAULT" if packet.is_fault else "event"
-                show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
-        return True
-
-    read_topics(find(run_dir), ("event",), take, duration)
+    for _, packet, _ in packets_of(find(run_dir), ("event",), duration):
+        if not isinstance(packet, Event) or (quiet and not packet.is_fault):
+            continue
+        time_s = (packet.time_ns + ahead_ns) * 1e-9
+        at = datetime.fromtimestamp(time_s).isoformat(" ", "milliseconds")
+        if as_json:
+            print_json_line({"time": at, **fields_of_packet(packet)})
+        else:
+            more = f"  {_text(packet.data)}" if verbose and packet.data else ""
+            kind = "FAULT" if packet.is_fault else "event"
+            show(f"{at}  {kind}  {packet.node}: {packet.message}{more}")
 
 
 @click.command(short_help="Show the loop delay of a recording or graph.")
@@ -293,43 +287,43 @@ def delay(
         show(f"{run} is incomplete: these are the delays up to its end", err=True)
     if output is not None:
         as_link_trace(measured.trace, measured.document).write(output)
-    document = {**measured.summary, "trace": None if output is None else str(output)}
+    figures = measured.figures
     if as_json:
-        print_json(document)
+        print_json({**to_builtins(figures), "trace": None if output is None else str(output)})
         return
-    for name, value in document["loop_delay_ms"].items():
+    for name, value in asdict(figures.loop_delay_ms).items():
         label = name.replace("_", ".")
         show(f"loop delay {label:<6}{UNKNOWN if value is None else f'{value:.2f} ms':>10}")
-    _show_histogram(document["histogram"])
+    _show_histogram(figures.histogram)
     why = "lost, or overtaken by a newer answer"
-    show(f"unanswered {document['lost_share']:>8.1%} of {document['ticks']} ticks ({why})")
+    show(f"unanswered {figures.lost_share:>8.1%} of {figures.ticks} ticks ({why})")
     if links:
-        _show_links(document["links_ms"])
+        _show_links(figures.links_ms)
     if output is not None:
         show(f"trace: {output}")
 
 
-def _show_histogram(classes: Sequence[Mapping[str, float]]) -> None:
-    most = max((row["count"] for row in classes), default=1)
-    for row in classes:
-        bar = "█" * round(BAR * row["count"] / most)
-        show(f"{row['from_ms']:>8.2f} ms {row['count']:>7} {bar}".rstrip())
+def _show_histogram(bins: Sequence["Bin"]) -> None:
+    most = max((one.count for one in bins), default=1)
+    for one in bins:
+        bar = "█" * round(BAR * one.count / most)
+        show(f"{one.from_ms:>8.2f} ms {one.count:>7} {bar}".rstrip())
 
 
-def _show_links(links: Mapping[str, Mapping[str, Any]]) -> None:
+def _show_links(links: Mapping[str, "LinkDelays"]) -> None:
     from forcebound.monitor.delay import SHARES
 
     shares = [name.replace("_", ".") for name in SHARES]
     head = ("from sending, ms", "least", *shares, "ticks", "least to p99.9")
-    print_rows(head, [(name, *_delays(one, SHARES)) for name, one in links.items()])
+    print_rows(head, [(name, *_delays(one)) for name, one in links.items()])
 
 
-def _delays(link: Mapping[str, Any], shares: Iterable[str]) -> tuple[str, ...]:
+def _delays(link: "LinkDelays") -> tuple[str, ...]:
     """Return least delay, percentiles, count and histogram of a link, as cells."""
-    classes = link["histogram"]
-    counts = [row["count"] for row in classes]
-    delays = [classes[0]["from_ms"] if classes else None, *(link[share] for share in shares)]
+    counts = [one.count for one in link.histogram]
+    least = link.histogram[0].from_ms if link.histogram else None
+    delays = [least, link.p50, link.p90, link.p99, link.p99_9, link.max]
     shown = [UNKNOWN if delay is None else f"{delay:.3f}" for delay in delays]
     # The rarest class is seen, too.
     bars = "".join(BARS[-(-count * (len(BARS) - 1) // max(counts))] for count in counts)
-    return (*shown, str(link["count"]), bars)
+    return (*shown, str(link.count), bars)

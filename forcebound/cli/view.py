@@ -125,7 +125,7 @@ def view(
     if launcher is not None:
         run = find_launched(launcher)
     elif not waits:
-        run = find(run_dir, of_graph=True)
+        run = find(run_dir, require_graph=True)
     start = partial(Server, listen, port, recordings)
     asyncio.run(_serve(start, run, partial(_next, run_dir, set()), opens, launcher is None))
 
@@ -135,7 +135,7 @@ def _next(wanted: Path | None, said: set[str]) -> Path | None:
     from forcebound.monitor.runs import find, running
 
     try:
-        return find(wanted, of_graph=True)
+        return find(wanted, require_graph=True)
     except ConfigError as error:
         if wanted is None and running() and str(error) not in said:
             said.add(str(error))

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from forcebound.config.problems import Place, Problems, Related, unknown
+from forcebound.config.problems import Place, Problems, Related, shortened, unknown
 from forcebound.config.tree import BROKEN, Scalar, Value, scalar
 
 _SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
@@ -34,13 +34,15 @@ class Argument:
 
 
 class Arguments:
-    """The arguments of one launch file and their values."""
+    """The arguments of one launch file and their values.
+
+    Attributes:
+        declared: Each argument by name.
+    """
 
     def __init__(self, root: Value, problems: Problems) -> None:
         self._problems = problems
-        self._substitution = Substitution(None, problems)
-        self._places: dict[str, Place] = {}
-        self._defaults: dict[str, Value | None] = {}
+        self._defaults: dict[str, Value] = {}
         self.declared: dict[str, Argument] = {}
         section = root.entries.get("arguments")
         if section is None or section.content is None:
@@ -52,84 +54,73 @@ class Arguments:
 
     def values(self, overrides: Sequence[str]) -> dict[str, Value]:
         """Return the value of each argument; broken where a problem was noted."""
-        given: dict[str, Value] = {}
+        values = dict(self._defaults)
+        given: dict[str, Place] = {}
         for text in overrides:
-            self._override(text, given)
-        values: dict[str, Value] = {}
-        for name, default in self._defaults.items():
-            value = given.get(name, default)
-            if value is None:
-                message = f"argument {name!r} has no default; give it: {name}:=..."
-                self._problems.add(message, self._places[name])
-                value = Value(BROKEN, self._places[name])
-            values[name] = self._chosen(name, value)
-        return values
+            name, value = self._override(text)
+            if name in given:
+                message = f"argument {name!r} is given twice"
+                self._problems.add(message, _place(text), Related("first", given[name]))
+            elif name is not None:
+                values[name], given[name] = value, value.place
+        return {name: self._chosen(name, value) for name, value in values.items()}
 
     def _declare(self, name: str, value: Value) -> None:
         place = value.key or value.place
-        self._places[name] = place
         if not _NAME.fullmatch(name):
             message = f"an argument's name has letters, digits and _, got {name!r}"
             self._problems.add(message, place)
         for key, entry in value.entries.items():
             if key not in _KEYS:
                 self._problems.add(unknown("key", key, _KEYS), entry.key or entry.place)
-        is_mapping = isinstance(value.content, Mapping)
-        default = self._default(value.entries.get("default") if is_mapping else value)
-        self._defaults[name] = default
-        self.declared[name] = Argument(
-            name,
-            None if default is None or default.is_broken else default.plain,
-            value.entries["help"].text if "help" in value.entries else "",
-            self._choices(value.entries.get("choices")),
-        )
-
-    def _default(self, value: Value | None) -> Value | None:
-        if value is None:
-            return None
-        if isinstance(value.content, Mapping | tuple):
-            self._problems.add(f"a default is a single value, got {value}", value.place)
-            return Value(BROKEN, value.place)
-        filled = self._substitution.apply(value)
-        return None if filled.content is None else filled
-
-    def _choices(self, value: Value | None) -> tuple[Scalar, ...]:
-        if value is None:
-            return ()
-        choices = value.plain
+        nothing = Value(None, place)
+        entries = value.entries if isinstance(value.content, Mapping) else {"default": value}
+        default = entries.get("default", nothing)
+        if isinstance(default.content, Mapping | tuple):
+            self._problems.add(f"a default is a single value, got {default}", default.place)
+            default = replace(default, content=BROKEN)
+        default = Substitution(None, self._problems).apply(default)
+        self._defaults[name] = replace(default, key=place)
+        choices = entries.get("choices", nothing).plain or []
         if not isinstance(choices, list) or any(isinstance(one, dict | list) for one in choices):
-            self._problems.add(f"choices must be a list of values, got {value}", value.place)
-            return ()
-        return tuple(choices)
+            listed = entries["choices"]
+            self._problems.add(f"choices must be a list of values, got {listed}", listed.place)
+            choices = []
+        known = None if default.is_broken else default.plain
+        words = entries.get("help", nothing).text
+        self.declared[name] = Argument(name, known, words, tuple(choices))
 
-    def _override(self, text: str, given: dict[str, Value]) -> None:
-        text = text.encode("utf-8", "replace").decode()  # the shell may pass any bytes
+    def _override(self, text: str) -> tuple[str | None, Value]:
+        """Name and value of ``name:=value``; no name, with a problem noted, if it is wrong."""
         place = _place(text)
         name, separator, word = text.partition(":=")
-        if not separator:
+        word = word.strip()
+        content = scalar(word)
+        value = Value("" if content is None else content, place, text=word)
+        if name in self.declared and separator:
+            return name, value
+        if separator:
+            self._problems.add(unknown("argument", name, self.declared), place)
+        else:
             first, equals, rest = text.partition("=")
             hint = '; a value with a space needs quotes, as in delay:="2 ms"'
             if equals:
                 hint = f"; did you mean '{first.rstrip(':')}:={rest}'?"
             self._problems.add(f"expected name:=value{hint}", place)
-        elif name not in self.declared:
-            self._problems.add(unknown("argument", name, self.declared), place)
-        elif name in given:
-            message = f"argument {name!r} is given twice"
-            self._problems.add(message, place, Related("first", given[name].place))
-        else:
-            word = word.strip()
-            content = scalar(word)
-            given[name] = Value("" if content is None else content, place, text=word)
+        return None, value
 
     def _chosen(self, name: str, value: Value) -> Value:
         choices = self.declared[name].choices
-        if value.is_broken or not choices or value.plain in choices:
+        if value.content is None:
+            message = f"argument {name!r} has no default; give it: {name}:=..."
+            self._problems.add(message, value.key or value.place)
+        elif value.is_broken or not choices or value.plain in choices:
             return value
-        known = [str(choice) for choice in choices]
-        message = unknown(f"choice for argument {name!r}:", value.text, known)
-        self._problems.add(message, value.place)
-        return Value(BROKEN, value.place)
+        else:
+            known = [str(choice) for choice in choices]
+            message = unknown(f"choice for argument {name!r}:", value.text, known)
+            self._problems.add(message, value.place)
+        return replace(value, content=BROKEN)
 
 
 def check_overrides_are_used(
@@ -143,8 +134,7 @@ def check_overrides_are_used(
 
 
 def _place(override: str) -> Place:
-    shown = override if len(override) <= 200 else override[:197] + "..."
-    return Place(f"argument {shown}")
+    return Place(f"argument {shortened(override)}")
 
 
 class Substitution:
@@ -164,25 +154,30 @@ class Substitution:
         """Return ``value`` with everything filled in; broken where that failed."""
         content = value.content
         if isinstance(content, Mapping):
-            filled = {name: self.apply(entry) for name, entry in content.items()}
-            return replace(value, content=filled)
+            return value.with_entries({n: self.apply(entry) for n, entry in content.items()})
         if isinstance(content, tuple):
             return replace(value, content=tuple(self.apply(entry) for entry in content))
         if not isinstance(content, str) or "$" not in content:
             return value
-        matches = list(_SUBSTITUTION.finditer(content))
-        parts = [self._substitute(match, value) for match in matches]
-        substitutes = [part for part in parts if part is not None]
-        if len(substitutes) < len(parts):
-            return replace(value, content=BROKEN)
-        if len(matches) == 1 and matches[0].span() == (0, len(content)):
-            return replace(substitutes[0], key=value.key)
-        length = len(content) + sum(len(part.text) for part in substitutes)
+        text, end, related, length = "", 0, None, 0
+        for match in _SUBSTITUTION.finditer(content):
+            substitute = self._substitute(match, value)
+            if substitute is None or substitute.is_broken:
+                return replace(value, content=BROKEN)
+            if match.span() == (0, len(content)):
+                return replace(substitute, key=value.key)
+            text += content[end : match.start()] + substitute.text
+            end, length = match.end(), len(text)
+            if length > MAX_PASTED:
+                break
+            if substitute.related is not None:
+                related = Related("with", substitute.place)
         if length > MAX_PASTED:
-            words = f"filled in, this has {length} characters; more than {MAX_PASTED} is a mistake"
+            words = f"filled in, this has more than {MAX_PASTED} characters"
             self._problems.add(words, value.place)
             return replace(value, content=BROKEN)
-        return _pasted(value, matches, substitutes)
+        text += content[end:]
+        return replace(value, content=text, text=text, related=related)
 
     def _substitute(self, match: re.Match[str], value: Value) -> Value | None:
         opened, closed = match[0][1], match[0][-1]  # "$(arg}" is neither
@@ -196,15 +191,13 @@ class Substitution:
     def _argument(self, name: str, value: Value) -> Value | None:
         if self._arguments is None:
             message = f"$(arg {name}) cannot stand here: the arguments are not known yet"
-            self._problems.add(message, value.place)
-            return None
-        if name not in self._arguments:
-            self._problems.add(unknown("argument", name, self._arguments), value.place)
-            return None
-        self.used.add(name)
-        argument = self._arguments[name]
-        related = Related("used at", value.place)
-        return None if argument.is_broken else replace(argument, related=related)
+        elif name not in self._arguments:
+            message = unknown("argument", name, self._arguments)
+        else:
+            self.used.add(name)
+            return replace(self._arguments[name], related=Related("used at", value.place))
+        self._problems.add(message, value.place)
+        return None
 
     def _variable(self, name: str, fallback: str | None, value: Value) -> Value | None:
         text = os.environ.get(name, None if fallback is None else fallback[2:])
@@ -212,16 +205,4 @@ class Substitution:
             hint = f"${{env:{name}:-default}} would give it a default"
             self._problems.add(f"environment variable {name} is not set; {hint}", value.place)
             return None
-        text = text.encode("utf-8", "replace").decode()  # the environment may hold any bytes
         return replace(value, content=scalar(text), text=text)
-
-
-def _pasted(value: Value, matches: list[re.Match[str]], substitutes: list[Value]) -> Value:
-    text, end, content, related = "", 0, str(value.content), None
-    for match, substitute in zip(matches, substitutes, strict=True):
-        text += content[end : match.start()] + substitute.text
-        end = match.end()
-        if substitute.related is not None:
-            related = Related("with", substitute.place)
-    text += content[end:]
-    return replace(value, content=text, text=text, related=related)

@@ -1,26 +1,29 @@
 """A launch file and the files that it includes, as one tree.
 
-``include: other.yaml`` at the top of a file is read the same way and lies beneath the including
-file: what the including file says wins, key by key. A section that names another ``kind`` is
-replaced as a whole, since the parameters of one kind mean nothing to another. An included file is
-looked for in the including one's folder, then among those that come with the package.
+``include: other.yaml`` at the top of a file is read the same way, and what the including file says
+overrides it, key by key. A section that names another ``kind`` is replaced as a whole, since the
+parameters of one kind mean nothing to another. An included file is looked for in the including
+one's folder, then among those that come with the package.
+
+``device: {include: device.yaml}`` takes the section ``device:`` of a file from ``forcebound
+identify``. A file of another kind of device is refused: its numbers would promise what this device
+does not keep.
 """
 
-import difflib
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 from forcebound.config.arguments import Substitution
-from forcebound.config.problems import Place, Problems, nearest_file, unknown
+from forcebound.config.problems import Place, Problems, nearest_file
 from forcebound.config.tree import Value, parse
-from forcebound.files import not_text, place_in, read_bytes, reason
+from forcebound.errors import ConfigError
+from forcebound.files import not_text, place_in, read_bytes, read_text, reason
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
 MAX_INCLUDES = 10  # files that include one another, one after the other
 MOST_BESIDE = 200  # files of a folder that are looked through for the nearest name
-NEARLY = 0.8  # likeness of two words; inculde has 0.86
+DEVICE_FILE = "the file of the device"
 
 SHIPPED = Path(__file__).parent.parent / "launch"
 
@@ -63,12 +66,12 @@ def descriptions() -> dict[str, str]:
 
 def missing(path: str | Path, folder: Path = Path()) -> str:
     """Return the message for a launch file that does not exist, with the nearest one."""
-    wanted = folder / path
+    named = folder / path
     try:
-        beside = [one.name for one in islice(wanted.parent.glob("*.y*ml"), MOST_BESIDE)]
+        beside = [one.name for one in islice(named.parent.glob("*.y*ml"), MOST_BESIDE)]
     except (OSError, ValueError):  # a path that no file can have
         beside = []
-    guess = nearest_file(wanted.name, [*shipped(), *beside])
+    guess = nearest_file(named.name, [*shipped(), *beside])
     return (
         f"there is no launch file {str(path)!r}; {guess}"
         "`forcebound launch` lists those that come with forcebound"
@@ -79,72 +82,92 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
     """Return the tree of the file and all that it includes; None if nothing can be made of it."""
     text = _text_of(path, problems)
     root = None if text is None else parse(text, str(path), problems)
-    if root is None or _means_include(root, problems):
-        return None
-    if "include" not in root.entries:
+    if root is None or "include" not in root.entries:
         return root
-    return _include(root, path, problems, (*including, path.resolve()))
-
-
-def _means_include(root: Value, problems: Problems) -> bool:
-    """Note a key that is nearly ``include``: without it, all that follows seems to be missing."""
-    if "include" in root.entries:
-        return False
-    for name, value in root.entries.items():
-        if difflib.SequenceMatcher(None, name, "include").ratio() > NEARLY:
-            message = unknown("key in the launch file:", name, ["include"])
-            problems.add(message, value.key or value.place)
-            return True
-    return False
-
-
-def _include(
-    root: Value, path: Path, problems: Problems, including: tuple[Path, ...]
-) -> Value | None:
-    rest = {name: value for name, value in root.entries.items() if name != "include"}
-    wanted = Substitution(None, problems).apply(root.entries["include"])
-    if wanted.is_broken:
+    named = Substitution(None, problems).apply(root.entries["include"])
+    if named.is_broken:
         return None
-    if not isinstance(wanted.content, str):
-        problems.add(f"include must name one launch file, got {wanted}", wanted.place)
-        return None
-    found = find(Path(wanted.content), path.parent)
-    if found is None:
-        problems.add(missing(wanted.content, path.parent), wanted.place)
-        return None
-    if len(including) > MAX_INCLUDES:
-        problems.add(f"more than {MAX_INCLUDES} files include one another", wanted.place)
-        return None
-    if found.resolve() in including:
-        chain = " includes ".join(str(file.name) for file in (*including, found))
-        problems.add(f"files include each other: {chain}", wanted.place)
-        return None
-    beneath = read(found, problems, including)
-    return None if beneath is None else merge(beneath, replace(root, content=rest))
+    found = None
+    if not isinstance(named.content, str):
+        problems.add(f"include must name one launch file, got {named}", named.place)
+    elif (found := find(Path(named.content), path.parent)) is None:
+        problems.add(missing(named.content, path.parent), named.place)
+    elif len(including) >= MAX_INCLUDES:
+        problems.add(f"more than {MAX_INCLUDES} files include one another", named.place)
+        found = None
+    elif found.resolve() in (*including, path.resolve()):
+        files = (*including, path, found)
+        chain = " includes ".join(str(file.name) for file in files)
+        problems.add(f"files include each other: {chain}", named.place)
+        found = None
+    base = None if found is None else read(found, problems, (*including, path.resolve()))
+    return None if base is None else merge(base, root.without("include"))
 
 
-def merge(beneath: Value, above: Value) -> Value:
-    """Return ``beneath`` with all that ``above`` says laid over it; see the module's page."""
-    if not isinstance(beneath.content, Mapping) or not isinstance(above.content, Mapping):
+def merge(base: Value, above: Value) -> Value:
+    """Return ``base`` with all that ``above`` says laid over it; see the module's page."""
+    if not isinstance(base.content, Mapping) or not isinstance(above.content, Mapping):
         return above
-    kinds = [side.entries["kind"].plain for side in (beneath, above) if "kind" in side.entries]
+    kinds = [side.entries["kind"].plain for side in (base, above) if "kind" in side.entries]
     if len(kinds) == 2 and kinds[0] != kinds[1]:
         return above
-    entries = dict(beneath.content)
+    entries = dict(base.content)
     for name, value in above.content.items():
         if name == "arguments" and name in entries:
-            value = replace(value, content={k: _default(v) for k, v in value.entries.items()})
-            old = entries[name]
-            entries[name] = replace(old, content={k: _default(v) for k, v in old.entries.items()})
+            entries[name], value = _in_full(entries[name]), _in_full(value)
         entries[name] = merge(entries[name], value) if name in entries else value
-    return replace(above, content=entries)
+    return above.with_entries(entries)
 
 
-def _default(argument: Value) -> Value:
-    """``name: value`` as ``name: {default: value}``, so that help and choices stay beneath it."""
-    if isinstance(argument.content, Mapping):
-        return argument
-    return replace(argument, content={"default": argument})
+def _in_full(arguments: Value) -> Value:
+    """``name: value`` as ``name: {default: value}``, so that help and choices stay."""
+    return arguments.with_entries(
+        {
+            name: value
+            if isinstance(value.content, Mapping)
+            else value.with_entries({"default": value})
+            for name, value in arguments.entries.items()
+        }
+    )
+
+
+def with_device_file(root: Value, problems: Problems) -> Value:
+    """Return a launch file with the file that its device includes under that section."""
+    section = root.entries.get("device")
+    if section is None or "include" not in section.entries:
+        return root
+    named, own = section.entries["include"], section.without("include")
+    base = None
+    if isinstance(named.content, str):
+        path = named.folder / named.text
+        try:
+            base = device_section(path, problems)
+            kind, meant = base.entries["kind"], own.entries.get("kind")
+            if meant is not None and kind.plain != meant.plain:
+                message = (
+                    f"{path} is of a device of the kind {kind}, this launch file is for {meant}"
+                )
+                raise ConfigError(f"{message}: identify this one with `forcebound identify`")
+        except ConfigError as error:
+            problems.add(str(error), named.place)
+            base = None
+    elif named.content is not None and not named.is_broken:
+        problems.add(f"device: include must name one file, got {named}", named.place)
+    device = own if base is None else merge(base, own)
+    return root.with_entries({**root.entries, "device": device})
+
+
+def device_section(path: Path, problems: Problems) -> Value:
+    """Return the section of the device in the file of one.
+
+    Raises:
+        ConfigError: If it cannot be read or has none.
+    """
+    root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
+    device = None if root is None else root.entries.get("device")
+    if device is None or "kind" not in device.entries:
+        raise ConfigError(f"{path} has no section device: with a kind")
+    return device
 
 
 def _text_of(path: Path, problems: Problems) -> str | None:

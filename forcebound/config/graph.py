@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from forcebound.bounding import Dissipation
 from forcebound.controllers import CONTROLLERS, ControllerModel
 from forcebound.devices import DEVICES, DeviceModel
 from forcebound.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.environments.fixtures import Fixtures, WithFixtures
 from forcebound.network.ends import RemoteSection
 from forcebound.network.impairment import Impairment, check_delay
-from forcebound.nodes.servo import ServoSettings
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import OPERATORS, Operator
 from forcebound.parts import Table
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, PROBABILITY, Ratio, Time, check_ranges
@@ -31,16 +32,60 @@ KINDS: Mapping[str, Table[Any]] = {
     "environment": ENVIRONMENTS,
 }
 
-LAW = "device.law"  # the one parameter of a device that can change while a graph runs
 RUN_KEYS = ("description", "seed", "duration")  # fields of GraphConfig that are no sections
 
 
 @dataclass(frozen=True)
+class PartSpec:
+    """A part as it travels between processes: only a process that runs it makes it.
+
+    :func:`forcebound.config.resolved.made` does. Until then it stands in a configuration where the
+    part would.
+
+    Attributes:
+        kind: Of its section's table.
+        values: Its parameters, plain JSON values in SI units.
+    """
+
+    kind: str
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class DeviceFacts:
+    """Numbers of a device for the processes that do not make it."""
+
+    axes: int
+    dissipation: Dissipation
+    workspace: tuple[float, ...] | None  # m, edges; None: not stated
+
+    @classmethod
+    def of(cls, model: DeviceModel, servo: ServoSettings) -> "DeviceFacts":
+        """Return those of a device at the rate of its servo."""
+        return cls(model.axes, dissipation_of(model, servo), model.workspace)
+
+
+@dataclass(frozen=True)
 class DeviceConfig:
-    """The device, and how its servo runs."""
+    """The device, and how its servo runs.
+
+    Attributes:
+        stated: Facts of a ``model`` that is not made here; None: the model has them.
+    """
 
     model: DeviceModel
     servo: ServoSettings
+    stated: DeviceFacts | None = field(default=None, compare=False)
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return self.model.axes if self.stated is None else self.stated.axes
+
+    @property
+    def facts(self) -> DeviceFacts:
+        """What processes need that do not make the device."""
+        return self.stated or DeviceFacts.of(self.model, self.servo)
 
 
 @dataclass(frozen=True)
@@ -123,17 +168,23 @@ class RemoteConfig(RemoteSection):
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A part of a scripted run; see :mod:`forcebound.config.phases`."""
+class PhaseHead:
+    """Keys of a phase besides its settings."""
 
     name: str
-    duration: float  # s
+    duration: Annotated[Time, POSITIVE]
+
+
+@dataclass(frozen=True)
+class Phase(PhaseHead):
+    """A part of a scripted run; see :mod:`forcebound.config.phases`."""
+
     settings: Mapping[str, Any]  # by name of a parameter, plain JSON values in SI units
 
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """Everything that a run is made of.
+    """Everything that a run is made of; each part an object, or the :class:`PartSpec` of one.
 
     Attributes:
         description: In a sentence.

@@ -5,16 +5,16 @@ A parameter is named by its place in a launch file: ``device.law``,
 """
 
 import difflib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.fields import fields_of
-from forcebound.config.graph import KINDS, LAW, RUN_KEYS, GraphConfig, RealtimeConfig, RemoteConfig
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW, ParameterName
+from forcebound.config.problems import shortened
 from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.network.impairment import Impairment
-from forcebound.nodes.servo import ServoSettings
 from forcebound.parts.plain import plain
 
 SECTIONS = ("links", "environment")  # of a launch file, whose entries are parameters
@@ -61,51 +61,44 @@ def differences(
 def unknown_parameter(name: str, config: GraphConfig) -> str:
     """Return the message for a name that is no parameter: the nearest ones, or why it is none."""
     known = parameters(config)
-    if _is_fixed(name):
+    if name not in SECTIONS and _is_fixed(name, config):
         return (
-            f"{name} is fixed while a graph runs: change it in the launch file and start anew; what"
-            f" can be changed is in {_sections()}"
+            f"{name} is fixed while a graph runs: change it in the launch file and start again;"
+            f" what can be changed is in {_sections()}"
         )
-    last = name.rpartition(".")[2]
-    near = [full for full in known if full.rpartition(".")[2] == last]
+    last = ParameterName.parse(name).last
+    near = [full for full in known if ParameterName.parse(full).last == last]
     if not near or name != last:  # else all of that name, of which an argument sets some: delay
         near = difflib.get_close_matches(name, near or known, n=1) or near[:1]
-    shown = name if len(name) <= 60 else name[:57] + "..."
+    shown = shortened(name)
     if near:
         return f"unknown parameter {shown!r}; did you mean {' or '.join(map(repr, near))}?"
     return f"unknown parameter {shown!r}; what can be changed is in {_sections()}"
 
 
-def _is_fixed(name: str) -> bool:
-    """Whether only a launch file can set this."""
-    section, _, entry = name.partition(".")
-    if section in KINDS and entry == "kind":
+def _is_fixed(name: str, config: GraphConfig) -> bool:
+    """Whether the launch file has such a value or section, which cannot be changed."""
+    place = ParameterName.parse(name)
+    if place.section in ("operator", "remote", "phases"):  # which a graph need not have
         return True
-    places: dict[str, Collection[str]] = {
-        **{
-            section: {name for kind in table.usable().values() for name in fields_of(kind)}
-            for section, table in KINDS.items()
-            if section not in SECTIONS
-        },
-        "realtime": fields_of(RealtimeConfig),
-        "remote": fields_of(RemoteConfig),
-    }
-    if section == "device" and entry in fields_of(ServoSettings):
-        return True
-    return name in (*places, "phases", *RUN_KEYS) or entry in places.get(section, ())
+    found: Any = to_document(config)
+    for step in place.steps:
+        if not isinstance(found, Mapping) or step not in found:
+            return False
+        found = found[step]
+    return True
 
 
 def _sections() -> str:
     return f"{', '.join((LAW, *(f'links.{topic}' for topic in LINKS)))} and environment"
 
 
-def holders(names: Iterable[str]) -> set[str]:
+def processes_of(names: Iterable[str]) -> set[str]:
     """Return the processes that parameters belong to: of a link, the one that receives."""
     found = set()
-    for name in names:
-        section, entry, *_ = name.split(".")
-        receiver = TOPICS[entry].receiver or "environment" if section == "links" else section
-        found.add(receiver)
+    for name in map(ParameterName.parse, names):
+        receiver = None if name.topic is None else TOPICS[name.topic].receiver
+        found.add(name.section if name.topic is None else receiver or "environment")
     return found
 
 

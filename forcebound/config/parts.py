@@ -1,43 +1,15 @@
 """One part of a graph: the model that a section names, also without a launch file around it."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from forcebound.bounding import LAWS
-from forcebound.config.device_file import WHAT
-from forcebound.config.document import MAX_BYTES
-from forcebound.config.fields import Section, fields_of
-from forcebound.config.graph import KINDS
+from forcebound.config.document import device_section
+from forcebound.config.model import make_part
 from forcebound.config.problems import Place, Problems, unknown
-from forcebound.config.tree import Value, parse, scalar
-from forcebound.config.user_parts import can_be_written, find_class
+from forcebound.config.tree import Value, scalar
 from forcebound.errors import ConfigError
-from forcebound.files import read_text
-
-
-def model_of(section: Section, beside: Collection[str] = ()) -> Any:
-    """Return the model of the kind that a section names; None if a problem was noted.
-
-    Args:
-        section: Of a part.
-        beside: Keys that stand there and are not the model's.
-    """
-    taken = {"kind", *beside}
-    table = KINDS[section.name]
-    kind = section.choose(f"{section.name} kind", "kind", table) if section.is_readable else None
-    if kind is None:
-        return None
-    if table.is_shipped(kind):
-        model = table[kind]
-    else:
-        model = find_class(section, section.value.entries["kind"], table, taken)
-    if model is None:
-        return None
-    section.check_keys({*fields_of(model), *taken})
-    made = section.make(model)
-    return made if made is None or can_be_written(made, section) else None
 
 
 def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
@@ -62,10 +34,7 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
             problems.add(f"{name!r} is given twice, or is no parameter", place)
         else:
             entries[name] = Value(scalar(word.strip()), place, text=word.strip())
-    value = Value(entries, Place(section))
-    made = model_of(Section(value, section, value, problems))
-    problems.raise_if_any()
-    return made
+    return make_part(section, Value(entries, Place(section)), problems)
 
 
 def device_of(path: Path, without: Collection[str]) -> Any:
@@ -75,16 +44,8 @@ def device_of(path: Path, without: Collection[str]) -> Any:
         ConfigError: If it cannot be read, has no device, or anything is wrong with that.
     """
     problems = Problems()
-    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
-    problems.raise_if_any()
-    section = None if root is None else root.entries.get("device")
-    if section is None or "kind" not in section.entries:
-        raise ConfigError(f"{path} has no section device: with a kind")
-    rest = {name: one for name, one in section.entries.items() if name not in without}
-    value = replace(section, content=rest)
-    made = model_of(Section(value, "device", value, problems))
-    problems.raise_if_any()
-    return made
+    section = device_section(path, problems)
+    return make_part("device", section.without(*without), problems)
 
 
 def law_of(kind: str) -> str:

@@ -14,33 +14,21 @@ starts.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
 
-from forcebound.config.fields import Section, fields_of
-from forcebound.config.graph import LAW, GraphConfig, Phase
+from forcebound.config.graph import GraphConfig, Phase, PhaseHead
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import describe, differences, parameters, unknown_parameter
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import with_parameters
 from forcebound.config.tree import Value
 from forcebound.errors import ConfigError
-from forcebound.quantities import POSITIVE, Time
-
-KEY = "phases"
-MAX_PHASES = 200  # each one is checked as a launch file of its own
 
 _KEEPS_LAW = f"a phase cannot set {LAW}; while the graph runs, `forcebound param set` changes it"
 
 
-@dataclass(frozen=True)
-class PhaseHead:
-    """Keys of a phase besides its settings."""
-
-    name: str
-    duration: Annotated[Time, POSITIVE]
-
-
 def read_phases(
     root: Value,
+    heads: Sequence[PhaseHead],
     config: GraphConfig,
     build: Callable[[Value, Problems], GraphConfig],
     problems: Problems,
@@ -49,29 +37,19 @@ def read_phases(
 
     Args:
         root: The launch file.
+        heads: Name and duration of each phase.
         config: Configuration without phases.
         build: Reads a launch file; raises ConfigError with the problems noted.
         problems: Of the launch file.
     """
-    listed = root.entries[KEY]
-    entries = listed.content if isinstance(listed.content, tuple) else ()
-    if not entries and not listed.is_broken:
-        problems.add(f"phases must be a list of mappings, got {listed}", listed.place)
-    if len(entries) > MAX_PHASES:
-        problems.add(f"{len(entries)} phases; at most {MAX_PHASES} make one run", listed.place)
-        entries = ()
-    plain = {name: value for name, value in root.entries.items() if name != KEY}
-    plain.setdefault("duration", Value(1.0, root.place))  # that of a phase is its own
+    listed = root.entries["phases"].content
+    assert isinstance(listed, tuple)  # checked with the rest of the file
+    plain = root.without("phases")
+    plain = plain.with_entries({"duration": Value(1.0, root.place), **plain.entries})
     phases: list[Phase] = []
-    for number, value in enumerate(entries, start=1):
-        section = Section(value, f"phase {number}", root, problems)
-        if not section.is_readable:
-            continue
-        section.check_keys(("name", "duration", "set"))
-        head = section.read(fields_of(PhaseHead))
-        settings = Section(value.entries.get("set"), f"set of phase {number}", value, problems)
-        changed = _overlaid(replace(root, content=plain), settings, config)
-        if changed is None or head is None:
+    for head, value in zip(heads, listed, strict=True):
+        changed = _overlaid(plain, value.entries.get("set"), config, problems)
+        if changed is None:
             continue
         found = Problems()
         try:
@@ -79,27 +57,24 @@ def read_phases(
         except ConfigError:
             problems.extend(found)
         else:
-            phases.append(Phase(head["name"], head["duration"], settled))
+            phases.append(Phase(head.name, head.duration, settled))
     return tuple(phases)
 
 
-def phase_duration(phases: Sequence[Phase]) -> float:
-    """Return how long phases take together, in s."""
-    return sum(phase.duration for phase in phases)
-
-
-def _overlaid(root: Value, settings: Section, config: GraphConfig) -> Value | None:
+def _overlaid(
+    root: Value, settings: Value | None, config: GraphConfig, problems: Problems
+) -> Value | None:
     """The launch file with some parameters at their places; None with problems noted."""
-    if not settings.is_readable:
-        return None
     known = parameters(config)
-    for name, value in settings.value.entries.items():
+    is_known = True
+    for name, value in ({} if settings is None else settings.entries).items():
         if name == LAW or name not in known:
             message = _KEEPS_LAW if name == LAW else unknown_parameter(name, config)
-            settings.problems.add(message, value.key or value.place)
-            return None
-        root = _placed(root, name.split("."), value)
-    return root
+            problems.add(message, value.key or value.place)
+            is_known = False
+        else:
+            root = _placed(root, ParameterName.parse(name).steps, value)
+    return root if is_known else None
 
 
 def _placed(tree: Value, path: Sequence[str], value: Value) -> Value:
@@ -107,7 +82,7 @@ def _placed(tree: Value, path: Sequence[str], value: Value) -> Value:
     if not path:
         return value
     inner = tree.entries.get(path[0], Value({}, value.place, value.key))
-    return replace(tree, content={**tree.entries, path[0]: _placed(inner, path[1:], value)})
+    return tree.with_entries({**tree.entries, path[0]: _placed(inner, path[1:], value)})
 
 
 @dataclass(frozen=True)

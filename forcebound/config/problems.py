@@ -14,11 +14,7 @@ from pathlib import Path
 
 from forcebound.errors import ConfigError
 
-MAX_PROBLEMS = 100  # enough to read; thousands would take minutes to word
-
 _WIDEST_EXCERPT = 100  # characters of a source line that are shown
-_LONGEST_MESSAGE = 2000  # characters
-_MOST_NAMES = 200  # that a message lists, or looks through for the nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,35 +77,23 @@ class Problems:
     """Collects problems, so that one run shows them all."""
 
     def __init__(self) -> None:
-        self._found: list[Problem] = []
+        self._found: dict[Problem, None] = {}  # a set that keeps the order
 
     def add(self, message: str, place: Place, related: Related | None = None) -> None:
-        """Note one problem; the same one twice counts once.
-
-        Raises:
-            ConfigError: If these are more than ``MAX_PROBLEMS``; it holds those that were noted.
-        """
-        # Half a surrogate pair, quoted from a path, could not be printed.
-        message = message.encode("utf-8", "backslashreplace").decode()
-        if len(message) > _LONGEST_MESSAGE:
-            message = message[: _LONGEST_MESSAGE - 3] + "..."
-        problem = Problem(message, place, related)
-        if problem in self._found:
-            return
-        if len(self._found) >= MAX_PROBLEMS:
-            raise ConfigError(f"{self.error()}\nand more than these {MAX_PROBLEMS} problems")
-        self._found.append(problem)
+        """Note one problem; the same one twice counts once."""
+        message = message.encode("utf-8", "backslashreplace").decode()  # it can be printed
+        self._found[Problem(message, place, related)] = None
 
     def extend(self, others: "Problems") -> None:
-        """Note problems that were found apart."""
-        for problem in others._found:
-            self.add(problem.message, problem.place, problem.related)
+        """Note problems that were found elsewhere."""
+        self._found |= others._found
 
     def error(self) -> ConfigError:
         """Return the error that holds them all: by file in the order met, then by line."""
-        names = list(dict.fromkeys(problem.place.name for problem in self._found))
+        names = {problem.place.name: None for problem in self._found}
+        order = {name: number for number, name in enumerate(names)}
         ordered = sorted(
-            self._found, key=lambda p: (names.index(p.place.name), p.place.line, p.place.column)
+            self._found, key=lambda p: (order[p.place.name], p.place.line, p.place.column)
         )
         return ConfigError("\n".join(str(problem) for problem in ordered))
 
@@ -130,15 +114,19 @@ def nearest_file(name: str, names: Iterable[str]) -> str:
     return f"did you mean {stems[near[0]]!r}? " if near else ""
 
 
+def shortened(text: str) -> str:
+    """Return a text for a message: it can be printed, and is cut if it is long."""
+    text = text.encode("utf-8", "backslashreplace").decode()
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
-    """Return the message for a name that is not known: the nearest one, or all that are."""
+    """Return the message for an unknown name: the most similar known one, or all of them."""
     names = sorted(known)
     near = [known for known in names if len(name) > 1 and known.startswith(name)]
     near = near or [known for known in names if name in known.split("_")]  # speed: approach_speed
-    near = near or difflib.get_close_matches(name, names[:_MOST_NAMES], n=1)
-    shown = name if len(name) <= 60 else name[:57] + "..."
+    near = near or difflib.get_close_matches(name, names, n=1)
+    message = f"unknown {what} {shortened(name)!r}"
     if near:
-        return f"unknown {what} {shown!r}; did you mean {near[0]!r}?"
-    if len(names) > _MOST_NAMES:
-        names = [*names[:_MOST_NAMES], "..."]
-    return f"unknown {what} {shown!r}; known: {', '.join(names) if names else 'none'}"
+        return f"{message}; did you mean {near[0]!r}?"
+    return f"{message}; known: {', '.join(names) or 'none'}"

@@ -1,51 +1,44 @@
 """The resolved launch document: a configuration as plain JSON in SI units, and back.
 
-It is itself a launch file, without arguments and with every value written out. Node processes read
-it with :func:`restore`, which checks nothing again; every recording holds it.
+It is itself a launch file, without arguments and with every value written out. Every recording
+holds it. The processes of a run read it with :func:`restore`, which checks nothing again and makes
+no part; each process makes the part that it runs (:func:`made`).
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import msgspec
 
-from forcebound.config.fields import adapter, fields_of
+from forcebound.config.fields import fields_of
 from forcebound.config.graph import (
     BESIDE_MODEL,
     FORMAT,
     KINDS,
-    LAW,
     DeviceConfig,
+    DeviceFacts,
     EnvironmentConfig,
     GraphConfig,
+    PartSpec,
     Phase,
     RealtimeConfig,
     RemoteConfig,
 )
+from forcebound.config.names import ParameterName
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
 from forcebound.parts.plain import plain, plain_value
 
-ALL_CODE = frozenset(KINDS)
-_STAND_INS = {"controller": "direct", "environment": "wall", "device": "phantom_premium_1_5"}
-
-# Sections whose code a process runs. That of environment and controller must not run beside the
-# bounder; the others need the device's number of axes.
-CODE_OF_PROCESS: Mapping[str, frozenset[str]] = {
-    "device": frozenset({"device", "operator"}),
-    "controller": frozenset({"device", "controller"}),
-    "environment": frozenset({"device", "environment"}),
-    "recorder": frozenset(),
-}
+FACTS = "facts"  # key of a run's document beside those of a launch file: numbers of the device
 
 
 def to_document(config: GraphConfig) -> dict[str, Any]:
     """Return the configuration as a launch file of plain JSON types in SI units.
 
-    :func:`restore` reads it back to an equal configuration.
+    :func:`restore` reads it back.
     """
     device = config.device
     document: dict[str, Any] = {
@@ -55,7 +48,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "duration": config.duration,
         "device": {**member_document("device", device.model), **plain(device.servo)},
         "controller": member_document("controller", config.controller),
-        "environment": environment_document(config.environment),
+        "environment": _environment_document(config.environment),
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
@@ -71,8 +64,12 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
     return document
 
 
-def environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
-    """Return the section of an environment in plain JSON types."""
+def run_document(config: GraphConfig) -> dict[str, Any]:
+    """Return the document for the processes of a run: with facts of the device."""
+    return {**to_document(config), FACTS: plain(config.device.facts)}
+
+
+def _environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
     beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
     return {**member_document("environment", environment.model), **beside}
 
@@ -94,28 +91,79 @@ def kind_of(section: str, member: object) -> str:
 
 def member_document(section: str, member: object) -> dict[str, Any]:
     """Return kind and parameters of a member of a section, in plain JSON types."""
+    if isinstance(member, PartSpec):
+        return {"kind": member.kind, **member.values}
     return {"kind": kind_of(section, member), **plain(member)}
 
 
-def restore(document: Mapping[str, Any], runs: Collection[str] = ALL_CODE) -> GraphConfig:
-    """Return the configuration of a document that :func:`to_document` made.
+def check_plain(part: Any) -> None:
+    """Check that the parameters of a part can be written into documents and recordings.
 
-    Args:
-        document: Unchanged; else :func:`forcebound.config.loader.from_document` checks it.
-        runs: Sections whose parts' code may run here if it does not ship with forcebound; in the
-            others a shipped part takes the place.
+    Raises:
+        ConfigError: If one has a type or value that JSON does not have.
+    """
+    for name, value in plain(part).items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{name} cannot be written down: {error}") from None
+
+
+def restore(document: Mapping[str, Any]) -> GraphConfig:
+    """Return the configuration of an unchanged document, its parts as :class:`PartSpec`.
+
+    :func:`forcebound.config.loader.from_document` checks one that may have been changed.
 
     Raises:
         ConfigError: If it is no such document, or a file that it names is gone.
     """
     try:
-        return _graph(document, runs)
+        return _graph(document)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"this is no resolved launch document: {error!r}") from error
 
 
+def made(section: str, part: Any) -> Any:
+    """Return a part, made if it is a :class:`PartSpec`; None stays None.
+
+    Raises:
+        ConfigError: If the file of a user's part is gone, or it does not take its parameters.
+    """
+    if not isinstance(part, PartSpec):
+        return part
+    try:
+        return _restored(KINDS[section][part.kind], part.values)
+    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"the {section} {part.kind} cannot be made: {error!r}") from error
+
+
+def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
+    """Return the configuration with its parts made.
+
+    Args:
+        config: Of a run.
+        of_users: Whether also those whose code does not ship with forcebound.
+    """
+
+    def part(section: str, one: Any) -> Any:
+        is_foreign = isinstance(one, PartSpec) and not KINDS[section].is_shipped(one.kind)
+        return one if is_foreign and not of_users else made(section, one)
+
+    return replace(
+        config,
+        device=replace(config.device, model=part("device", config.device.model)),
+        operator=part("operator", config.operator),
+        controller=part("controller", config.controller),
+        environment=replace(
+            config.environment, model=part("environment", config.environment.model)
+        ),
+    )
+
+
 def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphConfig:
     """Return the configuration with other :func:`~forcebound.config.parameters.parameters`.
+
+    Its environment is a :class:`PartSpec` if a parameter of it changes.
 
     Args:
         config: What has other values.
@@ -124,88 +172,65 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
     Raises:
         ConfigError: If there is no such parameter, or a file that one names is gone.
     """
-    device, links, environment = config.device, dict(config.links), config.environment
-    of_environment = environment_document(environment)
-    of_links: dict[str, Any] = {}
-    of_servo = plain(device.servo)
-    places = {"environment": of_environment, "links": of_links, "device": of_servo}
+    document = to_document(config)
+    names = {ParameterName.parse(name): value for name, value in settings.items()}
     try:
-        for name, value in settings.items():
-            section, *path, entry = name.split(".")
-            place = places[section]
-            for step in path:
-                place = place.setdefault(step, {})
-            place[entry] = value
-        if LAW in settings:
-            device = replace(device, servo=_restored(ServoSettings, of_servo))
-        if any(name.startswith("environment.") for name in settings):
-            environment = _environment(of_environment)
-        for topic, entries in of_links.items():
-            link = plain(links.get(topic, Impairment())) | entries
-            links[topic] = _restored(Impairment, link)
+        for name, value in names.items():
+            if name.topic is not None:
+                document["links"].setdefault(name.topic, plain(Impairment()))
+            name.put(document, value)
+        changed = _graph(document)
     except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
         raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
-    return replace(config, device=device, links=links, environment=environment)
+    has_environment = any(name.section == "environment" for name in names)
+    return replace(
+        config,
+        device=replace(config.device, servo=changed.device.servo),
+        links=changed.links,
+        environment=changed.environment if has_environment else config.environment,
+    )
 
 
-def _graph(document: Mapping[str, Any], runs: Collection[str]) -> GraphConfig:
-    device = document["device"]
-    remote = document.get("remote")
-    phases = [
-        Phase(phase["name"], float(phase["duration"]), phase["set"])
-        for phase in document.get("phases", ())
-    ]
-    if not _is_run("environment", document["environment"], runs):
-        phases = [replace(phase, settings=_without_model(phase.settings)) for phase in phases]
+def _graph(document: Mapping[str, Any]) -> GraphConfig:
+    remote, operator = document.get("remote"), document.get("operator")
     return GraphConfig(
         description=document["description"],
         seed=document["seed"],
         duration=float(document["duration"]),
-        device=DeviceConfig(_part("device", device, runs), _restored(ServoSettings, device)),
-        operator=_part("operator", document.get("operator"), runs),
-        controller=_part("controller", document["controller"], runs),
-        environment=_environment(document["environment"], runs),
-        links={topic: _restored(Impairment, link) for topic, link in document["links"].items()},
+        device=_device(document),
+        operator=None if operator is None else _spec("operator", operator),
+        controller=_spec("controller", document["controller"]),
+        environment=_environment(document["environment"]),
+        links=_links(document["links"]),
         realtime=_restored(RealtimeConfig, document["realtime"]),
         remote=None if remote is None else _restored(RemoteConfig, remote),
-        phases=tuple(phases),
+        phases=tuple(
+            Phase(phase["name"], float(phase["duration"]), phase["set"])
+            for phase in document.get("phases", ())
+        ),
     )
 
 
-def _environment(
-    document: Mapping[str, Any], runs: Collection[str] = ALL_CODE
-) -> EnvironmentConfig:
+def _device(document: Mapping[str, Any]) -> DeviceConfig:
+    device, facts = document["device"], document.get(FACTS)
+    stated = None if facts is None else _restored(DeviceFacts, facts)
+    return DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated)
+
+
+def _links(document: Mapping[str, Any]) -> dict[str, Impairment]:
+    return {topic: _restored(Impairment, link) for topic, link in document.items()}
+
+
+def _environment(document: Mapping[str, Any]) -> EnvironmentConfig:
     beside = _values(EnvironmentConfig, document, BESIDE_MODEL)
-    return EnvironmentConfig(_part("environment", document, runs), **beside)
+    return EnvironmentConfig(_spec("environment", document), **beside)
 
 
-def _is_run(section: str, document: Mapping[str, Any], runs: Collection[str]) -> bool:
-    """Whether the part of a section is made here, not a shipped one in its place."""
-    return section in runs or KINDS[section].is_shipped(document["kind"])
-
-
-def _without_model(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters without those of the environment's model."""
-    kept = {f"environment.{name}" for name in BESIDE_MODEL}
-    return {n: v for n, v in settings.items() if n in kept or not n.startswith("environment.")}
-
-
-def _part(section: str, document: Mapping[str, Any] | None, runs: Collection[str]) -> Any:
-    """The model that a section names, or what takes its place; None without a section."""
-    if document is None:
-        return None
-    if not _is_run(section, document, runs):
-        if section == "operator":
-            return None
-        stand_in = KINDS[section][_STAND_INS[section]]
-        return stand_in(axes=document.get("axes", 1)) if section == "device" else stand_in()
-    kind = document["kind"]
-    model = KINDS[section][kind]
-    if KINDS[section].is_shipped(kind):
-        return _restored(model, document)
-    fields = fields_of(model)  # of any type that pydantic knows
-    given = json.dumps({name: document[name] for name in fields})
-    return model(**adapter(*fields.values()).validate_json(given))
+def _spec(section: str, document: Mapping[str, Any]) -> Any:
+    """The part of a section; as a configuration has it, so of any type."""
+    settings = {"device": fields_of(ServoSettings), "environment": BESIDE_MODEL}.get(section, ())
+    values = {n: v for n, v in document.items() if n != "kind" and n not in settings}
+    return PartSpec(document["kind"], values)
 
 
 def _restored(kind: type, document: Mapping[str, Any]) -> Any:

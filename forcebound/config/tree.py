@@ -1,21 +1,17 @@
 """Trees of values with their places, read from the text of a launch file.
 
-ruamel.yaml splits the text into YAML 1.2 events, each with line and column; the events become a
-tree of :class:`Value`. Whatever is wrong is noted and reading goes on, unless the text is no YAML
-at all.
-
-Plain scalars follow the core schema of YAML 1.2 (:func:`scalar`): ``yes`` is text, ``1e3`` is a
-number.
+ruamel.yaml parses the text (YAML 1.2) and knows line and column of each key and value. Plain
+scalars follow the core schema of YAML 1.2 (:func:`scalar`): ``yes`` is text, ``1e3`` is a number.
 """
 
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from forcebound.config.problems import Place, Problems, Related
-from forcebound.errors import ConfigError
+from forcebound.config.problems import Place, Problems, Related, shortened
 
 MAX_DEPTH = 40  # levels of nesting
 _LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")  # as the parser counts lines
@@ -66,6 +62,19 @@ class Value:
             return any(value.is_broken for value in self.content)
         return self.content is BROKEN or any(value.is_broken for value in self.entries.values())
 
+    @property
+    def folder(self) -> Path:
+        """The folder from which a relative path starts: that of the file, or the current one."""
+        return Path(self.place.name).parent if self.place.line else Path()
+
+    def with_entries(self, entries: "Mapping[str, Value]") -> "Value":
+        """Return this mapping with other entries."""
+        return replace(self, content=entries)
+
+    def without(self, *names: str) -> "Value":
+        """Return this mapping without some of its entries."""
+        return self.with_entries({n: v for n, v in self.entries.items() if n not in names})
+
     def __str__(self) -> str:
         if self.content is None:
             return "nothing"
@@ -73,12 +82,11 @@ class Value:
             return "a mapping"
         if isinstance(self.content, tuple):
             return "a list"
-        shown = self.text if len(self.text) <= 60 else self.text[:57] + "..."
-        return repr(shown)
+        return repr(shortened(self.text))
 
 
 def from_plain(content: Any, name: str) -> Value:
-    """Return the tree of plain Python values; places say the path within, ``name`` first."""
+    """Return the tree of plain JSON values; places say the path within, ``name`` first."""
     place = Place(name)
     if isinstance(content, Mapping):
         join = "." if ":" in name else ": "
@@ -91,13 +99,9 @@ def from_plain(content: Any, name: str) -> Value:
         return Value(
             tuple(from_plain(value, f"{name}[{i}]") for i, value in enumerate(content)), place
         )
-    is_plain = content is None or isinstance(content, bool | float | str | int)
-    if not is_plain or (isinstance(content, int) and content.bit_length() > _LONGEST_INT):
-        content = f"a {type(content).__name__}"
     return Value(content, place, text=str(content))
 
 
-_LONGEST_INT = 128  # bits; Python refuses to print far longer ones
 _INT = re.compile(r"[-+]?[0-9]{1,30}|0o[0-7]{1,30}|0x[0-9a-fA-F]{1,30}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _WORDS: dict[str, Scalar] = {
@@ -127,22 +131,31 @@ def parse(text: str, name: str, problems: Problems) -> Value | None:
     """Return the tree of a YAML text; None, with a problem noted, if it is no mapping."""
     from ruamel.yaml import YAML
 
-    tree = _Tree(text, name, problems)
+    reader = _Reader(text, name, problems)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the parser; its errors are what counts
-            return tree.document(YAML(typ="safe", pure=True).parse(text))
+            node = YAML(typ="safe", pure=True).compose(text)
+        root = None if node is None else reader.value(node)
     except _StopError:
         return None
-    except ConfigError:
-        raise  # too many problems
-    except Exception as error:  # the parser has no list of what it raises on damaged text
-        tree.syntax_error(error)
+    except RecursionError:
+        problems.add(f"nested deeper than {MAX_DEPTH} levels", Place(name))
         return None
+    except Exception as error:  # the parser has no list of what it raises on damaged text
+        reader.note_syntax(error)
+        return None
+    if root is None or (root.content is None and not root.text):
+        problems.add("the launch file is empty", Place(name))
+    elif not isinstance(root.content, Mapping):
+        problems.add(f"a launch file is a mapping, got {root}", root.place)
+    else:
+        return root
+    return None
 
 
-class _Tree:
-    """Builds the tree of one file from the parser's events."""
+class _Reader:
+    """Turns the parser's nodes of one file into values."""
 
     def __init__(self, text: str, name: str, problems: Problems) -> None:
         self._text = text
@@ -150,40 +163,22 @@ class _Tree:
         self._name = name
         self._problems = problems
 
-    def document(self, events: Iterable[Any]) -> Value | None:
-        stream = iter(events)
-        root: Value | None = None
-        for event in stream:
-            kind = type(event).__name__
-            if kind == "DocumentStartEvent":
-                if root is not None:
-                    self._stop("a second document begins; a launch file is one", event)
-                root = self._value(next(stream), stream, 0)
-        if root is None or (root.content is None and not root.text):
-            self._problems.add("the launch file is empty", Place(self._name))
-            return None
-        if not isinstance(root.content, Mapping):
-            self._problems.add(f"a launch file is a mapping, got {root}", root.place)
-            return None
-        return root
-
-    def syntax_error(self, error: Exception) -> None:
-        # What the parser raises has a mark; what its reader raises, a position in the text.
-        facts = vars(error)
-        mark, position = facts.get("problem_mark"), facts.get("position")
-        words = facts.get("problem") or facts.get("reason") or str(error)
+    def note_syntax(self, error: Exception) -> None:
+        """Note what the parser raised: it has a mark, or a position in the text."""
+        mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
+        words = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
         message = f"this is not YAML: {words.partition(chr(10))[0] or 'damaged'}"
         if "'\\t'" in words:
-            message = "a tab; YAML wants spaces here"
-        elif facts.get("context"):
-            message += f" ({facts['context']})"
+            message = "a tab; YAML needs spaces here"
+        elif "undefined alias" in words or "another document" in words:
+            message += "; a launch file is one document, and $(arg NAME) repeats a value"
         place = Place(self._name)
         if mark is not None:
             place = self._at(mark.line, mark.column)
         elif isinstance(position, int):
             *before, last = _LINE_END.split(self._text[:position])
             place = self._at(len(before), len(last))
-        if "${" in place.text:  # YAML takes the brace for its own
+        if "${" in place.text:  # YAML reads the brace as the beginning of a mapping
             message += "; within braces, write it in quotes: '${env:NAME}'"
         self._problems.add(message, place)
 
@@ -191,55 +186,37 @@ class _Tree:
         text = self._lines[line] if line < len(self._lines) else ""
         return Place(self._name, line + 1, column + 1, text)
 
-    def _place(self, event: Any) -> Place:
-        return self._at(event.start_mark.line, event.start_mark.column)
-
-    def _stop(self, message: str, event: Any) -> None:
-        self._problems.add(message, self._place(event))
-        raise _StopError
-
-    def _value(self, event: Any, stream: Iterator[Any], depth: int) -> Value:
-        place = self._place(event)
+    def value(self, node: Any, depth: int = 0) -> Value:
+        """Return the value of a node; the kinds of its ``value`` are str, pairs or nodes."""
+        place = self._at(node.start_mark.line, node.start_mark.column)
+        fault = None
         if depth > MAX_DEPTH:
-            self._stop(f"nested deeper than {MAX_DEPTH} levels", event)
-        kind = type(event).__name__
-        if event.anchor is not None:  # of an anchor or an alias
-            message = f"anchors and aliases ({event.anchor}) are not read; an argument does that"
-            self._stop(f"{message}: $(arg {event.anchor})", event)
-        if any("\ud800" <= char <= "\udfff" for char in getattr(event, "value", "")):
-            self._problems.add("half a surrogate pair is not a character", place)
-            return Value(BROKEN, place)
-        if getattr(event, "ctag", None) is not None:
-            self._problems.add(f"tags such as {event.tag} have no meaning here", place)
-        if kind == "MappingStartEvent":
-            return self._mapping(place, stream, depth)
-        if kind == "SequenceStartEvent":
-            return self._sequence(place, stream, depth)
-        content = event.value if event.style else scalar(event.value)
-        return Value(content, place, text=event.value)
+            fault = f"nested deeper than {MAX_DEPTH} levels"
+        elif node.anchor is not None:  # an alias could repeat itself without end
+            fault = f"anchors and aliases are not supported; use $(arg {node.anchor})"
+        elif not str(node.tag).startswith("tag:yaml.org,2002:"):
+            fault = f"tags such as {node.tag} have no meaning here"
+        if fault is not None:
+            self._problems.add(fault, place)
+            raise _StopError
+        if isinstance(node.value, str):
+            return Value(node.value if node.style else scalar(node.value), place, text=node.value)
+        if node.id == "mapping":
+            return Value(self._entries(node, depth), place)
+        return Value(tuple(self.value(one, depth + 1) for one in node.value), place)
 
-    def _mapping(self, place: Place, stream: Iterator[Any], depth: int) -> Value:
+    def _entries(self, node: Any, depth: int) -> dict[str, Value]:
         entries: dict[str, Value] = {}
-        for event in stream:
-            if type(event).__name__ == "MappingEndEvent":
-                break
-            key = self._value(event, stream, depth + 1)
-            value = replace(self._value(next(stream), stream, depth + 1), key=key.place)
-            if value.content is None and not value.text:  # the parser places nothing a line below
+        for key_node, value_node in node.value:
+            key = self.value(key_node, depth + 1)
+            value = replace(self.value(value_node, depth + 1), key=key.place)
+            if value.content is None and not value.text:  # the parser places it a line below
                 value = replace(value, place=key.place)
-            if isinstance(key.content, Mapping | tuple) or key.content is None:
+            if not key.is_scalar:
                 self._problems.add(f"a key must be a name, got {key}", key.place)
             elif key.text in entries:
-                first = Related("first at", entries[key.text].key or place)
+                first = Related("first at", entries[key.text].key or key.place)
                 self._problems.add(f"{key} is given twice", key.place, first)
             else:
                 entries[key.text] = value
-        return Value(entries, place)
-
-    def _sequence(self, place: Place, stream: Iterator[Any], depth: int) -> Value:
-        values: list[Value] = []
-        for event in stream:
-            if type(event).__name__ == "SequenceEndEvent":
-                break
-            values.append(self._value(event, stream, depth + 1))
-        return Value(tuple(values), place)
+        return entries

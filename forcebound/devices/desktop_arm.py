@@ -124,7 +124,7 @@ class DesktopArm(SimulatedArm):
 
     def kinematics(self) -> ArmKinematics:
         """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(desktop_pose, self.geometry, 3, 0.1 * self.upper**2 * self.lower)
+        return ArmKinematics(desktop_pose, self.geometry, 3)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

@@ -122,7 +122,7 @@ class FiveBar(FiveBarNumbers, SimulatedArm):
 
     def kinematics(self) -> ArmKinematics:
         """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(five_bar_pose, self.geometry, 2, 0.1 * self.proximal**2)
+        return ArmKinematics(five_bar_pose, self.geometry, 2)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

@@ -35,20 +35,17 @@ class ArmKinematics:
         pose: Of this kind of arm.
         geometry: What ``pose`` takes, in m.
         joints: Number of joints.
-        smallest: Volume of the Jacobian, in m to the number of joints, below which a pose is
-            singular.
 
     Attributes:
         pose: Of this kind of arm.
         geometry: What ``pose`` takes, in m.
     """
 
-    def __init__(self, pose: Pose, geometry: Vector, joints: int, smallest: float) -> None:
+    def __init__(self, pose: Pose, geometry: Vector, joints: int) -> None:
         import numpy as np
 
         self.pose, self.geometry = pose, geometry
         self._compiled_pose: Any = jit(pose)
-        self._smallest = smallest
         self._taken: Vector = ()
         self._angles = np.zeros(joints)
         self._numbers = np.array(geometry)
@@ -86,16 +83,6 @@ class ArmKinematics:
             raise ValueError(f"expected a force of {len(self._jacobian)} entries, got {len(force)}")
         columns = self._jacobian.T.tolist()
         return tuple([math.fsum(map(mul, column, force)) for column in columns])
-
-    def is_singular(self, angles: Vector) -> bool:
-        """Return whether the tip can, in this pose, hardly move or hardly be held in a direction.
-
-        The angles need not be possible ones: where links could not meet, it is singular.
-        """
-        import numpy as np
-
-        self._take(angles)
-        return bool(abs(np.linalg.det(self._jacobian)) < self._smallest)
 
     def _take(self, angles: Vector) -> None:
         if angles == self._taken:  # position and torque are asked of the same reading

@@ -78,7 +78,7 @@ class Knob(SimulatedArm):
 
     def kinematics(self) -> ArmKinematics:
         """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(knob_pose, self.geometry, self.joints, 0.1 * self.lever**self.joints)
+        return ArmKinematics(knob_pose, self.geometry, self.joints)
 
     def angles(self, position: Vector) -> Vector:
         """Return the joint angles, in rad, for a tip at ``position``, in m."""

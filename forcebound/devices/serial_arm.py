@@ -125,8 +125,7 @@ class SerialArm(SimulatedArm):
     def kinematics(self) -> ArmKinematics:
         """Return the kinematics; see :class:`SimulatedArm`."""
         pose = planar_pose if self.joints == 2 else spatial_pose
-        volume = (self.upper * self.lower) if self.joints == 2 else self.upper**2 * self.lower
-        return ArmKinematics(pose, self.geometry, self.joints, 0.1 * volume)
+        return ArmKinematics(pose, self.geometry, self.joints)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from forcebound.bounded_child import ChildError, Timeout, in_bounded_child
+from forcebound.bounded_child import ChildError, in_bounded_child
 from forcebound.environments import Environment, EnvironmentModel
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
@@ -236,7 +236,7 @@ def _compile(mujoco: Any, model: Bodies) -> Any:
     """
     try:
         open_file(model.file).close()
-        binary = in_bounded_child(partial(_compiled, model), Timeout(SECONDS), MEMORY)
+        binary = in_bounded_child(partial(_compiled, model), SECONDS, MEMORY)
     except OSError as error:
         words = f"{model.file}: {reason(error)}; expected a scene in MJCF"
         raise ConfigError(words, field="file") from None

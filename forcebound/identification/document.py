@@ -12,8 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.device_file import WHAT
-from forcebound.config.document import MAX_BYTES
+from forcebound.config.document import DEVICE_FILE, MAX_BYTES
 from forcebound.config.fields import fields_of
 from forcebound.config.problems import Problems
 from forcebound.config.resolved import member_document
@@ -236,7 +235,7 @@ def write(path: Path, document: Mapping[str, Any], command: str) -> None:
     try:
         path.write_text(head + text.getvalue(), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"cannot write {WHAT} {path}: {error.strerror}") from error
+        raise ConfigError(f"cannot write {DEVICE_FILE} {path}: {error.strerror}") from error
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -246,7 +245,7 @@ def read(path: Path) -> dict[str, Any]:
         ConfigError: If it cannot be read, or is none.
     """
     problems = Problems()
-    root = parse(read_text(path, WHAT, MAX_BYTES), str(path), problems)
+    root = parse(read_text(path, DEVICE_FILE, MAX_BYTES), str(path), problems)
     problems.raise_if_any()
     document: dict[str, Any] = {} if root is None else root.plain
     identified = document.get("identified")

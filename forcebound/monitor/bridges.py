@@ -24,7 +24,7 @@ import msgspec
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPICS, Packet
-from forcebound.monitor.streams import fields_of_packet, read_topics
+from forcebound.monitor.streams import fields_of_packet, packets_of
 from forcebound.network.sockets import Network
 from forcebound.recording_schema import schema
 
@@ -55,13 +55,9 @@ def serve(
     """
     ahead_ns = time.time_ns() - time.monotonic_ns()
     with PROGRAMS[program](topics, port) as send:
-
-        def take(topic: str, packet: Packet, data: bytes) -> bool:
-            send(topic, packet, packet.time_ns + ahead_ns)
-            return True
-
         begin()
-        read_topics(run_dir, topics, take, duration)
+        for topic, packet, _ in packets_of(run_dir, topics, duration):
+            send(topic, packet, packet.time_ns + ahead_ns)
 
 
 @contextmanager

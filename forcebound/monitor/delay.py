@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from forcebound.config.traces import loop_delays, of_recording
@@ -13,9 +14,9 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
 from forcebound.launch.run_directory import TELEMETRY, read_launch_document
-from forcebound.messages.packets import Packet, Telemetry
+from forcebound.messages.packets import Telemetry
 from forcebound.monitor.runs import find, while_running
-from forcebound.monitor.streams import read_topics
+from forcebound.monitor.streams import packets_of
 from forcebound.network.trace import DelayTrace
 from forcebound.telemetry import TelemetryColumns
 
@@ -23,6 +24,41 @@ DURATION = 5.0  # s, how long a running graph is watched
 SHARES = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
 CLASSES = 12  # of a histogram
 LEAST, LEAST_OF_LINK = 0.12, 0.012  # ms, width of a histogram of equal delays
+
+
+class Bin(Struct, frozen=True):
+    """A class of a histogram."""
+
+    from_ms: float
+    to_ms: float
+    count: int
+
+
+class Percentiles(Struct, frozen=True):
+    """Delays that these shares of all do not exceed, in ms; None: every answer was lost."""
+
+    p50: float | None = None
+    p90: float | None = None
+    p99: float | None = None
+    p99_9: float | None = None
+    max: float | None = None
+
+
+class LinkDelays(Percentiles, frozen=True, kw_only=True):
+    """Times from hop to hop."""
+
+    count: int
+    histogram: list[Bin]
+
+
+class DelayFigures(Struct, frozen=True, omit_defaults=True):
+    """Loop delays in a few figures."""
+
+    ticks: int
+    lost_share: float  # 0 to 1
+    loop_delay_ms: Percentiles
+    histogram: list[Bin]  # of the loop delay
+    links_ms: dict[str, LinkDelays] = {}  # of each link and ``loop``; empty: not measured
 
 
 @dataclass(frozen=True)
@@ -35,49 +71,39 @@ class Measured:
     hops: Hops | None = None  # None: not asked for
 
     @property
-    def summary(self) -> dict[str, Any]:
-        """The delays in a few figures, fit for JSON.
-
-        ``ticks``, ``lost_share`` (0 to 1), ``loop_delay_ms``: the percentiles in ``SHARES``, each
-        None if every answer was lost, and ``histogram``: ``from_ms``, ``to_ms`` and ``count`` of
-        each class. With hops ``links_ms``: for each link and ``loop`` a map of ``count``, the
-        percentiles and the ``histogram``.
-        """
+    def figures(self) -> DelayFigures:
+        """The delays in a few figures."""
         known = np.array([delay for delay in self.trace.delays if delay is not None]) * 1e3
         ticks = len(self.trace.delays)
-        figures = {
-            "ticks": ticks,
-            "lost_share": 1.0 - known.size / ticks,
-            "loop_delay_ms": _percentiles(known),
-            "histogram": _histogram(known, LEAST),
-        }
-        if self.hops is None:
-            return figures
-        links = {
-            name: {
-                "count": one.size,
-                **_percentiles(one),
-                "histogram": _histogram(one, LEAST_OF_LINK),
-            }
-            for name, one in self.hops.delays().items()
-        }
-        return figures | {"links_ms": links}
+        hops = {} if self.hops is None else self.hops.delays()
+        return DelayFigures(
+            ticks=ticks,
+            lost_share=1.0 - known.size / ticks,
+            loop_delay_ms=Percentiles(**_percentiles(known)),
+            histogram=_histogram(known, LEAST),
+            links_ms={
+                name: LinkDelays(
+                    **_percentiles(one), count=one.size, histogram=_histogram(one, LEAST_OF_LINK)
+                )
+                for name, one in hops.items()
+            },
+        )
 
 
-def _percentiles(delays: NDArray[np.float64]) -> dict[str, float | None]:
+def _percentiles(delays: NDArray[np.float64]) -> dict[str, float]:
     if not delays.size:
-        return dict.fromkeys(SHARES)
+        return {}
     return dict(zip(SHARES, np.percentile(delays, list(SHARES.values())).tolist(), strict=True))
 
 
-def _histogram(delays: NDArray[np.float64], least: float) -> list[dict[str, float]]:
+def _histogram(delays: NDArray[np.float64], least: float) -> list[Bin]:
     """Return classes of equal width up to the 99.9th percentile; the last has all beyond, too."""
     if not delays.size:
         return []
     low, high = float(delays.min()), float(np.percentile(delays, SHARES["p99_9"]))
     counts, edges = np.histogram(delays.clip(max=high), CLASSES, (low, max(high, low + least)))
     rows = zip(edges, edges[1:], counts, strict=False)
-    return [{"from_ms": float(a), "to_ms": float(b), "count": int(n)} for a, b, n in rows]
+    return [Bin(float(a), float(b), int(n)) for a, b, n in rows]
 
 
 def measure(run: Path | None, duration: float | None = None, links: bool = False) -> Measured:
@@ -91,13 +117,13 @@ def measure(run: Path | None, duration: float | None = None, links: bool = False
     Raises:
         ConfigError: If there is no such recording or graph, it has no tick, or a duration is given
             for a recording.
-        RunError: If the graph sent nothing, or ended meanwhile.
+        RunError: If the graph sent nothing, or ended.
     """
     if run is not None and _is_recording(run):
         if duration is not None:
             raise ConfigError(f"{run} is a recording, which is read whole: leave out --duration")
         return Measured(*of_recording(run), _recorded_hops(run) if links else None)
-    run_dir = find(run, of_graph=True, option="`forcebound delay GRAPH`")
+    run_dir = find(run, require_graph=True, option="`forcebound delay GRAPH`")
     hops = Hops() if links else None
     with while_running(run_dir):
         document = read_launch_document(run_dir)
@@ -128,15 +154,11 @@ def watch(run_dir: Path, duration: float, hops: Hops | None = None) -> Telemetry
         RunError: If none came.
     """
     packets: list[Telemetry] = []
-
-    def take(topic: str, packet: Packet, data: bytes) -> bool:
+    for topic, packet, _ in packets_of(run_dir, (TELEMETRY,) if hops is None else HOPS, duration):
         if hops is not None:
             hops.add(topic, packet)
         if isinstance(packet, Telemetry):
             packets.append(packet)
-        return True
-
-    read_topics(run_dir, (TELEMETRY,) if hops is None else HOPS, take, duration)
     if not packets:
         raise RunError(
             f"no telemetry in {duration:g} s from the graph in {run_dir}: is it starting, or"

@@ -4,38 +4,68 @@
 rule gives findings. A cause is named once, and not again by all that follows from it: of the chain
 device, controller, environment, controller, device only the first hop that is broken is named.
 
-To add a rule: a function from observations to findings, its name in ``RULES``, and the text of its
-findings in :mod:`forcebound.monitor.texts`.
+To add a rule: a function from observations to findings, and its name in ``RULES``.
 """
 
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from functools import partial
+from typing import Any, TypeAlias
 
-import numpy as np
-
-from forcebound import realtime
-from forcebound.analysis.bounder import (
-    causes_of_little_force,
-    is_limited,
-    limited_ticks,
-    magnitudes,
+from forcebound.analysis.bounder import Cause
+from forcebound.messages.control import (
+    ControllerStatus,
+    EnvironmentStatus,
+    NodeStatus,
+    ProcessStatus,
 )
-from forcebound.config.graph import GraphConfig
-from forcebound.config.resolved import to_document
 from forcebound.messages.packets import LINKS, TOPICS
-from forcebound.monitor.findings import Fact, Finding, Severity
-from forcebound.monitor.observation import SUSPENDED, Observations, ProcessSeen
-from forcebound.monitor.texts import REASONS
+from forcebound.monitor.doctor_loop import LESS_DELAY, LOOP_RULES
+from forcebound.monitor.findings import Data, Finding, Severity
+from forcebound.monitor.observation import SUSPENDED, Observations, Seen
 from forcebound.network.notices import KINDS
-from forcebound.process import COMPLETE
 
-NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
-LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
-LOST_TICKS_SHARE = 0.01  # of all ticks, from which on it is a problem
-NOW = 0.2  # s without an answer that make it "now"
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
-SMALL_DISK = 200_000_000  # B
-SHORT_TIME = 600.0  # s until the disk is full
+
+_OTHER_SOFTWARE = "find the sender: a node of your own, or of another version of forcebound"
+_ENCODER = "compare the sender with docs/protocol.md and its golden bytes"
+_ONE_ENVIRONMENT = "end one of the two; the other takes over after 1 s"
+_CHECK = "forcebound check environment FILE"
+
+#: Reasons for a rejected packet, of codec, safety chain and controller: meaning, action, command.
+REASONS: dict[str, tuple[str, str, str]] = {
+    "malformed": ("not one msgpack map with text keys", _OTHER_SOFTWARE, ""),
+    "version": ("another version of the wire format", "use one version on both ends", ""),
+    "keys": ("a key is missing, unknown or twice, or another packet", _ENCODER, ""),
+    "value": ("a value of a wrong type, range or length", _ENCODER, ""),
+    "unexpected": ("a packet that no device takes", _OTHER_SOFTWARE, ""),
+    "wrong_length": (
+        "a force with another number of axes than the device has",
+        "let the environment answer with one number per axis",
+        "",
+    ),
+    "not_finite": (
+        "a force that is infinite or not a number",
+        "look for a division by zero in the environment",
+        _CHECK,
+    ),
+    "too_old": ("an answer to a state older than device.age_limit", LESS_DELAY, ""),
+    "not_newer": (
+        "an answer that a newer one has overtaken, or a copy",
+        "usual with jitter, reordering or duplicates; else a sender repeats itself",
+        "",
+    ),
+    "from_the_future": (
+        "an answer to a future tick",
+        "end nodes left over from an earlier run, and environments that count ticks themselves",
+        "",
+    ),
+    "wrong_echo": (
+        "an answer that does not echo device_time_ns as it came",
+        "let the environment echo device_seq and device_time_ns unchanged (docs/protocol.md)",
+        "",
+    ),
+}
+_NEWER = ("a reason of a newer version", _ENCODER, "")
 
 
 def examine(seen: Observations) -> list[Finding]:
@@ -46,37 +76,62 @@ def examine(seen: Observations) -> list[Finding]:
 
 def _launcher(seen: Observations) -> Iterator[Finding]:
     if seen.launcher is None:
-        yield Finding("note", "no_launcher", "launcher")
-    elif not seen.launcher.answers:
+        words = "no launcher: an environment by itself, which none restarts"
+        yield Finding("note", "no_launcher", "launcher", words)
+    elif seen.phase is None:
         yield _silent("launcher", seen.launcher)
     elif seen.phase in ("starting", "engaging"):
-        yield Finding("note", "starting", "launcher", {"phase": seen.phase})
+        yield Finding("note", "starting", "launcher", f"the run is {seen.phase}: no force yet")
     elif seen.phase == "stopping":
-        yield Finding("note", "stopping", "launcher")
+        yield Finding("note", "stopping", "launcher", "the run is ending")
 
 
 def _processes(seen: Observations) -> Iterator[Finding]:
     for name, process in seen.processes.items():
-        data = {"node": name, "state": process.state, "restarts": process.restarts or None}
-        if process.state == "starting":
-            yield Finding("note", "process_starting", name, data)
-        elif process.state == "lost":
-            yield Finding("problem", "device_lost", name, data)
-        elif process.state in ("restarting", "ended"):
-            yield Finding("problem", "process_dead", name, data)
-        elif process.state in ("stopped", "stopping"):
+        finding = _of_process(seen, name, process)
+        if finding is not None:
+            yield finding
+
+
+def _of_process(seen: Observations, name: str, process: Seen[Any]) -> Finding | None:
+    state, restarts = process.state, process.restarts
+    data: Data = {"restarts": restarts or None}
+    again = f"restarted {restarts} times in this run"
+    then = f"; {again}" if restarts else ""
+    log = "the launcher's log says why it ended"
+    match state:
+        case "starting":
+            words, action = f"is starting{then}", "wait a second and ask again"
+            return Finding("note", "process_starting", name, words, action, data=data)
+        case "lost":
+            words = "is lost: zero force; plug it in, switch it on, hold it in its home pose"
+            command = "forcebound device resume"
+            return Finding("problem", "device_lost", name, words, command=command, data=data)
+        case "restarting" | "ended":
+            words = f"has ended, its state is {state}{then}"
+            return Finding("problem", "process_dead", name, words, log, data=data)
+        case "stopped" | "stopping":
             is_missed = name != "environment" or not _delivered(seen, "force_command")
-            yield Finding("problem" if is_missed else "note", "process_stopped", name, data)
-        elif not process.answers:
-            yield _silent(name, process)
-        elif process.restarts:
-            yield Finding("note", "restarts", name, data)
+            severity: Severity = "problem" if is_missed else "note"
+            words, command = f"is {state} on request", f"forcebound start {name}"
+            return Finding(severity, "process_stopped", name, words, command=command, data=data)
+    if process.last is None:
+        return _silent(name, process)
+    return Finding("note", "restarts", name, f"was {again}", log, data=data) if restarts else None
 
 
-def _silent(name: str, process: ProcessSeen) -> Finding:
-    is_suspended = process.kernel_state in SUSPENDED
-    data = {"pid": process.pid, "kernel_state": process.kernel_state or None}
-    return Finding("problem", "suspended" if is_suspended else "no_answer", name, data)
+def _silent(name: str, process: Seen[Any]) -> Finding:
+    pid, state = process.pid, process.kernel_state
+    data: Data = {"pid": pid, "kernel_state": state or None}
+    if state in SUSPENDED:
+        words = f"does not answer: process {pid} is suspended (SIGSTOP, Ctrl-Z, debugger)"
+        command = f"kill -CONT {pid}"
+        return Finding("problem", "suspended", name, words, command=command, data=data)
+    words = "does not answer" if pid is None else f"does not answer: process {pid}"
+    words += f" is in state {state}" if state else ""
+    action = "it computes without end, waits for something, is suspended or gone"
+    command = "" if pid is None else f"top -p {pid}"
+    return Finding("problem", "no_answer", name, words, action, command, data)
 
 
 def _chain(seen: Observations) -> Iterator[Finding]:
@@ -85,108 +140,154 @@ def _chain(seen: Observations) -> Iterator[Finding]:
     for topic in LINKS:
         sender, receiver = str(TOPICS[topic].sender), str(TOPICS[topic].receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
-        if sender in seen.processes and not sending.answers:
+        if sender in seen.processes and sending.last is None:
             return  # has a finding of its own
         if receiver not in seen.processes:
             continue  # on another machine
-        if not receiving.answers:
+        if receiving.last is None:
             return
-        if sender not in seen.processes and receiving.status("remote", "connected") is False:
+        remote = receiving.last.remote
+        if sender not in seen.processes and remote is not None and not remote.connected:
             return  # has a finding of its own
-        if not receiving.growth("received", topic):
+        if not receiving.received(topic):
             yield _nothing_arrives(seen, topic, sender, receiver)
             return
         if not _delivered(seen, topic):
-            lost = sum(receiving.rate("links", topic, fate) for fate in ("lost", "corrupted"))
-            arriving = receiving.rate("received", topic)
-            data = {"receiver": receiver, "received": arriving, "lost": lost}
-            causes = (Fact("injected_loss", {"topic": topic}),)
-            yield Finding("problem", "hop_broken", f"link {topic}", data, causes)
+            yield _all_lost(receiving, topic, receiver)
             return
 
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
     receiver = seen.process(str(TOPICS[topic].receiver))
-    if not receiver.answers:
-        return 0
-    if receiver.status("links", topic) is not None:
-        return receiver.growth("links", topic, "delivered")
-    return receiver.growth("received", topic)
+    if receiver.last is not None and topic in receiver.last.links:
+        return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
+    return 0 if receiver.last is None else receiver.received(topic)
+
+
+def _fate(status: NodeStatus, topic: str, fate: str) -> int:
+    return status.links.get(topic, {}).get(fate, 0)
+
+
+def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
+    fates = ("lost", "corrupted")
+    lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in fates)
+    arriving = receiving.received(topic) / receiving.interval
+    words = (
+        f"nothing gets through to the {receiver}: {arriving:.3g} packets/s arrive, "
+        f"{lost:.3g}/s are lost on purpose"
+    )
+    advice = "its parameters lose every packet; see and set them"
+    cause = Cause("injected_loss", advice, f"forcebound param get links.{topic}")
+    data: Data = {"received": arriving, "lost": lost}
+    return Finding("problem", "hop_broken", f"link {topic}", words, data=data, causes=(cause,))
 
 
 def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str) -> Finding:
-    receiving, sending = seen.process(receiver), seen.process(sender)
-    data = {
-        "receiver": receiver,
-        "silence": receiving.interval,
-        "earlier": receiving.status("received", topic) or 0,
-        "sender": sender,
-    }
-    cause = "sender_silent"
+    receiving = seen.process(receiver)
+    earlier = 0 if receiving.last is None else receiving.last.received.get(topic, 0)
+    words = (
+        f"nothing gets through to the {receiver}: no packet in {receiving.interval:.1f} s, "
+        f"{earlier} before"
+    )
+    data: Data = {"silence": receiving.interval, "earlier": earlier, "sender": sender}
+    cause = Cause("sender_silent", f"see what the {sender} says in the log")
     if sender not in seen.processes:
-        cause = "sender_elsewhere"
+        where = "it is not on this machine, or not in this run directory"
+        cause = Cause("sender_elsewhere", f"is the {sender} running? {where}")
     elif topic == "environment_reply":
-        data["queries"] = sending.rate("received", "environment_query")
-        data["failures"] = sending.status("failures") or None
-        cause = "environment_fails" if data["failures"] else "environment_slow"
-    elif topic == "force_command" and sending.growth("rejected", "second_environment"):
-        cause = "replies_rejected"
-    causes = (Fact(cause, {"sender": sender}),)
-    return Finding("problem", "hop_broken", f"link {topic}", data, causes)
+        status = seen.environment.last
+        queries = seen.environment.received("environment_query") / seen.environment.interval
+        failures = 0 if status is None else status.failures
+        words += f"; the {sender} gets {queries:.3g} queries/s"
+        data |= {"queries": queries, "failures": failures or None}
+        if failures:
+            words += f"; its code failed to answer {failures} times"
+            cause = Cause("environment_fails", "its log says how; then", _CHECK)
+        else:
+            limit = "does it compute for longer than that (environment.compute_delay)?"
+            cause = Cause("environment_slow", f"{limit} See its log")
+    elif topic == "force_command" and seen.controller.growth(_second_replies):
+        cause = Cause("replies_rejected", "the replies are of an environment that does not serve")
+    return Finding("problem", "hop_broken", f"link {topic}", words, data=data, causes=(cause,))
+
+
+def _second_replies(status: ControllerStatus) -> int:
+    """Return how many replies came from an environment that does not serve."""
+    return _rejections(status, "second_environment")
 
 
 def _environments(seen: Observations) -> Iterator[Finding]:
-    controller, environment = seen.process("controller"), seen.process("environment")
-    own = environment.status("name")
-    if "controller" not in seen.processes:
-        yield from _serves_elsewhere(environment)
-    if not controller.answers:
+    own = seen.environment.last
+    if "controller" not in seen.processes and own is not None:
+        yield from _serves_elsewhere(seen.environment, own)
+    controller = seen.controller.last
+    if controller is None:
         return
-    serving = controller.status("environment")
-    rejected = controller.rate("rejected", "second_environment")
-    data = {"serving": serving, "rate": rejected, "other": own if own != serving else None}
+    serving, name = controller.environment, None if own is None else own.name
+    rejected = seen.controller.rate(_second_replies)
+    data: Data = {"serving": serving, "rate": rejected, "other": name if name != serving else None}
+    other = f", {name}," if name not in (None, serving) else ""
     if rejected > WAITING_RATE:
-        yield Finding("problem", "second_environment", "controller", data)
+        words = (
+            f"two environments answer: {serving} serves, {rejected:.2g} replies/s of another"
+            f"{other} are rejected"
+        )
+        action = _ONE_ENVIRONMENT
+        yield Finding("problem", "second_environment", "controller", words, action, data=data)
     elif rejected:
-        yield Finding("note", "waiting_environment", "controller", data)
-    elif None not in (own, serving) and own != serving:
-        data = {"serving": serving, "own": own}
-        yield Finding("note", "other_environment", "controller", data)
+        words = f"{serving} serves; another{other} waits, and takes over when the first is silent"
+        yield Finding("note", "waiting_environment", "controller", words, data=data)
+    elif None not in (name, serving) and name != serving:
+        words = f"{serving} serves, not {name} of this launcher"
+        yield Finding("note", "other_environment", "controller", words, data=data)
 
 
-def _serves_elsewhere(environment: ProcessSeen) -> Iterator[Finding]:
-    """Say what an environment knows of its graph, which is on another machine."""
-    queries = environment.rate("received", "environment_query")
-    if not environment.status("remote", "connected") or not queries:
+def _serves_elsewhere(
+    environment: Seen[EnvironmentStatus], status: EnvironmentStatus
+) -> Iterator[Finding]:
+    """Report an environment whose graph is on another machine."""
+    queries = environment.received("environment_query") / environment.interval
+    if status.remote is None or not status.remote.connected or not queries:
         return  # has a finding of its own
-    own, other = environment.status("name"), environment.status("refused_for")
-    data = {"queries": queries, "serving": other or own, "waiting": own if other else None}
-    yield Finding("note", "remote_connected", "remote link of the environment", data)
+    other = status.refused_for
+    words = f"connected with the graph, {queries:.3g} queries/s; {other or status.name} serves"
+    words += f", and {status.name} waits" if other else ""
+    data: Data = {"queries": queries, "serving": other or status.name}
+    where = "remote link of the environment"
+    yield Finding("note", "remote_connected", where, words, data=data)
 
 
 def _remote(seen: Observations) -> Iterator[Finding]:
     for name, process in seen.processes.items():
-        remote = process.status("remote")
+        remote = getattr(process.last, "remote", None)
         if remote is None:
             continue
         where = f"remote link of the {name}"
-        if not remote["connected"]:
+        if not remote.connected:
             is_served = name == "controller" and _delivered(seen, "force_command") > 0
-            data = {
-                "listens_at" if remote["listens"] else "connects_to": remote["address"],
-                "port": remote["port"],
-                "other_end": "launch" if name == "environment" else "node environment",
-            }
             severity: Severity = "note" if is_served else "problem"
-            yield Finding(severity, "remote_not_connected", where, data)
-        for kind in (name for name, kind in KINDS.items() if kind.is_problem):
-            count = remote["counts"].get(kind, 0)
-            recent = process.growth("remote", "counts", kind)
-            if count:
-                severity = "problem" if recent or not remote["connected"] else "note"
-                data = {"count": count, "recent": recent}
-                yield Finding(severity, f"remote_{kind}", where, data)
+            verb = "listens at" if remote.listens else "connects to"
+            words = f"nobody is there; it {verb} {remote.address} port {remote.port}"
+            command = "forcebound node environment FILE"
+            if name == "environment":
+                command = "forcebound launch FILE"
+            data: Data = {"listens": remote.listens, "address": remote.address, "port": remote.port}
+            action = "start the other end"
+            yield Finding(severity, "remote_not_connected", where, words, action, command, data)
+        for code, kind in KINDS.items():
+            count = remote.counts.get(code, 0)
+            if not kind.is_problem or not count:
+                continue
+            recent = process.growth(partial(_notices, kind=code))
+            severity = "problem" if recent or not remote.connected else "note"
+            words = f"{kind.meaning} ({code}: {count} times, {recent} just now)"
+            data = {"count": count, "recent": recent}
+            yield Finding(severity, f"remote_{code}", where, words, kind.action, kind.command, data)
+
+
+def _notices(status: NodeStatus, kind: str) -> int:
+    return 0 if status.remote is None else status.remote.counts.get(kind, 0)
 
 
 def _rejected(seen: Observations) -> Iterator[Finding]:
@@ -195,140 +296,37 @@ def _rejected(seen: Observations) -> Iterator[Finding]:
         for link in seen.config.links.values()
     )
     for name, process in seen.processes.items():
-        for reason in process.status("rejected") or ():
-            rate = process.rate("rejected", reason)
+        for reason in () if process.last is None else process.last.rejected:
+            rate = process.rate(partial(_rejections, reason=reason))
             if not rate or reason == "second_environment":  # which has a finding of its own
                 continue
             is_expected = is_reordered and reason == "not_newer"
+            meaning, action, command = REASONS.get(reason, _NEWER)
+            words = f"rejects {rate:.3g} packets/s as {reason}: {meaning}"
+            severity: Severity = "note" if is_expected else "problem"
             kind = f"rejected_{reason if reason in REASONS else 'unknown'}"
-            data = {"rate": rate, "reason": reason}
-            yield Finding("note" if is_expected else "problem", kind, name, data)
+            data: Data = {"rate": rate, "reason": reason}
+            yield Finding(severity, kind, name, words, action, command, data)
 
 
-def _force(seen: Observations) -> Iterator[Finding]:
-    telemetry = seen.telemetry
-    if telemetry.time_ns.size == 0:
-        if seen.process("device").answers and seen.phase not in ("starting", "stopping"):
-            yield Finding("problem", "no_telemetry", "device")
-        return
-    unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
-    if not unanswered.any():
-        return
-    data = {"age_limit": seen.config.device.servo.age_limit}
-    recent = telemetry.time_ns >= telemetry.time_ns[-1] - NOW * 1e9
-    if unanswered[recent].all():
-        answered = np.flatnonzero(~unanswered)
-        start = int(answered[-1]) + 1 if answered.size else 0
-        silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
-        yield Finding("problem", "no_force", "device", {**data, "silence": silence})
-        return
-    gaps = {"share": float(unanswered.mean()), "ticks": unanswered.size}
-    yield Finding("problem", "force_gaps", "device", {**data, **gaps})
-
-
-def _delay(seen: Observations) -> Iterator[Finding]:
-    delays = seen.telemetry.loop_delay[~np.isnan(seen.telemetry.loop_delay)]
-    if delays.size == 0:
-        return
-    servo = seen.config.device.servo
-    p50, p99 = np.percentile(delays, (50, 99)).tolist()
-    data = {"p50": p50, "p99": p99}
-    injected = _injected_delay(seen.config)
-    if p99 > NEAR_AGE_LIMIT * servo.age_limit:
-        data["age_limit"] = servo.age_limit
-        yield Finding("problem", "delay_near_age_limit", "loop", data)
-    elif injected is None or seen.config.remote is not None:
-        return
-    elif p50 > injected + LATE_PERIODS / servo.rate:
-        data |= {"injected": injected, "period": 1.0 / servo.rate}
-        yield Finding("problem", "late_loop", "loop", data, _lateness(seen))
-
-
-def _injected_delay(config: GraphConfig) -> float | None:
-    """Return what links and environment add to the loop at most, in s; None: hard to say."""
-    ways = [config.links[topic] for topic in LINKS if topic in config.links]
-    ways += [config.environment.computation] * 2  # a query may have to wait for the one before
-    if any(not way.is_plain or way.loss for way in ways):
-        return None
-    return sum(way.delay + way.jitter for way in ways)
-
-
-def _ticks(seen: Observations) -> Iterator[Finding]:
-    telemetry = seen.telemetry
-    if telemetry.time_ns.size < 2:
-        return
-    lost = int(telemetry.deadline_misses[-1] - telemetry.deadline_misses[0])
-    if lost <= 0:
-        return
-    duration = float(telemetry.time_ns[-1] - telemetry.time_ns[0]) * 1e-9
-    share = lost / (lost + telemetry.time_ns.size)
-    data = {"rate": lost / duration, "share": share}
-    severity: Severity = "problem" if share >= LOST_TICKS_SHARE else "note"
-    yield Finding(severity, "ticks_lost", "device", data, _lateness(seen))
-
-
-def _lateness(seen: Observations) -> tuple[Fact, ...]:
-    """Return the likely causes of lateness."""
-    facts = [realtime.Fact(**fact) for fact in seen.process("device").status("realtime") or ()]
-    causes = [Fact(fact.code, fact.data) for fact in facts if fact.is_hindrance]
-    if seen.neighbours:
-        data = {"core": seen.core, "graphs": ", ".join(seen.neighbours)}
-        causes.append(Fact("core_shared", data))
-    if seen.load > seen.cores:
-        causes.append(Fact("load", {"load": seen.load, "cores": seen.cores}))
-    return tuple(causes) or (Fact("unknown"),)
+def _rejections(status: ProcessStatus, reason: str) -> int:
+    return status.rejected.get(reason, 0)
 
 
 def _links(seen: Observations) -> Iterator[Finding]:
+    fates = ("sent", "lost", "corrupted")
     for process in seen.processes.values():
-        for topic in process.status("links") or ():
-            fates = ("sent", "lost", "corrupted")
-            counts = {fate: process.growth("links", topic, fate) for fate in fates}
+        for topic in getattr(process.last, "links", ()):
+            sent, lost, corrupted = (
+                process.growth(partial(_fate, topic=topic, fate=fate)) for fate in fates
+            )
             # If all are lost, the chain is broken there.
-            if 0 < counts["lost"] + counts["corrupted"] < counts["sent"]:
-                data = {"topic": topic, **counts}
-                yield Finding("note", "injected_loss", f"link {topic}", data)
-
-
-def _recorder(seen: Observations) -> Iterator[Finding]:
-    recorder, recording = seen.process("recorder"), seen.recording
-    if not recorder.answers:
-        return
-    state = recorder.status("recording") or COMPLETE
-    if state != COMPLETE:
-        data = {"state": state, "path": recording.path}
-        yield Finding("problem", "not_recording", "recorder", data)
-    elif recording.free is not None:
-        left = recording.free / recording.rate if recording.rate else None
-        if recording.free < SMALL_DISK or (left is not None and left < SHORT_TIME):
-            data = {"path": recording.path, "free": recording.free, "rate": recording.rate}
-            yield Finding("problem", "disk_nearly_full", "recorder", {**data, "left": left})
-    if seen.telemetry.time_ns.size and not recorder.growth("received", "telemetry"):
-        yield Finding("problem", "recorder_deaf", "recorder", {"interval": recorder.interval})
-
-
-def _law(seen: Observations) -> Iterator[Finding]:
-    law = seen.config.device.servo.law
-    if law == "none":
-        yield Finding("note", "no_law", "device")
-        return
-    section = to_document(seen.config)["device"]
-    if not is_limited(seen.telemetry, section):
-        return
-    limited, pushing = limited_ticks(seen.telemetry, section)
-    commanded, applied = magnitudes(seen.telemetry, section)
-    data = {
-        "law": law,
-        "share": float(limited.sum() / pushing.sum()),
-        "commanded": float(commanded[limited].mean()),
-        "applied": float(applied[limited].mean()),
-    }
-    device = seen.process("device")
-    report = dict(device.status("bounder") or {})
-    report["overruns"] = device.growth("bounder", "overruns")
-    causes = causes_of_little_force(seen.telemetry, section, report)
-    facts = tuple(Fact(cause.code, cause.data) for cause in causes)
-    yield Finding("note", "law_limits", "device", data, facts)
+            if 0 < lost + corrupted < sent:
+                words = f"loses {lost} and damages {corrupted} of {sent} packets, on purpose"
+                command = f"forcebound param get links.{topic}"
+                data: Data = {"sent": sent, "lost": lost, "corrupted": corrupted}
+                where = f"link {topic}"
+                yield Finding("note", "injected_loss", where, words, command=command, data=data)
 
 
 Rule: TypeAlias = Callable[[Observations], Iterator[Finding]]
@@ -339,11 +337,7 @@ RULES: tuple[Rule, ...] = (
     _chain,
     _remote,
     _environments,
-    _force,
     _rejected,
-    _delay,
-    _ticks,
-    _recorder,
+    *LOOP_RULES,
     _links,
-    _law,
 )

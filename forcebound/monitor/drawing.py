@@ -2,30 +2,30 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from forcebound.messages.packets import LINKS, TOPICS
+from forcebound.monitor.streams import StreamFigures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NODES = ("device", "controller", "environment")
 #: Places of the nodes of a picture, and how far the arrows of a pair are apart.
-_X, _APART = {name: 2.6 * i for i, name in enumerate(NODES)}, 0.16
+_X, _APART = {"device": 0.0, "controller": 2.6, "environment": 5.2}, 0.16
 
 
-def edges(rates: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str, float]]:
+def edges(rates: Mapping[str, StreamFigures]) -> list[tuple[str, str, str, float]]:
     """Return sender, receiver, topic and rate (Hz) of each link."""
     found = []
     for topic in LINKS:
         row = TOPICS[topic]
         assert row.sender is not None  # a link has both ends
         assert row.receiver is not None
-        found.append((row.sender, row.receiver, topic, float(rates[topic]["rate_hz"])))
+        found.append((row.sender, row.receiver, topic, rates[topic].rate_hz))
     return found
 
 
-def as_text(rates: Mapping[str, Mapping[str, Any]]) -> str:
+def as_text(rates: Mapping[str, StreamFigures]) -> str:
     """Return one line for each link."""
     rows = edges(rates)
     width = max(len(sender) for sender, *_ in rows)
@@ -35,7 +35,7 @@ def as_text(rates: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def as_mermaid(rates: Mapping[str, Mapping[str, Any]]) -> str:
+def as_mermaid(rates: Mapping[str, StreamFigures]) -> str:
     """Return a Mermaid flowchart, for Markdown."""
     lines = ["flowchart LR"]
     for sender, receiver, topic, rate in edges(rates):
@@ -43,8 +43,8 @@ def as_mermaid(rates: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(rates: Mapping[str, Mapping[str, Any]], output: Path) -> None:
-    """Write a picture; the ending of ``output`` (.svg or .png) says of which kind.
+def draw(rates: Mapping[str, StreamFigures], output: Path) -> None:
+    """Write a picture; the suffix of ``output`` (.svg or .png) gives its format.
 
     Raises:
         OSError: If it cannot be written.
@@ -54,7 +54,7 @@ def draw(rates: Mapping[str, Mapping[str, Any]], output: Path) -> None:
     save(_figure(rates), output)
 
 
-def _figure(rates: Mapping[str, Mapping[str, Any]]) -> "Figure":
+def _figure(rates: Mapping[str, StreamFigures]) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 2.2), layout="constrained")

@@ -1,19 +1,14 @@
-"""Findings and facts: codes with data, which :mod:`forcebound.monitor.wording` words."""
+"""Findings about a graph or a machine: what is seen, where, and what to do about it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+from forcebound.analysis.bounder import Cause
+
+Data: TypeAlias = dict[str, float | str | None]  # SI units; None: not known
+
 # Something does not work as it should; good to know; of a machine, as it should be.
 Severity: TypeAlias = Literal["problem", "note", "fine"]
-
-
-@dataclass(frozen=True)
-class Fact:
-    """A likely cause of a finding, or a note on a change."""
-
-    code: str  # a key of CAUSES or NOTES
-    data: Mapping[str, Any] = field(default_factory=dict)  # the values in its text
 
 
 @dataclass(frozen=True)
@@ -21,7 +16,30 @@ class Finding:
     """Something noteworthy about a graph or a machine."""
 
     severity: Severity
-    kind: str  # a key of FINDINGS
+    kind: str
     where: str  # node, link or part of the machine
-    data: Mapping[str, Any] = field(default_factory=dict)  # SI units; None: not known
-    causes: tuple[Fact, ...] = ()  # likely ones
+    seen: str  # in one sentence, with figures
+    action: str = ""  # what to do; empty if there is nothing to do, or the command says it
+    command: str = ""  # of a shell; capital letters stand for what the user knows
+    data: Data = field(default_factory=dict)
+    causes: tuple[Cause, ...] = ()  # likely ones
+
+    @property
+    def advice(self) -> str:
+        """What to do, the commands included; empty if there is nothing to do."""
+        own = Cause(self.kind, self.action, self.command).remedy.removeprefix(": ")
+        return "; ".join(filter(None, (own, *(cause.remedy for cause in self.causes))))
+
+    def document(self) -> dict[str, Any]:
+        """Return the finding as plain JSON."""
+        commands = (self.command, *(cause.command for cause in self.causes))
+        return {
+            "severity": self.severity,
+            "kind": self.kind,
+            "where": self.where,
+            "seen": self.seen,
+            "advice": self.advice,
+            "commands": list(filter(None, commands)),
+            "causes": [cause.code for cause in self.causes],
+            "data": self.data,
+        }

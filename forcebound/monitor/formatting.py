@@ -8,9 +8,11 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from forcebound.config.fields import fields_of
-from forcebound.config.graph import LAW, EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.graph import EnvironmentConfig, GraphConfig, RealtimeConfig
+from forcebound.config.names import LAW, ParameterName
 from forcebound.config.parameters import takeable_laws
 from forcebound.config.tree import scalar
+from forcebound.messages.control import Parameters
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
 from forcebound.quantities import Range, Unit
@@ -19,7 +21,7 @@ from forcebound.quantities import Range, Unit
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.+-]*( [A-Za-z0-9_/.+-]+)*")
 
 
-def as_written(config: GraphConfig, values: Mapping[str, Any]) -> dict[str, str]:
+def as_written(config: GraphConfig, values: Parameters) -> dict[str, str]:
     """Return parameters as YAML, each fit for ``forcebound param set``.
 
     Args:
@@ -47,7 +49,7 @@ def ranges(config: GraphConfig, names: Iterable[str]) -> dict[str, str]:
 
 
 def _hint(config: GraphConfig, name: str) -> Any:
-    section, _, entry = name.partition(".")
+    place = ParameterName.parse(name)
     beside: dict[str, tuple[type, ...]] = {
         "environment": (type(config.environment.model), EnvironmentConfig),
         "device": (type(config.device.model), ServoSettings),
@@ -56,8 +58,8 @@ def _hint(config: GraphConfig, name: str) -> Any:
         "realtime": (RealtimeConfig,),
         "links": (Impairment,),
     }
-    for kind in beside.get(section, (GraphConfig,)):
-        field = fields_of(kind).get(entry.rpartition(".")[2] or section)
+    for kind in beside.get(place.section, (GraphConfig,)):
+        field = fields_of(kind).get(place.last)
         if field is not None:
             return field.hint
     return None

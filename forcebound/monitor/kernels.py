@@ -16,9 +16,8 @@ from forcebound import realtime
 from forcebound.bounding import ForceBounder
 from forcebound.config.resolved import restore
 from forcebound.launch.run_directory import RunDocument, read_launch_document
-from forcebound.nodes.servo import dissipation_of
 
-PATIENCE = 60.0  # s, for a busy machine; then the device compiles itself what is missing
+COMPILE_TIMEOUT_S = 60.0  # s, for a busy machine; then the device compiles itself what is missing
 
 
 class Kernels:
@@ -42,10 +41,10 @@ class Kernels:
             none = subprocess.DEVNULL
             process = subprocess.Popen(command, stdin=none, stdout=none, stderr=none)
             self._processes.append(process)
-            self._under_way |= dict.fromkeys(new, PATIENCE)
+            self._under_way |= dict.fromkeys(new, COMPILE_TIMEOUT_S)
 
     def wait(self, law: str) -> None:
-        """Wait until the kernels of a law are in the cache, for :data:`PATIENCE` at most."""
+        """Wait until the kernels of a law are in the cache, but not for ever."""
         self.begin([law])
         for process in self._processes:
             with suppress(subprocess.TimeoutExpired):
@@ -61,10 +60,9 @@ class Kernels:
 
 def compile_kernels(run_dir: Path, laws: Iterable[str]) -> None:
     """Compile the kernels of laws for the device of a graph, into the cache on disk."""
-    config = restore(read_launch_document(run_dir), ())
-    dissipation = dissipation_of(config.device.model, config.device.servo)
+    facts = restore(read_launch_document(run_dir)).device.facts
     for law in laws:
-        ForceBounder(law, dissipation, config.device.model.axes)
+        ForceBounder(law, facts.dissipation, facts.axes)
 
 
 if __name__ == "__main__":

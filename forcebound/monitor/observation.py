@@ -7,62 +7,64 @@ besides counts. Nothing here judges; that is :mod:`forcebound.monitor.doctor`.
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from forcebound import realtime
 from forcebound.config.graph import GraphConfig
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument
-from forcebound.monitor.control import statuses
+from forcebound.messages.control import (
+    ControllerStatus,
+    DeviceStatus,
+    EnvironmentStatus,
+    ProcessState,
+    ProcessStatus,
+    RecorderStatus,
+)
 from forcebound.monitor.delay import watch
-from forcebound.monitor.nodes import UNKNOWN
 from forcebound.monitor.runs import running, while_running
+from forcebound.monitor.snapshot import UNKNOWN, snapshot, use_of
 from forcebound.monitor.tuning import configuration
-from forcebound.processes import LAUNCHER, PROCESSES
 from forcebound.telemetry import TelemetryColumns
 
 DURATION = 2.0  # s between the two answers of a process
 
 SUSPENDED = ("T", "t")  # states in /proc/PID/stat: stopped by a signal, or by a debugger
 
+S = TypeVar("S", bound=ProcessStatus)
+
 
 @dataclass(frozen=True)
-class ProcessSeen:
-    """One process of a graph."""
+class Seen(Generic[S]):
+    """One process of a graph, asked twice."""
 
     state: str = UNKNOWN  # as its launcher says, see docs/protocol.md
     pid: int | None = None
     restarts: int = 0
     kernel_state: str = ""  # its letter in /proc/PID/stat; empty: not known
-    first: Mapping[str, Any] | None = None  # its status at the beginning; None: no answer
-    last: Mapping[str, Any] | None = None  # that at the end
+    first: S | None = None  # its status at the beginning; None: no answer
+    last: S | None = None  # that at the end
     interval: float = DURATION  # between the two, in s
 
-    @property
-    def answers(self) -> bool:
-        """Whether it answered at the end."""
-        return self.last is not None
-
-    def status(self, *path: str) -> Any:
-        """Return an entry of the last status; None if there is none."""
-        return _entry(self.last, path)
-
-    def growth(self, *path: str) -> int:
+    def growth(self, count: Callable[[S], int]) -> int:
         """Return by how much a count of the status has grown between the answers.
 
-        A missing count is 0. A count that fell is that of a process that was restarted: it has
-        grown from 0.
+        A count that fell is that of a process that was restarted: it has grown from 0.
         """
-        first, last = (int(_entry(status, path) or 0) for status in (self.first, self.last))
+        first, last = (0 if one is None else count(one) for one in (self.first, self.last))
         return last - first if last >= first else last
 
-    def rate(self, *path: str) -> float:
+    def rate(self, count: Callable[[S], int]) -> float:
         """Return the growth of a count, in 1/s."""
-        return self.growth(*path) / self.interval
+        return self.growth(count) / self.interval
+
+    def received(self, topic: str) -> int:
+        """Return how many packets of a topic came between the answers."""
+        return self.growth(lambda status: status.received.get(topic, 0))
 
 
 @dataclass(frozen=True)
@@ -79,87 +81,92 @@ class Observations:
     """A running graph, as seen from outside."""
 
     config: GraphConfig  # what it runs with now
-    processes: Mapping[str, ProcessSeen]  # by name: its launcher runs them, or they have control
+    processes: Mapping[str, Seen[Any]]  # by name: its launcher runs them, or they have control
     telemetry: TelemetryColumns  # of some seconds; empty if none came
     phase: str | None = None  # of the run, as its launcher says; None: no launcher answers
-    launcher: ProcessSeen | None = None  # None: the nodes were started by hand
+    launcher: Seen[Any] | None = None  # None: an environment by itself
     recording: RecordingSeen = field(default_factory=RecordingSeen)
     core: int | None = None  # that the chain of nodes shares; None: any
     cores: int = 1  # how many may be used
-    load: float = 0.0  # mean number of processes that wanted to run in the last minute
+    load: float = 0.0  # mean number of processes that were ready to run in the last minute
     neighbours: tuple[str, ...] = ()  # this user's other graphs under SCHED_FIFO on the same core
 
-    def process(self, name: str) -> ProcessSeen:
+    def process(self, name: str) -> Seen[Any]:
         """Return a process of this machine; one that is not here answers nothing."""
-        return self.processes.get(name, ProcessSeen())
+        return self.processes.get(name, Seen())
+
+    @property
+    def device(self) -> Seen[DeviceStatus]:
+        """The device."""
+        return self.process("device")
+
+    @property
+    def controller(self) -> Seen[ControllerStatus]:
+        """The controller."""
+        return self.process("controller")
+
+    @property
+    def environment(self) -> Seen[EnvironmentStatus]:
+        """The environment."""
+        return self.process("environment")
+
+    @property
+    def recorder(self) -> Seen[RecorderStatus]:
+        """The recorder."""
+        return self.process("recorder")
 
 
 def observe(run_dir: Path, duration: float = DURATION) -> Observations:
     """Look at a running graph for ``duration`` s.
 
     Raises:
-        ConfigError: If the run directory does not say what runs.
-        RunError: If the graph ended meanwhile.
+        ConfigError: If no graph runs there.
+        RunError: If the graph has ended.
     """
     with while_running(run_dir):
-        run = RunDocument.read(run_dir)
-        cores = realtime.leave_core(run.core)  # looking must not disturb
+        cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking must not disturb
         try:
-            seen = _look(run_dir, run, duration)
+            seen = _look(run_dir, duration)
         finally:
             os.sched_setaffinity(0, cores)
         RunDocument.read(run_dir)  # it still runs
         return replace(seen, cores=len(cores))
 
 
-def _look(run_dir: Path, run: RunDocument, duration: float) -> Observations:
-    size, start = _size(run.record), time.monotonic()
-    first = statuses(run_dir, (*PROCESSES, LAUNCHER))
+def _look(run_dir: Path, duration: float) -> Observations:
+    start = time.monotonic()
+    first = snapshot(run_dir)
+    size = _size(first.run.record)
     try:
         telemetry = watch(run_dir, duration)
     except RunError:  # none came
         telemetry = TelemetryColumns.from_packets([])
     interval = time.monotonic() - start
-    last = statuses(run_dir, (*PROCESSES, LAUNCHER))
-    growth = _size(run.record) - size
-    launched = last.get(LAUNCHER) or {}
-    nodes: Mapping[str, Mapping[str, Any]] = launched.get("nodes", {})
-    known = {name: nodes.get(name, {}) for name in PROCESSES if name in nodes or name in last}
-    if LAUNCHER in last:
-        known[LAUNCHER] = {"pid": run.launcher, "state": "running"}
+    last = snapshot(run_dir)
+    run = last.run
     processes = {
-        name: ProcessSeen(
-            state=process.get("state", UNKNOWN),
-            pid=process.get("pid"),
-            restarts=process.get("restarts", 0),
-            kernel_state=_kernel_state(process.get("pid")),
-            first=first.get(name),
-            last=last.get(name),
-            interval=interval,
-        )
-        for name, process in known.items()
+        name: _seen(process, first.answers.get(name), last.answers.get(name), interval)
+        for name, process in last.processes.items()
     }
+    launcher = ProcessState("running", run.launcher)
+    growth = max(0, _size(run.record) - size)
     return Observations(
-        config=configuration(run_dir, serves=False),
-        launcher=processes.pop(LAUNCHER, None),
+        config=configuration(run_dir, with_code=False),
+        launcher=_seen(launcher, None, last.launcher, interval) if last.has_launcher else None,
         processes=processes,
         telemetry=telemetry,
-        phase=launched.get("phase"),
-        recording=RecordingSeen(run.record, max(0, growth) / interval, _free(run.record)),
+        phase=None if last.launcher is None else last.launcher.phase,
+        recording=RecordingSeen(run.record, growth / interval, _free(run.record)),
         core=run.core,
         load=os.getloadavg()[0],
         neighbours=_neighbours(run_dir, run.core),
     )
 
 
-def _kernel_state(pid: int | None) -> str:
-    if pid is None:
-        return ""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
-    except OSError:
-        return ""
-    return stat.rpartition(")")[2].split()[0]  # the name before it may hold anything
+def _seen(process: ProcessState, first: object, last: object, interval: float) -> Seen[Any]:
+    use = use_of(process.pid)
+    kernel_state = "" if use is None else use.kernel_state
+    return Seen(process.state, process.pid, process.restarts, kernel_state, first, last, interval)
 
 
 def _size(path: str) -> int:
@@ -177,19 +184,12 @@ def _free(path: str) -> int | None:
 
 
 def _neighbours(run_dir: Path, core: int | None) -> tuple[str, ...]:
-    """Return the other graphs that want this core for themselves."""
+    """Return the other graphs that use this core under SCHED_FIFO."""
     if core is None:
         return ()
     found = []
     for other in (path for path, run in running().items() if path != run_dir and run.core == core):
         with suppress(ConfigError):  # it ended just now
-            if configuration(other, serves=False).realtime.policy == "fifo":
+            if configuration(other, with_code=False).realtime.policy == "fifo":
                 found.append(str(other))
     return tuple(found)
-
-
-def _entry(status: Mapping[str, Any] | None, path: tuple[str, ...]) -> Any:
-    entry: Any = status
-    for name in path:
-        entry = entry.get(name) if isinstance(entry, Mapping) else None
-    return entry

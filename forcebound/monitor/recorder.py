@@ -1,36 +1,32 @@
 """Recording of a running graph, from now on, by a process that is no part of it.
 
-It is the recorder of ``forcebound launch --record``, on all topics, off the nodes' core. The launch
-file in its metadata has the values of now, law included; versions and seed are those of the run.
-What changes from then on, by a phase too, is in the events of the nodes.
+The launch file in its metadata has the values of now, law included; versions and seed are those of
+the run. What changes from then on, by a phase too, is in the events of the nodes.
 """
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from forcebound import process
 from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
-from forcebound.launch.worker import record_run
 from forcebound.messages.packets import TOPICS
-from forcebound.monitor.control import ask
+from forcebound.monitor.control import device_status
 from forcebound.monitor.runs import Watch
-from forcebound.recording import ENERGY_BEFORE
+from forcebound.network import sockets
 
-CONNECTED = 0.1  # s after which the sockets of a recorder receive all that is sent
+if TYPE_CHECKING:
+    from forcebound.recording import Recorder
 
-
-class _OutdatedError(Exception):
-    """A parameter has changed before its event could be received."""
+CONNECTED_NS = 100_000_000  # after which the sockets of a recorder receive all that is sent
 
 
 @dataclass(frozen=True)
@@ -70,77 +66,56 @@ def record_running(
         RunError: If the file could not be written to its end, or nothing came.
         KeyboardInterrupt: If it was interrupted before anything came; no file is left.
     """
-    run = RunDocument.read(run_dir)
-    own = replace(run, record=str(file.absolute()), streams=recorded_streams(run_dir, list(TOPICS)))
-    course = _Course(run_dir, duration, lambda: begin(run.file))
-    with process.Stop() as stop:
-        name = f"rec-{os.getpid()}"  # no longer than a topic: the path of a socket has a limit
-        status: dict[str, Any] | None = None
-        while status is None:
-            own = replace(own, metadata=run.metadata | course.restart())
-            with suppress(_OutdatedError):
-                status = record_run(own, run_dir, stop, name, course.is_over)
-        is_interrupted = stop.requested
-    seconds = course.seconds
-    if not any(status["received"].values()):
+    run, watch = RunDocument.read(run_dir), Watch(run_dir)
+    streams = recorded_streams(run_dir, TOPICS)
+    with process.Stop() as stop, process.Reader(streams, run.core) as reader:
+        sockets.wait((stop.descriptor,), CONNECTED_NS)
+        recorder = _begun(run_dir, run, file, reader)
+        sink = process.FailSafeSink(recorder)
+        begin(run.file)
+        start = time.monotonic()
+        end = math.inf if duration is None else start + duration
+        try:
+            while not (stop.requested or watch.is_over or time.monotonic() >= end):
+                reader.wait(stop.descriptor)
+                sink.take(reader)
+                if sink.state != process.COMPLETE:
+                    break
+            sink.take(reader)  # what came during the last look, which is long on a busy machine
+            sink.flush()
+        finally:
+            with suppress(OSError):  # a full disk, which is reported; the file stays readable
+                recorder.close() if sink.state == process.COMPLETE else recorder.abandon()
+        seconds = time.monotonic() - start
+        is_interrupted, received = stop.requested, reader.received
+    if not any(received.values()):
         file.unlink()
         if is_interrupted:
             raise KeyboardInterrupt
         raise RunError(f"nothing came from the graph in {run_dir} for {seconds:.1f} s")
-    if status["recording"] != process.COMPLETE:
-        raise RunError(f"recording {status['recording']}; {file} has what came before")
-    ended = "graph ended" if course.watch.is_over else "duration"
+    if sink.state != process.COMPLETE:
+        raise RunError(f"recording {sink.state}; {file} has what came before")
+    ended = "graph ended" if watch.is_over else "duration"
     ended = "interrupted" if is_interrupted else ended
-    return Recorded(str(file), run.file, round(seconds, 3), status["received"], ended)
+    return Recorded(str(file), run.file, round(seconds, 3), received, ended)
 
 
-class _Course:
-    """Beginning and end of a recording.
+def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) -> "Recorder":
+    """Return a recorder of what comes from now on, with the values of now in its metadata."""
+    from forcebound.recording import ENERGY_BEFORE, Recorder  # slow to import
 
-    Args:
-        run_dir: Of the graph.
-        duration: Longest time, in s; None: no limit.
-        begin: Called when it begins.
-
-    Attributes:
-        watch: Knows whether the graph has ended.
-    """
-
-    def __init__(self, run_dir: Path, duration: float | None, begin: Callable[[], None]) -> None:
-        self._run_dir, self._begin = run_dir, begin
-        self._duration = math.inf if duration is None else duration
-        self._listens = self._began = 0.0  # s of the monotonic clock; 0: not yet
-        self.watch = Watch(run_dir)
-
-    @property
-    def seconds(self) -> float:
-        """Time since it began."""
-        return time.monotonic() - self._began if self._began else 0.0
-
-    def restart(self) -> dict[str, str]:
-        """Return the values with which it is to begin, for its metadata."""
-        self._listens = 0.0
-        self._document = read_launch_document(self._run_dir)
-        device = ask(self._run_dir, "device", {"request": "status"}) or {}
-        return {
-            "launch": json.dumps(self._document, sort_keys=True),
-            ENERGY_BEFORE: repr(device.get(ENERGY_BEFORE, 0.0)),
+    while True:
+        document, device = read_launch_document(run_dir), device_status(run_dir)
+        now = {
+            "launch": json.dumps(document, sort_keys=True),
+            ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
         }
-
-    def is_over(self, state: str) -> bool:
-        """Return whether it is to end; its recorder asks again and again.
-
-        Raises:
-            _OutdatedError: If it is to begin with another document.
-        """
-        now = time.monotonic()
-        self._listens = self._listens or now
-        if not self._began and now - self._listens >= CONNECTED:
-            if read_launch_document(self._run_dir) != self._document:
-                raise _OutdatedError
-            self._began = self._listens
-            self._begin()
-        return state != process.COMPLETE or self.watch.is_over or self.seconds >= self._duration
+        offset_ns = time.time_ns() - time.monotonic_ns()
+        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns)
+        reader.forget()
+        if read_launch_document(run_dir) == document:
+            return recorder
+        recorder.abandon()  # a value has changed, and the event of that may be lost
 
 
 def free_name(folder: Path, graph: str) -> Path:

@@ -2,13 +2,13 @@
 
 A run directory is named ``forcebound-...``, lies in the user's runtime folder
 (:mod:`forcebound.folders`) or in the one for temporary files, belongs to the user, has a run's
-document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher or by
-nodes that were started by hand (:mod:`forcebound.launch.run_lock`).
+document (:class:`forcebound.launch.run_directory.RunDocument`) and is held by a launcher, or by an
+environment for a graph on another machine (:mod:`forcebound.launch.run_lock`).
 """
 
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,57 +20,47 @@ from forcebound.network import sockets
 from forcebound.process import has_control
 from forcebound.processes import LAUNCHER
 
-STARTS = 60.0  # s, within which a launcher makes its run directory
-LOOK_NS = 100_000_000  # between two looks for it
+START_TIMEOUT = 60.0  # s, within which a launcher makes its run directory
+POLL_NS = 100_000_000  # between two looks for it
 
 
-def running(folders: Iterable[Path] | None = None) -> dict[Path, RunDocument]:
-    """Return the run directories of this user's graphs that run, by name, with their documents.
-
-    Args:
-        folders: Where to look; by default where the launcher makes run directories.
-    """
-    folders = run_folders() if folders is None else folders
-    found = {_real(run_dir) for run_dir in own_run_directories(folders)}
+def running() -> dict[Path, RunDocument]:
+    """Return the run directories of this user's graphs that run, by name, with their documents."""
+    found = {_real(run_dir) for run_dir in own_run_directories(run_folders())}
     documents = {run_dir: _document(run_dir) for run_dir in sorted(found)}
     return {run_dir: document for run_dir, document in documents.items() if document is not None}
 
 
 def find(
-    run: Path | None = None,
-    folders: Iterable[Path] | None = None,
-    *,
-    of_graph: bool = False,
-    option: str = "--run GRAPH",
+    run: Path | None = None, *, require_graph: bool = False, option: str = "--run GRAPH"
 ) -> Path:
     """Return the run directory of one running graph.
 
     Args:
         run: Its run directory, as :func:`running` gives it, or the name of its launch file; None:
-            the only graph that runs. A node that was started by hand counts only where no launcher
-            runs a graph.
-        folders: As in :func:`running`.
-        of_graph: Whether an environment alone, for a graph on another machine, is not enough.
+            the only graph that runs. An environment by itself counts only where no launcher runs a
+            graph.
+        require_graph: Whether to refuse an environment alone, for a graph on another machine.
         option: How a command takes a run directory, for messages.
 
     Raises:
         ConfigError: If no graph runs, several run and ``run`` does not say which, or ``run`` is no
             directory of one that runs.
     """
-    known = running(folders)
+    known = running()
     if run is None:
-        return _only(known, of_graph, option)
+        return _only(known, require_graph, option)
     run_dir = _real(run)
     document = _document(run_dir)  # the directory may lie elsewhere
     if document is None:
         named = {path: one for path, one in known.items() if _is_named(one, str(run))}
         if named:
-            return _only(named, of_graph, option)
+            return _only(named, require_graph, option)
         others = f"these are:{_list(known)}" if known else "none runs"
         raise ConfigError(
             f"{run} is not the run directory of a running graph, nor its launch file; {others}"
         )
-    if of_graph and not document.is_graph:
+    if require_graph and not document.is_graph:
         raise ConfigError(f"in {run} runs an environment alone, and no graph")
     return run_dir
 
@@ -81,20 +71,20 @@ def find_launched(launcher: int) -> Path:
     Raises:
         RunError: If it does not within a minute.
     """
-    end = time.monotonic() + STARTS
+    end = time.monotonic() + START_TIMEOUT
     while time.monotonic() < end:
         for run_dir, document in running().items():
             if document.launcher == launcher:
                 return run_dir
-        sockets.wait((), LOOK_NS)
-    raise RunError(f"process {launcher} has started no graph for {STARTS:g} s")
+        sockets.wait((), POLL_NS)
+    raise RunError(f"process {launcher} has started no graph for {START_TIMEOUT:g} s")
 
 
 class Watch:
-    """Tells whether a graph has ended, also while its launcher still computes the result.
+    """Knows whether a graph has ended, also while its launcher still computes the result.
 
     Attributes:
-        was_launched: Whether a launcher was seen; a graph of nodes by hand has none.
+        was_launched: Whether a launcher was seen; an environment by itself has none.
     """
 
     def __init__(self, run_dir: Path) -> None:
@@ -115,9 +105,9 @@ def _is_named(document: RunDocument, name: str) -> bool:
     return name in (str(file), file.name, file.stem)
 
 
-def _only(known: Mapping[Path, RunDocument], of_graph: bool, option: str) -> Path:
+def _only(known: Mapping[Path, RunDocument], require_graph: bool, option: str) -> Path:
     graphs = [run_dir for run_dir, document in known.items() if document.is_graph]
-    if of_graph and known and not graphs:
+    if require_graph and known and not graphs:
         which = "only environments for graphs on other machines"
         raise ConfigError(f"no graph of yours runs on this machine, {which}:{_list(known)}")
     launched = [run_dir for run_dir in known if has_control(run_dir, LAUNCHER)]
@@ -134,7 +124,7 @@ def _only(known: Mapping[Path, RunDocument], of_graph: bool, option: str) -> Pat
 
 @contextmanager
 def while_running(run_dir: Path) -> Iterator[None]:
-    """Turn errors into one clear error if the graph has ended meanwhile.
+    """Turn errors into one clear error if the graph has ended.
 
     Raises:
         RunError: If the graph has ended.
@@ -144,7 +134,7 @@ def while_running(run_dir: Path) -> Iterator[None]:
     except (ConfigError, OSError) as error:
         if _document(run_dir) is not None:
             raise
-        raise RunError(f"the graph in {run_dir} has ended meanwhile") from error
+        raise RunError(f"the graph in {run_dir} has ended") from error
 
 
 def _real(path: Path) -> Path:

@@ -1,7 +1,7 @@
 """Parameters of a running graph: reading and changing them.
 
-The launch document in the run directory holds the present values. A change writes it anew and sends
-the values to the nodes; a node that starts later reads the document.
+The launch document in the run directory holds the present values. A change rewrites it
+and sends the values to the nodes; a node that starts later reads the document.
 
 Not every parameter in the document belongs to this machine: with an environment elsewhere, each
 machine has a document of its own, which the nodes there read.
@@ -11,13 +11,19 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-from forcebound.config.graph import LAW, GraphConfig
+from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
-from forcebound.config.parameters import differences, holders, parameters, unknown_parameter
+from forcebound.config.names import LAW
+from forcebound.config.parameters import (
+    differences,
+    parameters,
+    processes_of,
+    unknown_parameter,
+)
 from forcebound.config.problems import Problems, unknown
-from forcebound.config.resolved import ALL_CODE, restore, to_document
+from forcebound.config.resolved import restore, to_document, with_parts
 from forcebound.config.tree import parse
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import (
@@ -26,11 +32,11 @@ from forcebound.launch.run_directory import (
     updating,
     write_launch_document,
 )
+from forcebound.messages.control import Configure, ConfigureNode, Parameters, Refused
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
-from forcebound.monitor.findings import Fact
 from forcebound.monitor.kernels import Kernels
-from forcebound.monitor.nodes import ENVIRONMENT, Present, present
+from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
 from forcebound.processes import LAUNCHER
 from forcebound.quantities import Range
 from forcebound.units import parse_quantity
@@ -45,27 +51,34 @@ PATHS = (
 DOWN = ("stopped", "ended")  # states of a node that is not restarted by its launcher
 
 
+class Note(NamedTuple):
+    """A remark on a change."""
+
+    code: str
+    sentence: str
+
+
 @dataclass(frozen=True)
 class Change:
     """The outcome of a change."""
 
-    values: Mapping[str, Any]  # the parameters that are new, by name, in SI units
-    notes: tuple[Fact, ...] = ()  # a node that has it later, or does not serve
+    values: Parameters  # the parameters that are new, by name, in SI units
+    notes: tuple[Note, ...] = ()  # a node that has it later, or does not serve
 
 
-def configuration(run_dir: Path, serves: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph; the user's own code is run if it ``serves``.
+def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If the run directory has no launch document.
     """
-    return restore(read_launch_document(run_dir), ALL_CODE if serves else ())
+    return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
 
 
-def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]:
+def find_parameters(config: GraphConfig, names: Sequence[str]) -> Parameters:
     """Return the values of some parameters; a section's name stands for all that begin with it.
 
-    Without names: all that can be changed. By name also what is fixed while the graph runs.
+    Without names: all that can be changed. Values that are fixed during a run are found by name.
 
     Raises:
         ConfigError: If a name is not known.
@@ -73,7 +86,7 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     if not names:
         return parameters(config)
     every = every_parameter(config)
-    found: dict[str, Any] = {}
+    found: Parameters = {}
     for name in names:
         matching = {key: every[key] for key in every if key == name or key.startswith(f"{name}.")}
         if not matching:
@@ -82,9 +95,9 @@ def find_parameters(config: GraphConfig, names: Sequence[str]) -> dict[str, Any]
     return found
 
 
-def every_parameter(config: GraphConfig) -> dict[str, Any]:
+def every_parameter(config: GraphConfig) -> Parameters:
     """Return all values by name: those that can be changed, and what is fixed during a run."""
-    fixed: dict[str, Any] = {}
+    fixed: Parameters = {}
     for section, value in to_document(config).items():
         if isinstance(value, Mapping):
             fixed |= {f"{section}.{name}": entry for name, entry in value.items()}
@@ -96,29 +109,29 @@ def every_parameter(config: GraphConfig) -> dict[str, Any]:
 
 def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) -> set[str]:
     """Return those of some parameters that belong to nodes on another machine."""
-    return set(_elsewhere(names, present(run_dir, config)))
+    return set(_elsewhere(names, snapshot(run_dir).nodes_here(config)))
 
 
-def changed_parameters(run_dir: Path) -> dict[str, Any]:
+def changed_parameters(run_dir: Path) -> Parameters:
     """Return the parameters of a graph that were changed since its launch, with their values.
 
     Raises:
-        ConfigError: If the run directory does not say.
+        ConfigError: If the run directory has no launch document.
     """
     try:
         started = json.loads(RunDocument.read(run_dir).metadata["launch"])
     except (ValueError, KeyError) as error:
-        raise ConfigError(f"{run_dir} does not say with what its graph was started") from error
+        raise ConfigError(f"{run_dir} has no launch file of the beginning of its run") from error
     return differences(started, configuration(run_dir))
 
 
-def read_settings(texts: Sequence[str]) -> dict[str, Any]:
+def read_settings(texts: Sequence[str]) -> Parameters:
     """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file.
 
     Raises:
         ConfigError: If a text is not of this form.
     """
-    settings: dict[str, Any] = {}
+    settings: Parameters = {}
     for text in texts:
         name, sign, value = text.partition(":=")
         if not sign or not name:
@@ -163,9 +176,7 @@ def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tu
     return seconds, chosen
 
 
-def set_parameters(
-    run_dir: Path, settings: Mapping[str, Any], kernels: Kernels | None = None
-) -> Change:
+def set_parameters(run_dir: Path, settings: Parameters, kernels: Kernels | None = None) -> Change:
     """Change parameters of a graph that runs; return when its nodes have them.
 
     Args:
@@ -179,11 +190,15 @@ def set_parameters(
         RunError: If a node refuses, or does not answer; it will read the change later. If another
             command does not end its change.
     """
-    now = configuration(run_dir)
-    _check_files(run_dir, settings, now)
-    here = present(run_dir, now)
+    now, graph, concerned = (
+        configuration(run_dir),
+        snapshot(run_dir),
+        sorted(processes_of(settings)),
+    )
+    _check_files(graph.run, settings, now)
+    other = other_environment(graph) if "environment" in concerned else None
     if LAW in settings:
-        _prepare_law(change(now, settings).device.servo.law, here, kernels)
+        _prepare_law(change(now, settings).device.servo.law, graph, kernels)
     with updating(run_dir, ANSWER_TIMEOUT) as is_alone:
         if not is_alone:
             raise RunError(
@@ -192,32 +207,31 @@ def set_parameters(
             )
         old = configuration(run_dir)
         new = change(old, settings)
-        _check_reach(settings, here)
+        _check_reach(settings, graph.nodes_here(new))
         request = write_launch_document(run_dir, new)
     # Also those for which the document has the values already: they may not have had the request.
-    concerned = sorted(holders(settings))
-    down = {
-        node for node in concerned if here.states.get(node) in DOWN or node not in here.reachable
-    }
-    _configure(run_dir, [node for node in concerned if node not in down], request, here)
-    notes = [_why_down(node, here) for node in concerned if node in down]
-    if ENVIRONMENT in concerned and here.serving is not None:
-        code = "another_serves" if here.is_graph else "environment_waits"
-        notes.append(Fact(code, {"serving": here.serving}))
+    up = [node for node in concerned if _is_up(node, graph)]
+    _configure(graph, up, request)
+    notes = [_why_down(node, graph) for node in concerned if node not in up]
+    if other is not None:
+        notes.append(_why_unfelt(other, graph.run.is_graph))
     values = differences(old, new)
-    if LAW in values and "device" not in down:
+    if LAW in values and "device" in up:
         await_law(run_dir, values[LAW])
-        notes.append(Fact("law_taken", {"ramp": new.device.servo.engage_time}))
+        ramp = f"the force returns over {1e3 * new.device.servo.engage_time:.3g} ms"
+        notes.append(
+            Note("law_taken", f"the law was taken without force, with a new ledger; {ramp}")
+        )
     return Change(values, tuple(notes))
 
 
-def _check_files(run_dir: Path, settings: Mapping[str, Any], now: GraphConfig) -> None:
+def _check_files(run: RunDocument, settings: Parameters, now: GraphConfig) -> None:
     """Refuse other files than those beside the launch file: a page may be someone else's."""
     before = parameters(now)
     for name, value in settings.items():
         if not name.endswith(PATHS) or value in (None, before.get(name)):
             continue
-        folder = Path(RunDocument.read(run_dir).folder).resolve()
+        folder = Path(run.folder).resolve()
         try:
             is_there = Path(str(value)).resolve().is_relative_to(folder)
         except (OSError, ValueError, RuntimeError):  # a name that no file can have
@@ -229,57 +243,75 @@ def _check_files(run_dir: Path, settings: Mapping[str, Any], now: GraphConfig) -
             )
 
 
-def _prepare_law(law: str, here: Present, kernels: Kernels | None) -> None:
+def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     """Get ready for a law that the device is to take."""
-    if here.states.get("device") == "lost":
+    device = graph.processes.get("device")
+    if device is not None and device.state == "lost":
         raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
-    if kernels is not None and here.answers.get("device", {}).get("law") not in (law, None):
+    if kernels is not None and graph.device is not None and graph.device.law != law:
         kernels.wait(law)
 
 
-def _configure(
-    run_dir: Path, nodes: Collection[str], request: Mapping[str, Any], here: Present
-) -> None:
-    """Bring nodes to what the launch document says now."""
-    answers = ask_all(run_dir, nodes, request, ANSWER_TIMEOUT)
+def _is_up(node: str, graph: GraphStatus) -> bool:
+    process = graph.processes.get(node)
+    return process is not None and process.state not in DOWN
+
+
+def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -> None:
+    """Send the launch document of now to nodes."""
+    answers = ask_all(graph.run_dir, nodes, request, ANSWER_TIMEOUT)
     for node, answer in answers.items():
-        if answer is not None and "error" in answer:
-            raise RunError(f"{node} did not take the change: {answer['error']}")
+        if isinstance(answer, Refused):
+            raise RunError(f"{node} did not take the change: {answer.error}")
     silent = [node for node, answer in answers.items() if answer is None]
     if not silent:
         return
-    who = " and ".join(silent)
-    if LAUNCHER not in here.answers:
+    listed = " and ".join(silent)
+    if graph.launcher is None:
         raise RunError(
-            f"{who} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
+            f"{listed} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
     for node in silent:
-        ask_all(run_dir, [LAUNCHER], {**request, "node": node}, ANSWER_TIMEOUT)
+        ask_all(graph.run_dir, [LAUNCHER], ConfigureNode(node, request), ANSWER_TIMEOUT)
     raise RunError(
-        f"{who} did not answer; the change is kept until it continues (if it is suspended) or"
+        f"{listed} did not answer; the change is kept until it continues (if it is suspended) or"
         " restarts"
     )
 
 
-def _check_reach(names: Iterable[str], here: Present) -> None:
+def _check_reach(names: Iterable[str], here: Collection[str]) -> None:
     """Refuse a change without effect here, because its node is on another machine."""
     elsewhere = _elsewhere(names, here)
     if not elsewhere:
         return
     listed, nodes = ", ".join(sorted(elsewhere)), " and ".join(sorted(set(elsewhere.values())))
     why = f"this link ends at the {nodes}, on the machine of the graph; here is only an environment"
-    if ENVIRONMENT in elsewhere.values():
+    if "environment" in elsewhere.values():
         why = "this belongs to the environment, which is on another machine"
     raise ConfigError(f"{listed}: {why}; use `forcebound param set` there")
 
 
-def _elsewhere(names: Iterable[str], here: Present) -> dict[str, str]:
+def _elsewhere(names: Iterable[str], here: Collection[str]) -> dict[str, str]:
     """Return the parameters that belong to nodes on another machine, with those."""
-    return {name: node for name in names for node in holders([name]) if node not in here.nodes}
+    return {name: node for name in names for node in processes_of([name]) if node not in here}
 
 
-def _why_down(node: str, here: Present) -> Fact:
+def _why_down(node: str, graph: GraphStatus) -> Note:
     """Return why a node that has a change does not run."""
-    state = here.states.get(node)
-    codes = {None: "no_node", "stopped": "node_stopped"}
-    return Fact(codes.get(state, "node_ended"), {"node": node})
+    process = graph.processes.get(node)
+    if process is None:
+        return Note("no_node", f"no {node} is running here")
+    if process.state == "stopped":
+        words = f"{node} is stopped on request, and has the change when it starts again"
+        return Note("node_stopped", f"{words} (`forcebound start {node}`)")
+    return Note("node_ended", f"{node} has ended")
+
+
+def _why_unfelt(serving: str, is_graph: bool) -> Note:
+    """Return why a change of the environment here is not felt."""
+    words = f"{serving} serves the graph, and not "
+    if is_graph:
+        words += "the environment of this machine, to which the change was made: "
+        return Note("another_serves", f"{words}use `forcebound param set` on the other's machine")
+    words += "this environment, which waits: it has the change, which is felt when it serves"
+    return Note("environment_waits", words)

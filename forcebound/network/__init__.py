@@ -1,4 +1,4 @@
-"""The way of packets from node to node: the model of a bad network, and the sockets.
+"""The path of packets from node to node: the model of a bad network, and the sockets.
 
 :mod:`forcebound.network.link` is a pure model of a bad network, used by both runners on the
 receiving side. :mod:`forcebound.network.sockets` opens every socket, and only this room imports

@@ -11,9 +11,8 @@ from forcebound.network.sockets import ADVICE
 
 IpAddress: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
 
-_LONGEST_NAME = 253  # characters: RFC 1035
-_LABEL = r"(?!-)[\w-]{1,63}(?<!-)"  # underscores: some networks have them
-_NAME = re.compile(rf"{_LABEL}(\.{_LABEL})*\.?")
+# Some networks have underscores. A name never ends in a number, as a mistyped 192.168.1.300 does.
+_NAME = re.compile(r"([\w-]+\.)*(?!\d+\.?$)[\w-]+\.?")
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Host:
 
 
 def numeric_address(address: str) -> IpAddress | None:
-    """Return the number that an address is; None if it is a name, which has to be looked up.
+    """Return a numeric address; None for a name, which has to be looked up.
 
     Args:
         address: IPv4, IPv6 with or without brackets and zone (``[fe80::1%eth0]``), or a name.
@@ -38,28 +37,22 @@ def numeric_address(address: str) -> IpAddress | None:
     try:
         return ipaddress.ip_address(bare)
     except ValueError:
-        pass
-    what = f"{address!r} is no address"
-    if "://" in address:
-        raise ConfigError(f"{what}: write it without {address.partition('://')[0]}://")
-    host, colon, port = address.rpartition(":")
-    if colon and port.isdecimal() and (":" not in host or host.endswith("]")):
-        raise ConfigError(f"{what}: write {host} here, and {port} under port:")
-    is_name = bare == address and len(bare) <= _LONGEST_NAME and _NAME.fullmatch(bare)
-    # A name never ends in a number, which is how an address with a slip of the pen is found.
-    if not is_name or bare.rstrip(".").rpartition(".")[2].isdecimal():
-        raise ConfigError(f"{what}: write IPv4 (192.168.1.20), IPv6 ([fd00::20]) or a name")
-    return None
+        if bare == address and _NAME.fullmatch(bare):
+            return None
+    raise ConfigError(
+        f"{address!r} is not an address: write IPv4 (192.168.1.20), IPv6 ([fd00::20]) or a name, "
+        "without tcp:// before it and without the port, which belongs under port:"
+    )
 
 
 def resolve(address: str) -> Host:
-    """Return the first address that a name or a numeric address means.
+    """Return the first address of a name, or a numeric address itself.
 
     Resolved once, before anything starts: libzmq would look a name up again at every attempt to
     connect, in the thread that serves all sockets of the process.
 
     Raises:
-        ConfigError: If there is no such name, or it is no address at all.
+        ConfigError: If the name cannot be found, or is not a valid address.
     """
     numeric_address(address)
     try:
@@ -82,9 +75,9 @@ def resolve(address: str) -> Host:
 
 
 def check_free(host: Host, port: int) -> None:
-    """Check that this machine can listen at a port; 0: at this address at all.
+    """Check that this machine can listen at an address and port.
 
-    Nobody is let in meanwhile: the port is bound, as libzmq does it, and given back.
+    The port is bound, as libzmq does it, and given back; it never listens, so no peer connects.
 
     Raises:
         ConfigError: If the address is not this machine's, or the port is in use or not permitted.
@@ -100,8 +93,7 @@ def check_free(host: Host, port: int) -> None:
             probe.bind(place)
         except OSError as error:
             advice = ADVICE.get(error.errno or 0, error.strerror)
-            at = f"{host.numeric} port {port}" if port else host.numeric
-            raise ConfigError(f"cannot listen on {at}: {advice}") from None
+            raise ConfigError(f"cannot listen on {host.numeric} port {port}: {advice}") from None
 
 
 def _bare(address: str) -> str:

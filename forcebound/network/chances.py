@@ -1,4 +1,4 @@
-"""Chances of a link: the draw of loss, delay and the rest, once for links, computations and sweeps.
+"""Chances of a link: loss, delay and the rest, drawn alike for links, computations and sweeps.
 
 Each random decision has a generator of its own, and every packet draws all its numbers: two
 settings compared under one seed differ in nothing but the setting.
@@ -36,7 +36,7 @@ _DECISIONS = (  # one generator each, by place: append only
 
 
 class Fate(NamedTuple):
-    """What chance does to one packet."""
+    """The random outcome of one packet."""
 
     is_lost: bool
     is_duplicated: bool
@@ -59,7 +59,7 @@ class Draws(dict[str, Draw]):
         self._is_copy = is_copy
 
     def __missing__(self, decision: str) -> Draw:
-        """Make what draws the numbers of a decision; most links need two of eight."""
+        """Make the generator of a decision; most links need two of eight."""
         self[decision] = _generator(self._seed, decision, self._is_copy).random
         return self[decision]
 
@@ -75,7 +75,7 @@ def _generator(seed: int, decision: str, is_copy: bool = False) -> np.random.Gen
 def plain_fates(
     impairment: Impairment, seed: int, count: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return what the first ``count`` packets of a plain link draw; see :meth:`Chances.next_plain`.
+    """Return the draws of the first ``count`` packets of a plain link (:meth:`Chances.next_plain`).
 
     Returns:
         Which are lost, and the time on the way of each, in ns; both of shape ``(count,)``.
@@ -154,7 +154,7 @@ class Chances:
 
 
 def _correlated(draw: Draw, rho: float) -> Draw:
-    """Return what draws numbers in [0, 1), each towards the one before."""
+    """Return a function that draws numbers in [0, 1), each correlated with the one before."""
     last: float | None = None
 
     def draw_towards_last() -> float:

@@ -1,15 +1,15 @@
 """Packets both ways on one socket: ROUTER at the end that listens, DEALER at the one that connects.
 
-A packet is one frame. An empty message is a *greeting*: a ROUTER can send only to a peer from
-which it has heard, so the end that connects greets when it is connected, and again once a second.
-ZeroMQ's own greeting (PROBE_ROUTER) does not leave before the first message with IMMEDIATE 1, and
-is not repeated after a lost connection with IMMEDIATE 0 (libzmq 4.3.5).
+A packet is one frame. An empty message is a *greeting*: a ROUTER can send only to a peer that has
+sent something before. So the end that connects greets when it is connected, and again once a
+second. ZeroMQ's own greeting (PROBE_ROUTER) does not leave before the first message with
+IMMEDIATE 1, and is not repeated after a lost connection with IMMEDIATE 0 (libzmq 4.3.5).
 
-Neither socket waits or raises when it sends: what a peer does not take is dropped. A send may
-swallow the edge of the socket's descriptor; who waits for it asks :meth:`Channel.pending` first.
+Neither socket waits or raises when it sends: a packet that a peer does not take is dropped. A send
+may consume the edge of the socket's descriptor; call :meth:`Channel.pending` before waiting for it.
 
 Each packet comes with its *source*: the public key of the peer, or without keys its connection. A
-name in a packet can be anybody's, a source cannot.
+packet can carry any name; its source cannot be forged.
 """
 
 from collections.abc import Iterable
@@ -33,12 +33,12 @@ class Greeting(NamedTuple):
 
     @property
     def source(self) -> str:
-        """What distinguishes the peer from others."""
+        """Name that distinguishes the peer from others."""
         return self.key or f"connection {self.route.hex()}"
 
 
 class Arrival(NamedTuple):
-    """A packet and who sent it."""
+    """A packet and its source."""
 
     source: str
     data: bytes  # empty for a message of several frames
@@ -47,35 +47,24 @@ class Arrival(NamedTuple):
 class Channel:
     """One ROUTER or DEALER, both ways.
 
-    Args:
-        socket: The ROUTER or DEALER.
-        newest_only: Whether of each source only the newest packet counts.
-
     Attributes:
-        newest_only: May be changed.
         descriptor: Readable when something has happened; edge-triggered, so it may be waited for
             only after :meth:`pending` has found nothing.
-        superseded: Packets for which a newer one of the same source was there already.
-        greetings: Since they were last taken away.
-        heard: Routes of a ROUTER on which a message came since it was last cleared; of a DEALER an
-            empty one.
+        greetings: Since they were last cleared.
     """
 
-    def __init__(self, socket: "zmq.Socket[bytes]", newest_only: bool) -> None:
+    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
         self._is_router = socket.type == zmq.ROUTER
         self._routes: list[bytes] = []
         self._sources: dict[bytes, str] = {}  # of peers that have greeted, by route
-        self.newest_only = newest_only
         self.descriptor = int(socket.FD)
-        self.superseded = 0
         self.greetings: list[Greeting] = []
-        self.heard: set[bytes] = set()
 
     def send(self, data: bytes) -> None:
         """Send a packet to every peer, or to the one at the other end; empty: a greeting."""
         if not self._is_router:
-            with suppress(zmq.Again):  # nobody is there, or takes it
+            with suppress(zmq.Again):  # no peer is there, or its queue is full
                 self._socket.send(data, _DONTWAIT)
             return
         for route in self._routes:
@@ -83,51 +72,42 @@ class Channel:
                 self._socket.send_multipart((route, data), _DONTWAIT)
 
     def set_peers(self, peers: Iterable[Greeting]) -> None:
-        """Set who gets the packets of a ROUTER; others are greeted anew when they send."""
+        """Set the receivers of a ROUTER's packets; another peer that sends is greeted again."""
         self._sources = {peer.route: peer.source for peer in peers}
         self._routes = list(self._sources)
 
     def pending(self) -> bool:
-        """Whether something is there."""
+        """Whether a message is there."""
         return bool(int(self._socket.get(_EVENTS)) & _POLLIN)
 
     def receive(self) -> list[Arrival]:
-        """Return what has come, in its order; if only the newest counts, one packet a source.
+        """Return the packets that have arrived, in their order.
 
         At most ``DRAIN_LIMIT`` messages at once: a peer that floods must not hold the loop.
         """
-        came: list[Arrival] = []
+        arrivals: list[Arrival] = []
         for _ in range(DRAIN_LIMIT):
             if not self.pending():
                 break
-            arrival = self._receive()
-            if arrival is not None:
-                came.append(arrival)
-        if not self.newest_only or len(came) < 2:
-            return came
-        newest = {arrival.source: arrival for arrival in came if arrival.data}
-        kept = [each for each in came if not each.data or each is newest[each.source]]
-        self.superseded += len(came) - len(kept)
-        return kept
+            source = ""
+            if self._is_router:
+                route = self._socket.recv(_DONTWAIT)
+                data = self._receive_from(route)
+                source = self._sources[route]
+            else:
+                data = self._socket.recv(_DONTWAIT)
+            if self._socket.get(_RCVMORE):
+                while self._socket.get(_RCVMORE):
+                    self._socket.recv(_DONTWAIT)  # the frames of a message arrive together
+                arrivals.append(Arrival(source, b""))
+            elif data:
+                arrivals.append(Arrival(source, data))
+        return arrivals
 
-    def _receive(self) -> Arrival | None:
-        """Return what the next message holds; None for a greeting."""
-        socket, source, route = self._socket, "", b""
-        if self._is_router:
-            route = socket.recv(_DONTWAIT)
-            data = socket.recv(_DONTWAIT) if route in self._sources else self._greeted(route)
-            source = self._sources[route]
-        else:
-            data = socket.recv(_DONTWAIT)
-        self.heard.add(route)
-        if not socket.get(_RCVMORE):
-            return Arrival(source, data) if data else None
-        while socket.get(_RCVMORE):
-            socket.recv(_DONTWAIT)  # the frames of a message arrive together
-        return Arrival(source, b"")
-
-    def _greeted(self, route: bytes) -> bytes:
-        """Note the greeting of a peer, and return its message."""
+    def _receive_from(self, route: bytes) -> bytes:
+        """Return the first frame of a message; a peer that is new is noted in ``greetings``."""
+        if route in self._sources:
+            return self._socket.recv(_DONTWAIT)
         frame = self._socket.recv(_DONTWAIT, copy=False)
         try:
             key = str(frame.get("User-Id"))

@@ -7,20 +7,19 @@ tries again every 20 ms, for ever, which floods both logs. In all these cases ``
 ``connect`` are called here, with a growing pause between.
 """
 
-from collections.abc import Collection
 from contextlib import suppress
 
 import zmq
 
+from forcebound.network import limits
 from forcebound.network.channel import Channel
-from forcebound.network.descriptors import Grip
-from forcebound.network.limits import MAX_UNFINISHED, NO_ANSWER_NS
-from forcebound.network.monitor import Monitor, SocketEvent
+from forcebound.network.ends import RemoteEnd
+from forcebound.network.monitor import OTHER_SECURITY, Monitor, SocketEvent
 from forcebound.network.notices import Notice
-from forcebound.network.zap import FULL
 
 FIRST_PAUSE_NS = 500_000_000
 LONGEST_PAUSE_NS = 5_000_000_000
+_SLOW_NS = limits.HANDSHAKE_MS * 900_000  # a handshake that fails after this timed out
 _FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH,
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL,
@@ -35,35 +34,26 @@ class Connector:
         socket: It has been connected to ``endpoint``.
         endpoint: ``tcp://HOST:PORT``, exactly as it was connected.
         monitor: Of the socket.
-        own: Name and public key of this end, for notices; empty without keys.
-        listener: Those of the other end, likewise.
+        end: This end, which connects.
     """
 
     def __init__(
-        self,
-        socket: "zmq.Socket[bytes]",
-        endpoint: str,
-        monitor: Monitor,
-        own: tuple[str, str],
-        listener: tuple[str, str],
+        self, socket: "zmq.Socket[bytes]", endpoint: str, monitor: Monitor, end: RemoteEnd
     ) -> None:
         self._socket = socket
         self._endpoint = endpoint
         self._monitor = monitor
-        self._own = own
-        self._listener = listener
+        self._own = end.key
+        self._key, self._name = next(iter(end.peers.items()), ("", ""))  # of the listener
         self._address = endpoint.removeprefix("tcp://")
         self._is_up = False
-        self._since_ns = 0  # of the present attempt
+        self._since_ns = 0  # start of the present attempt
         self._alone_ns: int | None = None  # since when there is no connection; None: reported
-        self._begun = False
+        self._has_begun = False
         self._lost_ns: int | None = None  # lost, and libzmq has not reported that it tries again
         self._retry_ns: int | None = None  # disconnected by us until then
         self._pause_ns = FIRST_PAUSE_NS
         self._has_more = False
-        self._grip = Grip()
-        self._descriptor = -1  # of the present connection
-        self._received = 0  # bytes on it, at the last look that found a whole message
 
     @property
     def established(self) -> int:
@@ -78,24 +68,24 @@ class Connector:
     @property
     def peers(self) -> list[str]:
         """Name or address of the other end while it is there."""
-        return [self._listener[0] or self._address] if self._is_up else []
+        return [self._name or self._address] if self._is_up else []
 
     @property
     def due_ns(self) -> int | None:
-        """When :meth:`take` wants to be called, even if nothing happens; in ns."""
+        """When :meth:`take` should be called even if nothing happens, in ns; None: never."""
         if self._has_more:
             return 0
         waits = (
             (self._retry_ns, 0),
             (self._lost_ns, self._pause_ns),
-            (self._alone_ns, NO_ANSWER_NS),
+            (self._alone_ns, limits.NO_ANSWER_NS),
         )
         return min((since + pause for since, pause in waits if since is not None), default=None)
 
     def take(self, time_ns: int, limit: int) -> list[Notice]:
         """Take up to ``limit`` events, and connect again if it is time."""
-        if not self._begun:
-            self._begun, self._alone_ns = True, time_ns
+        if not self._has_begun:
+            self._has_begun, self._alone_ns = True, time_ns
         notices: list[Notice] = []
         self._has_more = True
         for _ in range(limit):
@@ -105,31 +95,20 @@ class Connector:
                 break
             notices += self._handle(time_ns, event)
         if self._has_more:
-            return notices  # what is still to come may change the rest
+            return notices  # the other events may change the rest
         if self._lost_ns is not None and time_ns >= self._lost_ns + self._pause_ns:
-            notices.append(self._notice("broken"))
             self._leave(time_ns, 0)
         if self._retry_ns is not None and time_ns >= self._retry_ns:
             self._retry_ns = None
             self._socket.connect(self._endpoint)
-        if self._alone_ns is not None and time_ns >= self._alone_ns + NO_ANSWER_NS:
+        if self._alone_ns is not None and time_ns >= self._alone_ns + limits.NO_ANSWER_NS:
             self._alone_ns = None
-            notices.append(self._notice("no_answer"))
+            sentence = (
+                f"no connection to {self._address} for {limits.NO_ANSWER_NS // 10**9} s: nothing "
+                "listens there, or a firewall or a lost network is between; still trying"
+            )
+            notices.append(self._notice("no_answer", sentence))
         return notices
-
-    def look(self, time_ns: int, limit: int, heard: Collection[bytes]) -> list[Notice]:
-        """Leave a listener that sends too much without the end of a message.
-
-        Arguments are as of :meth:`forcebound.network.listener.Listener.look`.
-        """
-        received = self._grip.bytes_received(self._descriptor) if self._is_up else 0
-        if heard:
-            self._received = received
-        elif received - self._received > MAX_UNFINISHED:
-            self._is_up, self._received = False, received
-            self._leave(time_ns, self._pause_ns)
-            return [self._notice("broken")]
-        return []
 
     def greet(self, channel: Channel) -> list[Notice]:
         """Greet the listener."""
@@ -138,47 +117,70 @@ class Connector:
         return []
 
     def _handle(self, time_ns: int, event: SocketEvent) -> list[Notice]:
+        listener = f"{self._name} (key {self._key})" if self._key else "a peer without keys"
         if event.kind == zmq.EVENT_CONNECTED:
-            self._descriptor, self._received = event.value, 0
             self._since_ns, self._lost_ns = time_ns, None
         elif event.kind in (zmq.EVENT_CONNECT_DELAYED, zmq.EVENT_CONNECT_RETRIED):
             self._lost_ns = None
         elif event.kind == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._is_up, self._lost_ns, self._alone_ns = True, None, None
             self._pause_ns = FIRST_PAUSE_NS
-            return [self._notice("met")]
+            return [self._notice("connected", f"connected to {listener} at {self._address}")]
         elif event.kind in _FAILURES and self._retry_ns is None:
             self._alone_ns = None
             self._leave(time_ns, self._pause_ns)
-            return [self._notice(self._failure(time_ns, event))]
+            return [self._notice(*self._failure(time_ns, event))]
         elif event.kind == zmq.EVENT_DISCONNECTED:
             was_up, self._is_up = self._is_up, False
             if self._retry_ns is None:
                 self._lost_ns = time_ns
             if was_up:
                 self._alone_ns = time_ns
-                return [self._notice("lost")]
+                sentence = (
+                    f"{listener} at {self._address} has gone: it left, was silent for "
+                    f"{limits.HEARTBEAT_TIMEOUT_MS} ms, or sent a message of over "
+                    f"{limits.MAX_FRAME} bytes; connecting again"
+                )
+                return [self._notice("disconnected", sentence)]
         return []
 
     def _leave(self, time_ns: int, pause_ns: int) -> None:
-        with suppress(zmq.ZMQError):  # the connection may be forgotten already
+        with suppress(zmq.ZMQError):  # libzmq may have given up the connection already
             self._socket.disconnect(self._endpoint)
         self._lost_ns = None
         self._retry_ns = time_ns + pause_ns
         self._pause_ns = min(2 * self._pause_ns, LONGEST_PAUSE_NS)
 
-    def _failure(self, time_ns: int, event: SocketEvent) -> str:
-        """Return the code of the notice of a handshake that failed."""
+    def _failure(self, time_ns: int, event: SocketEvent) -> tuple[str, str]:
+        """Return kind and sentence of the notice of a handshake that failed."""
+        there, own = self._address, self._own
+        ours, theirs = ("no keys", "keys") if own is None else ("keys", "no keys")
         if event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            return "there_full" if str(event.value) == FULL else "there_unknown"
-        with_keys = bool(self._own[1])
-        left = "there_wrong_key" if with_keys else "there_likely_keys"
-        return event.failure(time_ns - self._since_ns, with_keys, left)
+            key = "" if own is None else f" {own.name} ({own.public})"
+            return "refused_there", (
+                f"{there} refused us: our key{key} is not in its list of allowed keys; add it "
+                "to the launch file there, or use a key that is in it"
+            )
+        has_left = event.kind == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+        has_left = has_left and time_ns - self._since_ns < _SLOW_NS
+        if has_left and own is not None:
+            return "wrong_key", (
+                f"{there} ended the connection during the handshake: most likely {self._key} "
+                f"({self._name}) is not its public key: ask there with `forcebound keys show NAME`;"
+                " it may also use no keys"
+            )
+        if has_left or event == OTHER_SECURITY:
+            likely = "most likely it" if has_left else "it"
+            return "other_security", (
+                f"no connection with {there}: {likely} uses {theirs} (CURVE), and we use {ours}"
+            )
+        return "handshake_failed", (
+            f"no connection with {there}: it did not finish its handshake in "
+            f"{limits.HANDSHAKE_MS / 1000:g} s, or does not speak ZMTP, the protocol of ZeroMQ"
+        )
 
-    def _notice(self, code: str) -> Notice:
+    def _notice(self, kind: str, sentence: str) -> Notice:
         data = {"address": self._address}
-        if self._listener[1]:
-            data |= {"name": self._listener[0], "key": self._listener[1]}
-        if code == "there_unknown":
-            data["own"] = f"{self._own[0]} ({self._own[1]})"
-        return Notice(code, data)
+        if self._key:
+            data |= {"name": self._name, "key": self._key}
+        return Notice(kind, sentence, data)

@@ -1,12 +1,17 @@
-"""Requests to a process and their answers: a msgpack map for a msgpack map."""
+"""Requests to a process and their answers, of :mod:`forcebound.messages.control`, as msgpack."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import msgpack
+import msgspec
 import zmq
 from zmq.backend import Socket as _CompiledSocket
+
+from forcebound.messages.control import Answer, Refused, Request
 
 _EVENTS, _POLLIN, _POLLOUT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.POLLOUT)
 SERVE_LIMIT = 4  # requests answered at once; a node looks 100 times a second
@@ -14,38 +19,51 @@ _MAX_ITEMS = 256  # in a list or map of a request or its answer
 
 
 class ControlServer:
-    """Answers requests, msgpack maps, from the launcher and other programs of the user."""
+    """Answers requests from the launcher and other programs of the user.
 
-    def __init__(self, socket: "zmq.Socket[bytes]") -> None:
+    Args:
+        socket: Bound.
+        requests: Classes of the requests that this process takes; others are refused.
+    """
+
+    def __init__(self, socket: "zmq.Socket[bytes]", requests: Sequence[type[Request]]) -> None:
         self._socket = socket
+        self._requests: Any = reduce(or_, requests)
+        self._known = ", ".join(str(one.__struct_config__.tag) for one in requests)
         self.descriptor = int(socket.FD)
 
     def pending(self) -> bool:
         """Whether a request is there."""
         return _has(self._socket, _POLLIN)
 
-    def serve(
-        self, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]], limit: int = SERVE_LIMIT
-    ) -> bool:
-        """Answer the requests that are there; one that is not a map gets an ``error``.
+    def serve(self, answer: Callable[[Any], Answer], limit: int = SERVE_LIMIT) -> bool:
+        """Answer the requests that are there.
+
+        Args:
+            answer: Returns the answer to a request of one of the classes.
+            limit: Most requests in one turn of a loop, so that a flood does not hold it.
 
         Returns:
-            Whether more may be there: at most ``limit`` are answered in one turn of a loop, so that
-            a flood does not hold it.
+            Whether more may be there.
         """
         for _ in range(limit):
             data = _receive(self._socket) if self.pending() else None
             if data is None:
                 return False
-            request = _unpack_map(data)
-            reply = {"error": "a request is a msgpack map"} if request is None else answer(request)
             with suppress(zmq.Again):
-                self._socket.send(msgpack.packb(dict(reply)), zmq.DONTWAIT)
+                self._socket.send(_encode(self._answered(data, answer)), zmq.DONTWAIT)
         return self.pending()
+
+    def _answered(self, data: bytes, answer: Callable[[Any], Answer]) -> Answer:
+        try:
+            request = _decode(data, self._requests)
+        except ValueError as error:
+            return Refused(f"{error}; known requests: {self._known}")
+        return answer(request)
 
 
 class ControlClient:
-    """Asks a :class:`ControlServer`, without ever waiting."""
+    """Sends requests to a :class:`ControlServer`, without ever waiting."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
@@ -55,19 +73,25 @@ class ControlClient:
         """Whether an answer is there."""
         return _has(self._socket, _POLLIN)
 
-    def ask(self, request: Mapping[str, Any]) -> bool:
-        """Send a request, forgetting the one before; return False while nobody is there."""
+    def ask(self, request: Request) -> bool:
+        """Send a request in place of the one before; return False while no server is there."""
         if not _has(self._socket, _POLLOUT):
             return False
         with suppress(zmq.Again):
-            self._socket.send(msgpack.packb(dict(request)), zmq.DONTWAIT)
+            self._socket.send(_encode(request), zmq.DONTWAIT)
             return True
         return False
 
-    def answer(self) -> dict[str, Any] | None:
+    def answer(self) -> Answer | None:
         """Return the answer to the last request, or None while it has not come."""
         data = _receive(self._socket) if self.pending() else None
-        return None if data is None else _unpack_map(data)
+        if data is None:
+            return None
+        try:
+            answer: Answer = _decode(data, Answer)
+        except ValueError as error:
+            return Refused(f"the answer is of another version of forcebound: {error}")
+        return answer
 
 
 def _has(socket: "zmq.Socket[bytes]", event: int) -> bool:
@@ -76,9 +100,9 @@ def _has(socket: "zmq.Socket[bytes]", event: int) -> bool:
 
 
 def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
-    """Return the message that EVENTS promised; None if it was not for us.
+    """Return the message that EVENTS announced; None if there is none.
 
-    EVENTS also counts an answer to a request that was given up, and a peer that left meanwhile.
+    EVENTS also counts an answer to a request that was given up, and a peer that has left since.
     """
     try:
         return b"".join(socket.recv_multipart(zmq.DONTWAIT))
@@ -86,9 +110,19 @@ def _receive(socket: "zmq.Socket[bytes]") -> bytes | None:
         return None
 
 
-def _unpack_map(data: bytes) -> dict[str, Any] | None:
+def _encode(message: Request | Answer) -> bytes:
+    data: bytes = msgpack.packb(msgspec.to_builtins(message))
+    return data
+
+
+def _decode(data: bytes, kind: Any) -> Any:
+    """Return the message of a union of classes.
+
+    Raises:
+        ValueError: If it is none of them.
+    """
     try:
-        value = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
-    except (ValueError, OverflowError, RecursionError):
-        return None
-    return value if isinstance(value, dict) else None
+        plain = msgpack.unpackb(data, max_array_len=_MAX_ITEMS, max_map_len=_MAX_ITEMS)
+        return msgspec.convert(plain, kind)
+    except (msgspec.ValidationError, OverflowError, RecursionError) as error:
+        raise ValueError(str(error)) from error

@@ -1,7 +1,7 @@
 """The two ends of the link to another machine, as the section ``remote`` sets them.
 
-What is wrong with the section on any machine is an error when it is made; what this machine lacks
-(a key file, an address, a free port) is one of :meth:`RemoteSection.check_here`.
+A section that is wrong on any machine is an error when it is made. Something that this machine
+lacks (a key file, an address, a free port) is an error of :meth:`RemoteSection.check_here`.
 
 A section without keys is for loopback, which every user of the machine can reach. So both ends use
 the keys of :func:`loopback_keys` there, which only processes of the same user can read.
@@ -9,7 +9,7 @@ the keys of :func:`loopback_keys` there, which only processes of the same user c
 
 import fcntl
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -30,7 +30,11 @@ LOOPBACK = "this-user-graph", ("this-user-environment",)  # names of keys on loo
 _WITHOUT_KEYS = (
     "without keys a link stays on this machine. Make a key pair on each machine with "
     "`forcebound keys new NAME` and name them under graph_key and environment_keys; or write "
-    "insecure: true, if everybody on that network may feed forces to the hand"
+    "insecure: true, if everybody on that network may command forces to the hand"
+)
+_BOTH = (
+    "keys are used by both ends or by none; make a pair on each machine with "
+    "`forcebound keys new NAME`"
 )
 _PORTS = Range(at_least=1, at_most=65535)
 
@@ -48,18 +52,18 @@ class RemoteEnd:
     address: str  # of the end that listens: IPv4, IPv6 in brackets, or a name
     port: int = DEFAULT_PORT  # of the end that listens
     key: KeyPair | None = None  # our own pair; None: no keys
-    peers: Mapping[str, str] = field(default_factory=dict)  # who may come: name by public key
+    peers: Mapping[str, str] = field(default_factory=dict)  # that may connect: name by public key
     insecure: bool = False  # whether a link without keys may leave this machine
 
     def __post_init__(self) -> None:
-        # A listener without a key of its own would let everybody in.
+        # A listener without a key of its own would admit every peer.
         if (self.key is None) != (not self.peers):
             raise ConfigError("keys are used by both ends or by none")
 
 
 @dataclass(frozen=True)
 class RemoteSection:
-    """Where a graph and its environment meet, and who may: the same on both machines.
+    """Where a graph and its environment meet, and with which keys: the same on both machines.
 
     Attributes:
         address: Of the end that listens, as the other one reaches it.
@@ -68,11 +72,10 @@ class RemoteSection:
         graph_key: The graph's key, by name or as a public key.
         environment_keys: The keys of the environments that may serve it, likewise. The one whose
             secret is on this machine is that of this environment.
-        insecure: Whether to use no keys, so that anybody who reaches the port may take part.
+        insecure: Whether to use no keys, so that every peer that reaches the port may take part.
 
     Raises:
-        ConfigError: If something in it would be wrong on any machine; the message begins with the
-            name of what is wrong.
+        ConfigError: If something in it would be wrong on any machine; ``field`` names it.
     """
 
     address: Annotated[str, CheckedText(numeric_address)]
@@ -84,39 +87,29 @@ class RemoteSection:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        known = self.environment_keys
-        both = (
-            "keys are used by both ends or by none; make a pair on each machine with "
-            "`forcebound keys new NAME`"
-        )
-        if known and self.graph_key is None:
-            raise ConfigError(
-                f"graph_key is missing beside environment_keys: {both}", field="environment_keys"
-            )
-        if self.graph_key is not None and not known:
-            raise ConfigError(
-                f"environment_keys is missing or empty beside graph_key: {both}", field="graph_key"
-            )
-        if self.insecure and self.graph_key is not None:
-            raise ConfigError(
-                "insecure: true means no keys: name keys, or be insecure, not both",
-                field="insecure",
-            )
+        for name, message in self._faults():
+            raise ConfigError(message, field=name)
+
+    def _faults(self) -> Iterator[tuple[str, str]]:
+        """Yield the name of each wrong field, and why it is wrong."""
+        known, has_graph_key = self.environment_keys, self.graph_key is not None
+        if known and not has_graph_key:
+            yield "environment_keys", f"graph_key is missing beside environment_keys: {_BOTH}"
+        if has_graph_key and not known:
+            yield "graph_key", f"environment_keys is missing or empty beside graph_key: {_BOTH}"
+        if self.insecure and has_graph_key:
+            yield "insecure", "insecure: true means no keys: name keys, or be insecure, not both"
         if len(set(known)) < len(known):
-            raise ConfigError(
-                f"environment_keys names a key twice: {', '.join(known)}", field="environment_keys"
-            )
+            yield "environment_keys", f"environment_keys names a key twice: {', '.join(known)}"
         if self.listens == "environment" and len(known) > 1:
-            raise ConfigError(
-                f"environment_keys has {len(known)} keys, and a graph that connects can "
-                "expect only one; let the graph listen if several may serve it",
-                field="environment_keys",
+            yield (
+                "environment_keys",
+                f"environment_keys has {len(known)} keys, and a graph that connects can expect only"
+                " one; let the graph listen if several may serve it",
             )
         number = numeric_address(self.address)
         if self._is_open and number is not None and not number.is_loopback:
-            raise ConfigError(
-                f"address {self.address} is on a network, and {_WITHOUT_KEYS}", field="address"
-            )
+            yield "address", f"address {self.address} is on a network, and {_WITHOUT_KEYS}"
 
     def end(self, role: Role, folder: Path | None = None) -> RemoteEnd:
         """Return this machine's end, with its keys read from ``folder``, or the key folder.
@@ -129,25 +122,20 @@ class RemoteSection:
         return RemoteEnd(role, listens, self.address, self.port, pair, peers, self.insecure)
 
     def check_here(self, role: Role, folder: Path | None = None) -> None:
-        """Check what an end needs of this machine: keys, the address, free ports if it listens.
+        """Check what an end needs of this machine: keys, the address, a free port if it listens.
 
         Raises:
-            ConfigError: If anything is missing; it names all that is.
+            ConfigError: If anything is missing; it names everything that is.
         """
         listens = role == self.listens
         problems: list[str] = []
-        if self.graph_key is not None:
-            _noting(problems, "", self._keys, role, folder)
         host = _noting(problems, "remote.address: ", resolve, self.address)
         if host is not None:
-            before = len(problems)
             _noting(problems, "", refuse_exposure, host, self.address, listens, self._is_open)
-            if self._is_open and len(problems) == before:
-                _noting(problems, "", self._keys, role, folder)
-            if listens and len(problems) == before:
-                _noting(problems, "remote.address: ", check_free, host, 0)
-            if listens and len(problems) == before:
-                _noting(problems, "remote.port: ", check_free, host, self.port)
+        if self.graph_key is not None or not problems:
+            _noting(problems, "", self._keys, role, folder)
+        if host is not None and listens:
+            _noting(problems, "remote: ", check_free, host, self.port)
         if problems:
             raise ConfigError("\n".join(problems))
 
@@ -159,8 +147,8 @@ class RemoteSection:
                 return _keys_of(role, *LOOPBACK, folder)
             except ConfigError as error:
                 raise ConfigError(
-                    f"{error}\nend what uses a link on this machine and delete the folder {folder}:"
-                    " its keys are made anew"
+                    f"{error}\nend the runs that use a link on this machine and delete the folder "
+                    f"{folder}: its keys are made again"
                 ) from None
         if self.graph_key is not None:
             return _keys_of(role, self.graph_key, self.environment_keys, folder)
@@ -174,8 +162,8 @@ class RemoteSection:
 def loopback_keys() -> Path:
     """Return the folder with the keys for links on loopback, of this user and this session.
 
-    They are made when they are first needed, in the user's runtime folder. A run of its own could
-    not make them: the other end is started by another command, maybe first.
+    They are made when they are first needed, in the user's runtime folder. They cannot belong to
+    one run: the other end is started by another command, maybe first.
 
     Raises:
         ConfigError: If there is no such folder, or the keys in it cannot be used.
@@ -185,7 +173,7 @@ def loopback_keys() -> Path:
         raise ConfigError(
             "no private folder for the keys of a link on this machine: set XDG_RUNTIME_DIR to a "
             "folder of your own (mkdir -m 700 DIR); or write insecure: true, if every user of this "
-            "machine may feed forces to the hand"
+            "machine may command forces to the hand"
         )
     folder = runtime / "forcebound"
     graph, environments = LOOPBACK
@@ -205,7 +193,7 @@ def loopback_keys() -> Path:
 
 
 def _own_environment(environment_keys: Sequence[str], folder: Path | None) -> str:
-    """Return which of the environments this machine is."""
+    """Return the key of the environment on this machine."""
     ours = [key for key in environment_keys if keys.has_secret(key, folder)]
     if len(ours) > 1:
         raise ConfigError(
@@ -239,7 +227,7 @@ def _keys_of(
 
 
 def _noting(problems: list[str], where: str, do: Callable[..., T], *args: Any) -> T | None:
-    """Return what is asked for; None, with a problem noted, if that fails."""
+    """Return the result of a function; None, with a problem noted, if it fails."""
     try:
         return do(*args)
     except ConfigError as error:
@@ -248,7 +236,7 @@ def _noting(problems: list[str], where: str, do: Callable[..., T], *args: Any) -
 
 
 def refuse_exposure(host: Host, address: str, listens: bool, is_open: bool) -> None:
-    """Refuse to connect to no address in particular, or without keys to another machine."""
+    """Refuse to connect to a wildcard address, or without keys to another machine."""
     if host.is_wildcard and not listens:
         raise ConfigError(f"cannot connect to {address}: write an address of the other machine")
     if is_open and not host.is_loopback:

@@ -49,10 +49,10 @@ class GilbertElliott:
 
 @dataclass(frozen=True)
 class Slot:
-    """Delivery in bundles, as of a radio that gets the medium now and then.
+    """Delivery in bundles, as by a radio that gets the medium only now and then.
 
     A packet that is through after the last slot waits for a new one, ``min_delay`` to ``max_delay``
-    (uniform) later; whatever is through until then goes with it.
+    (uniform) later; all packets that are through until then go with it.
 
     Attributes:
         min_delay: Shortest time until the slot, in s.
@@ -152,7 +152,7 @@ class Impairment:
         if self.gemodel is not None and self.loss > 0.0:
             raise ConfigError("gemodel excludes loss: give one of them", field="gemodel")
         if self.reorder > 0.0 and self.delay == 0.0 and self.trace is None:
-            message = "reorder needs a delay: what goes at once overtakes what is delayed"
+            message = "reorder needs a delay: a packet that goes at once overtakes delayed ones"
             raise ConfigError(message, field="reorder")
         if self.trace_hop != LOOP and (self.trace is None or self.trace.suffix != RECORDING_SUFFIX):
             message = f"trace_hop {self.trace_hop} is a link in a recording: give trace: RUN.mcap"
@@ -181,7 +181,7 @@ class Impairment:
 
 
 def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
-    """Check the settings that say how long something takes; return the table of their file, if any.
+    """Check the settings of a delay; return the table of their file, if any.
 
     Args:
         settings: Has ``delay``, ``jitter``, ``distribution``, ``distribution_file`` and ``trace``
@@ -204,7 +204,7 @@ def check_delay(settings: Any, prefix: str = "") -> tuple[float, ...]:
         raise ConfigError(message, field=file_name)
     if trace is not None and (delay or jitter or file is not None):
         raise ConfigError(
-            f"{prefix}trace says what each delay is:"
+            f"{prefix}trace sets each delay:"
             f" give it without {prefix}delay, {prefix}jitter and {file_name}",
             field=f"{prefix}trace",
         )

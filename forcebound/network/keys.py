@@ -1,4 +1,4 @@
-"""CURVE key pairs in files; the secret ones are for their owner alone.
+"""CURVE key pairs in files; only the owner may read the secret ones.
 
 A pair ``NAME`` is two files in the key folder, in the format of ``zmq.auth`` (ZPL)::
 
@@ -8,10 +8,10 @@ A pair ``NAME`` is two files in the key folder, in the format of ``zmq.auth`` (Z
 The key folder is ``$FORCEBOUND_KEYS``, else ``$XDG_CONFIG_HOME/forcebound/keys``, else
 ``~/.config/forcebound/keys``.
 
-``zmq.auth.create_certificates`` writes secrets that everybody may read, and over those that are
-there. Here a secret file is born readable by its owner only (``O_EXCL``, mode 0600) in a folder
-that only the owner may enter, and never overwritten. As ssh does, a secret that others may read is
-refused, and so is a public key that others can replace.
+``zmq.auth.create_certificates`` alone writes secrets that everybody may read, and over existing
+files. Here it runs under umask 077 in a folder that only the owner may enter, and nothing is
+overwritten. As ssh does, a secret that others may read is refused, and so is a public key that
+others can replace.
 """
 
 import os
@@ -24,39 +24,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import zmq
+from zmq.auth import create_certificates, load_certificate
 from zmq.utils import z85
 
 from forcebound.errors import ConfigError
-from forcebound.files import open_file, reason
+from forcebound.files import reason
 
 PUBLIC = ".key"
 SECRET = ".key_secret"
 KEY_LENGTH = 40  # characters of Z85 for 32 bytes
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,38}")  # shorter than a key: never taken for one
-_ENTRY = re.compile(r'^\s*(public|secret)-key\s*=\s*"?([^"\s]*)"?\s*$')
-_MAX_FILE = 10_000  # bytes
-_PUBLIC_TEXT = """\
-#   ZeroMQ CURVE public certificate, made by forcebound
-#   For the other machine. Send it so that nobody can replace it on the way.
-
-metadata
-curve
-    public-key = "{public}"
-"""
-_SECRET_TEXT = """\
-#   ZeroMQ CURVE **secret** certificate, made by forcebound
-#   Stays on this machine, readable by its owner only.
-
-metadata
-curve
-    public-key = "{public}"
-    secret-key = "{secret}"
-"""
 
 
 @dataclass(frozen=True)
 class KeyPair:
-    """A name's two keys, each 40 characters of Z85. The secret one is never shown."""
+    """A named pair of keys, each 40 characters of Z85. The secret key is never shown."""
 
     name: str
     public: str
@@ -69,23 +51,23 @@ class KeyEntry:
 
     name: str
     public: str  # empty if it cannot be used
-    has_secret: bool  # whether this machine holds it
+    has_secret: bool  # whether this machine holds the secret
     problem: str = ""  # why the key cannot be used
-    action: str = ""  # what to do about that; empty if the problem says it
+    action: str = ""  # what to do about it; empty if the problem states it
 
 
 def check_key(key: str) -> None:
-    """Check that a text can be the name of a key, or is a public key.
+    """Check that a text is a valid name of a key, or a public key.
 
     Raises:
-        ConfigError: If it is neither. Whether there is such a key is not looked for.
+        ConfigError: If it is neither. Whether there is such a key is not checked.
     """
     if not _is_key(key):
         _check_name(key)
 
 
 def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
-    """Return where keys are kept; it need not exist.
+    """Return the folder of the keys; it need not exist.
 
     Raises:
         ConfigError: If this user has no home and names no folder.
@@ -102,10 +84,9 @@ def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
 
 def _folder(folder: Path | None) -> Path:
     folder = key_folder() if folder is None else folder
-    there = next(one for one in (folder, *folder.parents) if os.path.lexists(one))
-    if not there.is_dir():
+    if os.path.exists(folder) and not os.path.isdir(folder):
         raise ConfigError(
-            f"keys are kept in the folder {folder}, but {there} is no folder; name another in"
+            f"keys are kept in the folder {folder}, which is not a folder; name another in"
             " FORCEBOUND_KEYS, or leave it unset"
         )
     return folder
@@ -115,28 +96,27 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
     """Make a key pair and write its two files.
 
     Raises:
-        ConfigError: If the name will not do, a file is there already or cannot be written.
+        ConfigError: If the name is invalid, a file exists already or cannot be written.
     """
     folder = _folder(folder)
     _check_name(name)
-    secret_file, public_file = folder / f"{name}{SECRET}", folder / f"{name}{PUBLIC}"
-    for file in (secret_file, public_file):
+    files = (folder / f"{name}{SECRET}", folder / f"{name}{PUBLIC}")
+    for file in files:
         if os.path.lexists(file):
             raise ConfigError(f"{file} exists and is not overwritten: choose another name")
-    public, secret = (key.decode("ascii") for key in zmq.curve_keypair())
-    written: list[Path] = []
+    umask = os.umask(0o077)
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         _check_folder(folder)
-        text = _SECRET_TEXT.format(public=public, secret=secret)
-        _create(secret_file, 0o600, text, written)
-        _create(public_file, 0o644, _PUBLIC_TEXT.format(public=public), written)
+        create_certificates(folder, name)
     except OSError as error:
-        for file in written:  # no half of a pair stays
+        for file in files:  # leave no half of a pair
             with suppress(OSError):
                 file.unlink()
         raise ConfigError(f"cannot write the key {name} to {folder}: {error.strerror}") from None
-    return KeyPair(name, public, secret)
+    finally:
+        os.umask(umask)
+    return key_pair(name, folder)
 
 
 def public_key(key: str, folder: Path | None = None) -> str:
@@ -158,7 +138,7 @@ def public_key(key: str, folder: Path | None = None) -> str:
             f"made it (`forcebound keys new {key}`), or write the {KEY_LENGTH} characters of the "
             "key in place of its name"
         )
-    return _read(file)["public"]
+    return _read(file)[0]
 
 
 def key_pair(key: str, folder: Path | None = None) -> KeyPair:
@@ -181,14 +161,14 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
             f"no secret key {name!r}: looked for {file}. Make a pair with `forcebound keys new "
             f"{name}`; if it is another machine's, this end needs a pair of its own"
         )
-    keys = _read(file)
-    if "secret" not in keys:
+    public, secret = _read(file)
+    if secret is None:
         raise ConfigError(
             f"{file}: no secret-key in it; make a pair with `forcebound keys new NAME`"
         )
-    if zmq.curve_public(keys["secret"].encode("ascii")).decode("ascii") != keys["public"]:
+    if zmq.curve_public(secret.encode("ascii")).decode("ascii") != public:
         raise ConfigError(f"{file}: public-key and secret-key are not of one pair")
-    return KeyPair(name, keys["public"], keys["secret"])
+    return KeyPair(name, public, secret)
 
 
 def has_secret(key: str, folder: Path | None = None) -> bool:
@@ -200,7 +180,7 @@ def has_secret(key: str, folder: Path | None = None) -> bool:
 
 
 def list_keys(folder: Path | None = None) -> list[KeyEntry]:
-    """Return the keys of a folder by name; those that cannot be used say why."""
+    """Return the keys of a folder by name; a key that cannot be used has a ``problem``."""
     folder = _folder(folder)
     files = [*folder.glob(f"*{PUBLIC}"), *folder.glob(f"*{SECRET}")] if folder.is_dir() else []
     entries = []
@@ -217,7 +197,7 @@ def list_keys(folder: Path | None = None) -> list[KeyEntry]:
 
 def _is_key(text: str) -> bool:
     """Return whether this is a key: five characters of Z85 for each four bytes."""
-    try:  # five of its characters can say more than four bytes hold: struct.error
+    try:  # five characters can encode more than four bytes hold: struct.error
         return len(text) == KEY_LENGTH and len(z85.decode(text)) == 32
     except (KeyError, ValueError, struct.error):
         return False
@@ -236,8 +216,8 @@ def _is_there(file: Path) -> bool:
 def _check_name(name: str) -> None:
     if _NAME.fullmatch(name) is None:
         raise ConfigError(
-            f"{name!r} names no key: use 1 to 39 letters, digits, '.', '_' or '-', beginning with "
-            f"a letter, digit or '_'; or a public key, {KEY_LENGTH} characters of Z85"
+            f"{name!r} is not a valid name of a key: use 1 to 39 letters, digits, '.', '_' or '-', "
+            "not '.' or '-' first; or write a public key, 40 characters of Z85"
         )
 
 
@@ -246,45 +226,36 @@ def _check_folder(folder: Path) -> None:
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(f"{folder} belongs to another user", "choose a folder of your own")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        # A folder that others need, such as /tmp, is not to be closed to them.
-        is_shared = status.st_uid != os.geteuid() or bool(status.st_mode & stat.S_ISVTX)
-        action = f"chmod 700 {folder}"
-        if is_shared or any(file.suffix not in (PUBLIC, SECRET) for file in folder.iterdir()):
-            action = (
-                "keep them in a folder of their own, mkdir -m 700 DIR, named by FORCEBOUND_KEYS"
-            )
-        raise ConfigError(f"others can replace the keys in {folder}", action)
+        raise ConfigError(
+            f"others can replace the keys in {folder}",
+            f"chmod 700 {folder} if it is for keys only; else keep them in a folder of their own, "
+            "mkdir -m 700 DIR, named by FORCEBOUND_KEYS",
+        )
 
 
-def _create(file: Path, mode: int, text: str, written: list[Path]) -> None:
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with open(os.open(file, flags, mode), "w", encoding="ascii") as stream:
-        written.append(file)
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def _read(file: Path) -> dict[str, str]:
-    """Return the keys in a file by kind; ``public`` is always there."""
+def _read(file: Path) -> tuple[str, str | None]:
+    """Return the public and the secret key in a file; None: no secret key."""
     try:
         _check_folder(file.parent)
-        # The file that is checked is the file that is read, whatever happens to its name.
-        with open_file(file) as stream:
-            _check_file(file, os.fstat(stream.fileno()))
-            text = stream.read(_MAX_FILE).decode("utf-8", "replace")
+        _check_file(file)
+        found = load_certificate(file)
     except OSError as error:
         raise ConfigError(f"cannot read the key file {file}: {reason(error)}") from None
-    keys = {m[1]: m[2] for m in map(_ENTRY.match, text.splitlines()) if m is not None}
-    if "public" not in keys:
-        raise ConfigError(f'{file}: no line public-key = "..." in it')
-    for kind, key in keys.items():
-        if not _is_key(key):
+    except ConfigError:  # a ValueError, too
+        raise
+    except (ValueError, IndexError):  # IndexError: a line without "="
+        raise ConfigError(f'{file}: no line public-key = "..." in it') from None
+    public, secret = (None if key is None else key.decode("ascii", "replace") for key in found)
+    for kind, key in (("public", public), ("secret", secret)):
+        if key is not None and not _is_key(key):
             raise ConfigError(f"{file}: its {kind}-key is not {KEY_LENGTH} characters of Z85")
-    return keys
+    return public or "", secret
 
 
-def _check_file(file: Path, status: os.stat_result) -> None:
+def _check_file(file: Path) -> None:
+    status = file.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise ConfigError(f"{file} is not a file")
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(f"{file} belongs to another user", "use a key of your own")
     if file.suffix == SECRET and status.st_mode & 0o077:

@@ -24,9 +24,9 @@ the packet arrives, so that the answer does not depend on how often one asks.
 Newest wins
 -----------
 
-A consumer that wants the newest value (``newest_only``) gets, of the packets that are through,
-only the newest, and never one that is older than what it got before. The others are counted as
-superseded. So neither a pause of the consumer nor jitter ever brings it a stale packet.
+The receiver gets, of the packets that are through, only the newest, and never one that is older
+than what it got before. The others are counted as superseded. So neither a pause of the receiver
+nor jitter ever brings it a stale packet.
 
 Which of two packets is newer is decided by the *origin*: the device state that a packet answers
 (``device_time_ns``, ``device_seq``), or the packet itself if it answers nothing (``time_ns``,
@@ -60,7 +60,7 @@ PACKET_SIZE = 128  # bytes, about what a packet of one axis takes on the wire
 
 
 class Stamped(Protocol):
-    """What a link needs to know of a packet; answers also have ``device_seq, device_time_ns``."""
+    """The stamps of a packet; answers also have ``device_seq, device_time_ns``."""
 
     @property
     def seq(self) -> int:
@@ -92,23 +92,13 @@ def link_seed(seed: int, topic: str) -> int:
 
 
 class Link(Generic[PacketT]):
-    """One link of the graph, on its receiving side; see the page at the head of this module.
+    """One link of the graph, on its receiving side; see the head of this module.
 
     At any time ``sent + duplicated == lost + corrupted + delivered + superseded + queued``.
-
-    Attributes:
-        newest_only: Whether only the newest packet is delivered.
     """
 
-    def __init__(
-        self,
-        impairment: Impairment,
-        seed: int,
-        newest_only: bool,
-        trace: DelayTrace | None = None,
-    ) -> None:
+    def __init__(self, impairment: Impairment, seed: int, trace: DelayTrace | None = None) -> None:
         """Make an empty link; ``seed`` is at least 0, for the others see :meth:`change`."""
-        self.newest_only = newest_only
         self.sent = 0  # packets that accept got
         self.duplicated = 0
         self.lost = 0  # copies too
@@ -121,8 +111,8 @@ class Link(Generic[PacketT]):
         self._delivered_rank = _OLDEST
         self._number = 0  # of packets put on the way, for equal times
         self._first_ns: int | None = None
-        self._outages: list[tuple[int, int]] = []  # start and end, in ns since ...
-        self._outages_ns: int | None = None  # ... the first packet that met them
+        self._outages: list[tuple[int, int]] = []  # start and end, in ns since the time below
+        self._outages_ns: int | None = None  # arrival of the first packet after they were set
         self._tail_ns = 0  # when the last packet that the rate held is through
         self._delayed = 0  # packets since one went at once
         self._slot_ns, self._slot_room = -1, 0
@@ -131,7 +121,7 @@ class Link(Generic[PacketT]):
         self.change(impairment, trace)
 
     def change(self, impairment: Impairment, trace: DelayTrace | None = None) -> None:
-        """Impair packets that arrive from now on by ``impairment``; those on the way stay.
+        """Impair packets that arrive from now on; packets on the way do not change.
 
         Args:
             impairment: What the link does.
@@ -160,7 +150,7 @@ class Link(Generic[PacketT]):
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many packets had which fate."""
+        """Numbers of packets by fate."""
         return {fate: getattr(self, fate) for fate in _FATES}
 
     @property
@@ -195,25 +185,18 @@ class Link(Generic[PacketT]):
                 self.lost += 1
                 return
             time_ns += travel_ns
-        rank = self._rank(packet) if self.newest_only else _OLDEST
+        rank = self._rank(packet)
         self._number += 1
         heappush(self._queue, (time_ns, self._number, rank, packet))
 
     def due(self, time_ns: int) -> list[PacketT]:
-        """Return the packets that are through at ``time_ns``, in ns, in the order of delivery."""
+        """Return the newest packet that is through at ``time_ns``, in ns; empty if there is none.
+
+        A packet that is older than one delivered before is superseded.
+        """
         queue = self._queue
         if not queue or queue[0][0] > time_ns:
             return []
-        if self.newest_only:
-            return self._newest_due(time_ns)
-        packets = []
-        while queue and queue[0][0] <= time_ns:
-            packets.append(heappop(queue)[3])
-        self.delivered += len(packets)
-        return packets
-
-    def _newest_due(self, time_ns: int) -> list[PacketT]:
-        queue = self._queue
         _, _, newest, packet = heappop(queue)
         while queue and queue[0][0] <= time_ns:
             _, _, rank, other = heappop(queue)
@@ -228,7 +211,7 @@ class Link(Generic[PacketT]):
         return [packet]
 
     def _impair(self, time_ns: int, packet: PacketT, size: int) -> None:
-        """Take a packet through everything that netem knows."""
+        """Apply every impairment of netem to a packet."""
         fate, copy_fate = self._chances.next(), self._copy_chances.next()
         if self._is_out(time_ns):
             self.lost += 1
@@ -240,7 +223,7 @@ class Link(Generic[PacketT]):
                 return
             fate = fate._replace(delay_ns=delay_ns)
             copy_fate = copy_fate._replace(delay_ns=delay_ns)
-        rank = self._rank(packet) if self.newest_only else _OLDEST
+        rank = self._rank(packet)
         if fate.is_duplicated:
             self.duplicated += 1
         if fate.is_lost:

@@ -1,4 +1,4 @@
-"""The link between a graph and an environment on another machine: one port, and who may use it.
+"""The link between a graph and an environment on another machine: one port, and its peers.
 
 ::
 
@@ -7,12 +7,12 @@
       DEALER  ─────── PORT ──────▶ ROUTER      the environment listens
 
 The end that listens is the ROUTER, the one that connects the DEALER. With keys, they speak CURVE:
-the listener proves that it holds the secret of the key that the other end expects, the other end
-that it holds one of those that the listener allows. Without keys, only addresses that no other
-machine can reach are accepted, unless ``insecure`` is set.
+the listener proves that it holds the secret of the key that the other end expects, and the other
+end that it holds one of the keys that the listener allows. Without keys, only addresses that no
+other machine can reach are accepted, unless ``insecure`` is set.
 
-Everything runs in the loop of the process; no thread. The loop waits for
-:attr:`RemoteLink.descriptors` too, and calls :meth:`RemoteLink.watch` when one is readable or
+Everything runs in the loop of the process; no thread. The loop also waits for
+:attr:`RemoteLink.descriptors`, and calls :meth:`RemoteLink.watch` when one is readable or
 :attr:`RemoteLink.due_ns` has come.
 """
 
@@ -21,17 +21,15 @@ from typing import Any
 import zmq
 
 from forcebound.errors import ConfigError
-from forcebound.network import limits
 from forcebound.network.addresses import resolve
 from forcebound.network.channel import Channel
 from forcebound.network.connector import Connector
-from forcebound.network.descriptors import most_connections
 from forcebound.network.ends import RemoteEnd, refuse_exposure
 from forcebound.network.listener import Listener
 from forcebound.network.monitor import Monitor
 from forcebound.network.notices import Notice, NoticeLimit
 from forcebound.network.sockets import Guard, Network
-from forcebound.network.zap import ALLOWED, ENDPOINT, FULL, Verdict, ZapHandler
+from forcebound.network.zap import ENDPOINT, Verdict, ZapHandler
 
 EVENT_LIMIT = 200  # events handled in one call of watch; about 2 ms
 LOOK_NS = 1_000_000_000  # watch is due this often: to greet, and in case a descriptor stayed silent
@@ -39,41 +37,40 @@ _DOMAIN = "remote"  # of the authenticator
 
 
 class RemoteLink:
-    """The socket of one end, and who is at the other.
+    """The socket of one end, and its peers.
 
     Args:
         network: Where it is opened and, at the latest, closed.
         end: Which end this is.
-        newest_only: Whether only the newest packet of a peer counts; else all are given, as for a
-            link with an impairment.
 
     Attributes:
-        send: Sends a packet to who is there: queries of a graph, replies of an environment.
-        channel: What comes, and from whom. To be asked whether something is pending before its
-            descriptor is waited for.
+        send: Sends a packet to every peer: queries of a graph, replies of an environment.
+        channel: Packets that come, and their sources. Ask whether something is pending before you
+            wait for its descriptor.
         descriptors: To wait for, besides that of ``channel``; edge-triggered.
 
     Raises:
-        ConfigError: If an address cannot be found, used or, without keys, left to others.
+        ConfigError: If an address cannot be found or used, or is open to others without keys.
     """
 
-    def __init__(self, network: Network, end: RemoteEnd, newest_only: bool = True) -> None:
+    def __init__(self, network: Network, end: RemoteEnd) -> None:
         host = resolve(end.address)
         refuse_exposure(host, end.address, end.listens, end.key is None and not end.insecure)
         self.end = end
-        self._due_ns = self._looked_ns = 0
+        self._due_ns = 0
         keys = "without keys" if end.key is None else f"with the key {end.key.name}"
-        where = {"address": end.address, "port": str(end.port), "keys": keys}
-        self._first = [Notice("listening" if end.listens else "connecting", where)]
+        verb = "listening at" if end.listens else "connecting to"
+        sentence = f"{verb} {end.address} port {end.port}, {keys}"
+        data = {"address": end.address, "port": str(end.port), "keys": keys}
+        self._first = [Notice("opened", sentence, data)]
         self._limit = NoticeLimit()
         self._network = network
         self._sockets: list[zmq.Socket[bytes]] = []
         self._handler: ZapHandler | None = None
         self.descriptors: list[int] = []
         endpoint = f"tcp://{host.numeric}:{end.port}"
-        most = most_connections()  # before others may take all descriptors
         try:
-            if end.listens:
+            if end.listens:  # the authenticator comes first: else a peer could connect before it
                 self._open_handler()
             socket, monitor = self._open(endpoint)
         except ConfigError:
@@ -81,26 +78,24 @@ class RemoteLink:
             raise
         self._peer: Listener | Connector
         if end.listens:
-            self._peer = Listener(monitor, end.peers, most)
+            self._peer = Listener(monitor, end.peers)
         else:
-            own = ("", "") if end.key is None else (end.key.name, end.key.public)
-            key, name = next(iter(end.peers.items()), ("", ""))
-            self._peer = Connector(socket, endpoint, monitor, own, (name, key))
-        self.channel = Channel(socket, newest_only)
+            self._peer = Connector(socket, endpoint, monitor, end)
+        self.channel = Channel(socket)
         self.send = self.channel.send
 
     @property
     def connected(self) -> bool:
-        """Whether somebody is there."""
+        """Whether a peer is there."""
         return self._peer.established > 0
 
     @property
     def due_ns(self) -> int:
-        """When :meth:`watch` wants to be called at the latest, on the clock that it is given."""
+        """When :meth:`watch` should be called at the latest, on the clock that it is given."""
         return 0 if self.channel.greetings else self._due_ns
 
     def status(self) -> dict[str, Any]:
-        """Return how the link is doing, as a map of plain values."""
+        """Return the state of the link, as a map of plain values."""
         return {
             "listens": self.end.listens,
             "address": self.end.address,
@@ -109,12 +104,11 @@ class RemoteLink:
             "connected": self.connected,
             "peers": self._peer.peers,
             "connections": self._peer.connections,
-            "superseded": self.channel.superseded,
             "counts": dict(self._limit.counts),  # by kind, also of notices that were not reported
         }
 
     def watch(self, time_ns: int) -> list[Notice]:
-        """Answer who asks to come in, connect again where it is needed, report what happened.
+        """Admit or refuse peers, connect again where it is needed, report what happened.
 
         Never waits and never raises. Of each kind of notice, the first few in ten seconds are
         returned, then how many more there were.
@@ -129,22 +123,12 @@ class RemoteLink:
                 due.append(time_ns)
             notices += self._peer.take(time_ns, EVENT_LIMIT)
             notices += self._peer.greet(self.channel)
-            if self._peer.connections:
-                due.append(self._look(time_ns, notices))
             if self._peer.due_ns is not None:
                 due.append(self._peer.due_ns)
         except (zmq.ZMQError, OSError) as error:  # none is known; the loop must go on in any case
-            notices.append(Notice("socket_error", {"error": str(error)}))
+            notices.append(Notice("handshake_failed", f"a socket of the remote link: {error}"))
         self._due_ns = min(due)
         return self._limit.admit(time_ns, notices)
-
-    def _look(self, time_ns: int, notices: list[Notice]) -> int:
-        """Look for messages without an end; return when to look again, in ns."""
-        if time_ns - self._looked_ns >= limits.UNFINISHED_LOOK_NS:
-            self._looked_ns = time_ns
-            notices += self._peer.look(time_ns, EVENT_LIMIT, self.channel.heard)
-            self.channel.heard.clear()
-        return self._looked_ns + limits.UNFINISHED_LOOK_NS
 
     def close(self) -> None:
         """Close the sockets; the network closes them, too."""
@@ -154,10 +138,9 @@ class RemoteLink:
         self._sockets.clear()
 
     def _open_handler(self) -> None:
-        """Let nobody listen before the one who decides who comes in."""
         socket = self._network.reply_socket(ENDPOINT)
         self._sockets.append(socket)
-        self._handler = ZapHandler(socket, self.end.peers, self._has_room)
+        self._handler = ZapHandler(socket, self.end.peers)
         self.descriptors.append(self._handler.descriptor)
 
     def _open(self, endpoint: str) -> "tuple[zmq.Socket[bytes], Monitor]":
@@ -171,22 +154,26 @@ class RemoteLink:
         self.descriptors.append(monitor.descriptor)
         return socket, monitor
 
-    def _has_room(self) -> bool:
-        return self._peer.established < limits.MAX_PEERS
-
     def _serve(self, handler: ZapHandler, notices: list[Notice]) -> bool:
-        """Decide about those who wait; return whether more may wait."""
+        """Decide about the peers that wait; return whether more may wait."""
         for _ in range(EVENT_LIMIT):
             verdict = handler.serve_one()
             if verdict is None:
                 return False
-            if verdict.status != ALLOWED:
+            if not verdict.is_allowed:
                 notices.append(self._refusal(verdict))
         return True
 
     def _refusal(self, verdict: Verdict) -> Notice:
-        data = {"address": verdict.address, "key": verdict.key, "name": verdict.name}
-        if verdict.status == FULL:
-            return Notice("full", data)
-        data["list"] = "environment_keys" if self.end.role == "graph" else "graph_key"
-        return Notice("unknown_key" if verdict.key else "no_key", data)
+        address, key = verdict.address, verdict.key
+        if not key:
+            cause = "it uses another security than this end"
+        else:
+            names = "environment_keys" if self.end.role == "graph" else "graph_key"
+            cause = (
+                f"its key {key} is not in the list of allowed keys; to admit it, name it under "
+                f"{names} in the launch file"
+            )
+        return Notice(
+            "refused_here", f"refused {address}: {cause}", {"address": address, "key": key}
+        )

@@ -5,12 +5,12 @@ libzmq 4.3.5) and what is done:
 
 1. Options work only if set before connect or bind: every one is set before.
 2. The default LINGER hangs at exit, and IMMEDIATE 0 queues for a peer that is not there: LINGER 0,
-   IMMEDIATE 1. Only a farewell (the last telemetry) lingers, and for a bounded time; and at a SUB,
-   IMMEDIATE 1 would drop what has arrived but was not received when the sender leaves.
+   IMMEDIATE 1. Only a PUB lingers (the last telemetry), and for a bounded time; and at a SUB,
+   IMMEDIATE 1 would drop messages that have arrived but were not received when the sender leaves.
 3. IPv6 is off by default and then ``[::1]`` fails silently: on.
 4. A peer may send a frame of any size: MAXMSGSIZE. libzmq then ends the connection, and an end that
-   *connected* does not try again: on ipc the stream is silent until this process starts anew, which
-   the device answers with zero force; on tcp :mod:`forcebound.network.remote` connects again.
+   *connected* does not try again: on ipc the stream is silent until this process restarts, and the
+   device's force is zero; on tcp :mod:`forcebound.network.remote` connects again.
 5. A peer that connects and sends nothing holds the socket for 30 s: HANDSHAKE_IVL.
 6. ``bind`` to an ``ipc`` path steals it from a live listener without an error: asked first.
 7. An empty ``recv(DONTWAIT)`` raises, which costs more than asking for EVENTS first.
@@ -38,6 +38,7 @@ import zmq
 from zmq.backend import Socket as _CompiledSocket
 
 from forcebound.errors import ConfigError
+from forcebound.messages.control import Request
 from forcebound.network.control import ControlClient, ControlServer
 from forcebound.network.keys import KeyPair
 from forcebound.network.limits import (
@@ -66,7 +67,6 @@ MONITORED = (
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
-_COARSE_NS = 100_000_000  # a wait of at least this may end a millisecond late
 IPC_PATH_LIMIT = 107  # characters, sun_path of <sys/un.h> without its final 0
 
 ADVICE = {
@@ -83,9 +83,9 @@ ADVICE = {
 
 @dataclass(frozen=True)
 class Guard:
-    """How a socket makes sure of its peer."""
+    """How a socket verifies its peer."""
 
-    domain: str = ""  # what :mod:`forcebound.network.zap` is asked about; empty: we connect
+    domain: str = ""  # of :mod:`forcebound.network.zap`; empty: this end connects
     key: KeyPair | None = None  # ours; None: no CURVE
     listener_key: str = ""  # its public key, at the end that connects with CURVE
 
@@ -111,7 +111,7 @@ def make_socket(
         kind: One of zmq's socket types; a ``zmq.SUB`` gets everything.
         endpoint: ``ipc://PATH``, ``tcp://HOST:PORT`` or ``inproc://NAME``.
         bind: Whether this end binds.
-        guard: Who may be at the other end; None: who can reach the endpoint.
+        guard: Which peers are admitted; None: every one that can reach the endpoint.
         monitor: ``inproc`` endpoint at which the socket reports its events; empty: none. Its
             reader must have no limit on its queue, and stop the monitor before it leaves.
 
@@ -162,7 +162,7 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
             zmq.SNDHWM: TCP_SEND_QUEUE,
             zmq.RCVHWM: TCP_RECEIVE_QUEUE,
         }
-    if kind == zmq.PUB:  # who looks on may be late, however it is connected
+    if kind == zmq.PUB:  # an onlooker may be late, however it is connected
         options[zmq.SNDHWM] = QUEUE_LIMIT
     if kind == zmq.REP:  # requests wait at their senders while the process has other work
         options[zmq.RCVHWM] = REQUEST_QUEUE
@@ -174,14 +174,14 @@ def _options(kind: int, endpoint: str) -> dict[int, int]:
 
 
 class Publisher:
-    """One stream out; never blocks, and drops what nobody takes."""
+    """One stream out; never blocks, and drops packets that no subscriber takes."""
 
     def __init__(self, socket: "zmq.Socket[bytes]") -> None:
         self._socket = socket
 
     @property
     def send(self) -> Callable[[bytes], Any]:
-        """Function that sends one packet to all who are there; keep it if you send often."""
+        """Function that sends one packet to all subscribers; keep it if you send often."""
         # The compiled method itself: pyzmq's Python one around it serves features not used here.
         return partial(_CompiledSocket.send, self._socket)
 
@@ -194,34 +194,34 @@ class Network:
     """The sockets of one process; leaving the ``with`` block closes them all.
 
     Args:
-        farewell_ms: How long, in ms, the last packets may take to leave when it is closed.
+        linger_ms: How long, in ms, the last packets may take to leave when it is closed.
     """
 
-    def __init__(self, farewell_ms: int = 200) -> None:
+    def __init__(self, linger_ms: int = 200) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._farewell_ms = farewell_ms
+        self._linger_ms = linger_ms
         self._sockets: list[zmq.Socket[bytes]] = []
         self._monitored: set[zmq.Socket[bytes]] = set()
         self._names = 0
 
-    def publisher(self, endpoint: str, *, bind: bool = True) -> Publisher:
+    def publisher(self, endpoint: str) -> Publisher:
         """Open one stream out; see :func:`make_socket` for errors."""
-        return Publisher(self._open(zmq.PUB, endpoint, bind=bind))
+        return Publisher(self._open(zmq.PUB, endpoint, bind=True))
 
-    def subscriber(self, *endpoints: str, newest_only: bool, bind: bool = False) -> Subscriber:
+    def subscriber(self, *endpoints: str) -> Subscriber:
         """Open one socket for one or more streams in; see :func:`make_socket` for errors."""
         first, *others = endpoints
-        socket = self._open(zmq.SUB, first, bind=bind)
+        socket = self._open(zmq.SUB, first, bind=False)
         for endpoint in others:
             socket.connect(endpoint)
-        return Subscriber(socket, newest_only)
+        return Subscriber(socket)
 
-    def control_server(self, endpoint: str) -> ControlServer:
-        """Open the place where this process answers requests."""
-        return ControlServer(self._open(zmq.REP, endpoint, bind=True))
+    def control_server(self, endpoint: str, requests: Sequence[type[Request]]) -> ControlServer:
+        """Open the socket on which this process answers requests of these classes."""
+        return ControlServer(self._open(zmq.REP, endpoint, bind=True), requests)
 
     def control_client(self, endpoint: str) -> ControlClient:
-        """Open a line to another process's :meth:`control_server`."""
+        """Open a socket that sends requests to another process's :meth:`control_server`."""
         return ControlClient(self._open(zmq.REQ, endpoint, bind=False))
 
     def guarded(
@@ -244,19 +244,19 @@ class Network:
         return self._open(zmq.REP, endpoint, bind=True)
 
     def release(self, released: "Sequence[zmq.Socket[bytes]]") -> None:
-        """Close some sockets before the others; those that were closed already do no harm."""
+        """Close some sockets before the others; a socket may be closed already."""
         # Without its reader, a monitor would stop the input and output thread.
         for socket in self._monitored & set(released):
             socket.disable_monitor()
         self._monitored -= set(released)
         for socket in released:
-            socket.close(linger=self._farewell_ms if socket.type == zmq.PUB else 0)
+            socket.close(linger=self._linger_ms if socket.type == zmq.PUB else 0)
         self._sockets = [socket for socket in self._sockets if socket not in released]
 
     def close(self) -> None:
-        """Close all sockets; returns within ``farewell_ms``."""
+        """Close all sockets; returns within ``linger_ms``."""
         self.release(self._sockets)
-        self._context.destroy(linger=0)  # term would wait for a socket that somebody left open
+        self._context.destroy(linger=0)  # term would wait for a socket that was left open
 
     def __enter__(self) -> Self:
         return self
@@ -268,30 +268,6 @@ class Network:
         socket = make_socket(self._context, kind, endpoint, **options)
         self._sockets.append(socket)
         return socket
-
-
-class Waiter:
-    """Waits for the same descriptors again and again; see :func:`wait`. Closed by ``with``."""
-
-    def __init__(self, descriptors: Sequence[int]) -> None:
-        self._epoll = select.epoll(len(descriptors))
-        for descriptor in descriptors:
-            self._epoll.register(descriptor, select.EPOLLIN)
-        self._alone = (self._epoll.fileno(),)
-
-    def wait(self, timeout_ns: int) -> list[int]:
-        """Do as :func:`wait`."""
-        # epoll counts in milliseconds, select in microseconds; and an epoll is a descriptor.
-        if timeout_ns < _COARSE_NS:
-            select.select(self._alone, (), (), max(timeout_ns, 0) * 1e-9)
-            timeout_ns = 0
-        return [descriptor for descriptor, _ in self._epoll.poll(timeout_ns * 1e-9)]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._epoll.close()
 
 
 def wait(descriptors: Sequence[int], timeout_ns: int) -> list[int]:
@@ -319,7 +295,7 @@ def _set_guard(socket: "zmq.Socket[bytes]", guard: Guard) -> None:
 
 
 def _refuse_to_steal(endpoint: str) -> None:
-    """Raise if somebody listens at this ipc path, or if it is too long."""
+    """Raise if a process listens at this ipc path, or if it is too long."""
     if not endpoint.startswith("ipc://"):
         return
     path = endpoint.removeprefix("ipc://")

@@ -80,7 +80,7 @@ class DelayTrace:
 
 
 def check_output(file: Path) -> None:
-    """Try before the work begins whether a trace can be written to a file.
+    """Check before the work begins that a trace can be written to a file.
 
     Raises:
         ConfigError: If it cannot be written, or holds something else than a trace, which would be
@@ -96,11 +96,11 @@ def check_output(file: Path) -> None:
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {reason(error)}") from error
     if not is_trace:
-        raise ConfigError(f"{file} exists and is no trace: choose another name")
+        raise ConfigError(f"{file} exists and is not a trace: choose another name")
 
 
 def read_csv(file: Path) -> DelayTrace:
-    """Return the trace that a CSV file holds; see the head of this module.
+    """Return the trace in a CSV file; see the head of this module.
 
     Raises:
         ConfigError: If the file cannot be read or is no such trace; names the line.

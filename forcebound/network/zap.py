@@ -1,13 +1,16 @@
-"""The authenticator of ZeroMQ (ZAP, RFC 27), which decides who may connect; no thread.
+"""The authenticator of ZeroMQ (ZAP, RFC 27): decides which peers may connect; no thread.
 
 libzmq asks it about each peer of a socket that has a ZAP domain, after the peer has proved that it
-holds the secret of its key, and before any message passes. Nobody answers for it: with
-``ZAP_ENFORCE_DOMAIN=1``, no handler means that nobody comes in. Everything that is not explicitly
-allowed is refused. Status 400 and 500 reach the refused peer, whose monitor shows them; 300 would
-leave it waiting for its handshake to time out.
+holds the secret of its key, and before any message passes. With ``ZAP_ENFORCE_DOMAIN=1``, a peer
+about which nothing answers is refused, and so is every peer that is not explicitly allowed. Status
+400 reaches the refused peer, whose monitor shows it; 300 would leave it waiting for its handshake
+to time out.
+
+Not ``zmq.auth.Authenticator``: its handler is a coroutine, it opens its own socket, and it reports
+the address and key of a refused peer only to its log.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -15,16 +18,14 @@ import zmq
 from zmq.utils import z85
 
 ENDPOINT = "inproc://zeromq.zap.01"
-ALLOWED, REFUSED, FULL = "200", "400", "500"
 
 
 class Verdict(NamedTuple):
-    """What was decided about one peer."""
+    """The decision about one peer."""
 
     address: str  # without its port
     key: str  # its public key in Z85; empty without CURVE
-    name: str  # of the key, if it is known
-    status: str  # ALLOWED, REFUSED or FULL
+    is_allowed: bool
 
 
 class ZapHandler:
@@ -32,20 +33,13 @@ class ZapHandler:
 
     Args:
         socket: REP, bound to :data:`ENDPOINT`.
-        allowed: Names by public key (Z85), and peers without CURVE are refused; empty: everybody
-            may come who uses no CURVE.
-        has_room: Whether the port takes one more peer.
+        allowed: Names by public key (Z85), and peers without CURVE are refused. Empty: every peer
+            without CURVE is allowed.
     """
 
-    def __init__(
-        self,
-        socket: "zmq.Socket[bytes]",
-        allowed: Mapping[str, str],
-        has_room: Callable[[], bool],
-    ) -> None:
+    def __init__(self, socket: "zmq.Socket[bytes]", allowed: Mapping[str, str]) -> None:
         self._socket = socket
-        self._allowed = dict(allowed)
-        self._has_room = has_room
+        self._allowed = allowed
         self.descriptor = int(socket.FD)
 
     def close(self) -> None:
@@ -54,21 +48,16 @@ class ZapHandler:
             self._socket.unbind(ENDPOINT)
 
     def serve_one(self) -> Verdict | None:
-        """Decide about one peer; None if nobody waits."""
+        """Decide about one peer; None if no peer waits."""
         try:
             frames = self._socket.recv_multipart(zmq.DONTWAIT)
         except zmq.Again:
             return None
-        version, request, _, address, _, mechanism, *credentials = (*frames, *[b""] * 6)[
-            : max(len(frames), 6)
-        ]
-        key = ""
-        if mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32:
-            key = z85.encode(credentials[0]).decode("ascii")
-        may = key in self._allowed if self._allowed else mechanism == b"NULL"
-        may = may and version == b"1.0"
-        status = REFUSED if not may else ALLOWED if self._has_room() else FULL
-        reply = [b"1.0", request, status.encode(), b"", key.encode() if may else b"", b""]
-        self._socket.send_multipart(reply, zmq.DONTWAIT)
-        peer = address.decode("ascii", "replace").removeprefix("::ffff:")
-        return Verdict(peer, key, self._allowed.get(key, ""), status)
+        version, request, _, address, _, mechanism, *credentials = frames
+        key = z85.encode(credentials[0]).decode("ascii") if mechanism == b"CURVE" else ""
+        is_allowed = key in self._allowed if self._allowed else mechanism == b"NULL"
+        is_allowed = is_allowed and version == b"1.0"
+        user = key.encode() if is_allowed else b""
+        status = b"200" if is_allowed else b"400"
+        self._socket.send_multipart([b"1.0", request, status, b"", user, b""], zmq.DONTWAIT)
+        return Verdict(address.decode("ascii").removeprefix("::ffff:"), key, is_allowed)

@@ -70,7 +70,7 @@ class Inbox:
         """Receive from the processes of this machine."""
         endpoints = [topic_endpoint(run_dir, topic) for topic in self.received]
         if endpoints:
-            self._local = network.subscriber(*endpoints, newest_only=False)
+            self._local = network.subscriber(*endpoints)
 
     def listen_remotely(
         self, expected: type[Packet], channel: Channel, forward: Callable[[bytes], Any]
@@ -85,7 +85,6 @@ class Inbox:
         self._remote_expected = expected
         self._remote = channel
         self._forward = forward
-        channel.newest_only = not self._links
 
     @property
     def is_impaired(self) -> bool:
@@ -99,8 +98,6 @@ class Inbox:
     def set_link(self, topic: str, link: Link[Packet]) -> None:
         """Impair a link that was perfect."""
         self._links[TOPICS[topic].packet] = link
-        if self._remote is not None:
-            self._remote.newest_only = False
 
     def link_counts(self) -> dict[str, dict[str, int]]:
         """Return the counts of packets by fate on each impaired link, by topic."""

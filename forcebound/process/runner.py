@@ -17,20 +17,33 @@ Strategy:
 4. When the loop ends, the servo first writes zero force, whether the cause is a stop request, a
    signal, the end of the launcher or a programming error.
 
-Each process answers on a control socket between two steps: ``{"request": "status"}``,
-``{"request": "engage"}``, ``{"request": "configure", ...}``, ``{"request": "stop"}``. It
-publishes faults and changes as events.
+Each process answers requests (:mod:`forcebound.messages.control`) between two steps, and publishes
+faults and changes as events.
 """
 
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from forcebound import realtime
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import encode, encode_unchecked
+from forcebound.messages.control import (
+    OF_NODES,
+    Accepted,
+    Answer,
+    Configure,
+    GetStatus,
+    NodeStatus,
+    Parameters,
+    Refused,
+    RemoteStatus,
+    Request,
+    StopProcess,
+)
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Event, Packet
 from forcebound.network import sockets
 from forcebound.network.ends import RemoteEnd
@@ -46,11 +59,11 @@ from forcebound.process.endpoints import (
     topic_endpoint,
 )
 from forcebound.process.inbox import LONGEST_WAIT_NS, Inbox
-from forcebound.process.readiness import readiness
 from forcebound.process.stop import Stop
+from forcebound.processes import Fact
 
 COMPLAINT_INTERVAL_NS = 1_000_000_000  # between two events about rejected packets
-FAREWELL_STEPS = 4  # until the last telemetry, with zero force, is sent
+FINAL_STEPS = 4  # until the last telemetry, with zero force, is sent
 
 _logger = logging.getLogger(__name__)
 
@@ -82,7 +95,7 @@ class Runner:
         links: Mapping[str, Link[Packet]],
         network: Network,
         spin_ns: int = 0,
-        configure: "Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None" = None,
+        configure: "Callable[[Runner, Configure], Parameters] | None" = None,
         remote: RemoteLink | None = None,
     ) -> None:
         self._node = node
@@ -102,34 +115,32 @@ class Runner:
             self._inbox.listen(network, run_dir)
         if remote is not None:
             self._connect_remote(remote)
-        self._control = network.control_server(control_endpoint(run_dir, name))
+        requests = (*OF_NODES, *node.requests)
+        self._control = network.control_server(control_endpoint(run_dir, name), requests)
         self._look_ns = 0  # next poll of the control socket and of the remote link
         self._stop_requested = False
-        self._facts: Sequence[realtime.Fact] = ()
+        self._facts: Sequence[Fact] = ()
         self.steps = 0
         self._next_complaint_ns = 0
 
-    def run(
-        self, stop: Stop, facts: Sequence[realtime.Fact] = (), engages_itself: bool = False
-    ) -> None:
+    def run(self, stop: Stop, facts: Sequence[Fact] = ()) -> None:
         """Step the node until ``stop`` is requested; then force zero and the last telemetry.
 
         Args:
             stop: Ends the loop.
-            facts: What the status answers under ``realtime``.
-            engages_itself: Whether a servo engages when it is ready, rather than on request.
+            facts: Of the status, ``realtime``.
         """
         self._facts = facts
         try:
             if self._node.wakes_on_arrival:
                 self._run_on_arrival(stop)
             else:
-                self._run_on_schedule(stop, engages_itself)
+                self._run_on_schedule(stop)
         finally:
             self._node.stop(time.monotonic_ns())
         self._emit_last_events()
         if not self._node.wakes_on_arrival:
-            for _ in range(FAREWELL_STEPS):
+            for _ in range(FINAL_STEPS):
                 self.turn(realtime.wait_until(self._node.wake_ns or 0, 0))
 
     def emit(
@@ -181,21 +192,18 @@ class Runner:
                 event = f"remote_{notice.kind}"
                 self.emit(event, notice.message, notice.data, is_fault=notice.is_problem)
 
-    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the answer to one request of the control socket."""
-        wanted = request.get("request")
-        if wanted == "status":
-            return self.status()
-        if wanted == "configure" and self._configure is not None:
-            return self._change(request)
-        if wanted == "stop":
-            self._stop_requested = True
-            return {"stopping": True}
-        answer = self._node.handle(request)
-        if answer is None:
-            known = ", ".join(("status", "stop", "configure", *self._node.requests))
-            return {"error": f"unknown request {wanted!r}; known: {known}"}
-        return answer
+    def answer(self, request: Request) -> Answer:
+        """Return the answer to a request of the control socket."""
+        match request:
+            case GetStatus():
+                return self.status()
+            case StopProcess():
+                self._stop_requested = True
+                return Accepted()
+            case Configure():
+                return self._change(request)
+            case _:
+                return self._node.handle(request)
 
     @property
     def nodes(self) -> tuple[Node, ...]:
@@ -231,35 +239,30 @@ class Runner:
         forward = self._network.publisher(endpoint).send
         self._inbox.listen_remotely(came, remote.channel, forward)
 
-    def _change(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        assert self._configure is not None
+    def _change(self, request: Configure) -> Answer:
         try:
-            changed = self._configure(self, request)
+            changed = {} if self._configure is None else self._configure(self, request)
         except ConfigError as error:
-            return {"error": str(error)}
+            return Refused(str(error))
         if changed:
             values = {name: str(value) for name, value in changed.items()}
             changes = ", ".join(f"{name} = {value}" for name, value in values.items())
             self.emit(PARAMETERS_SET, f"changed: {changes}", values)
-        return {"configured": True}
+        return Accepted()
 
-    def status(self) -> dict[str, Any]:
-        """Return how the process is doing, as a map of plain values.
-
-        ``ready``: one packet has come on each stream; ``waiting_for``: topics on which none has.
-        ``received``: counts by topic. The node adds its own (:meth:`forcebound.nodes.Node.status`).
-        """
-        return {
-            **readiness(self._inbox.received),
-            **self._node.status(),
-            "steps": self.steps,
-            "links": self._inbox.link_counts(),
-            "remote": None if self._remote is None else self._remote.status(),
-            "realtime": [{"code": fact.code, "data": dict(fact.data)} for fact in self._facts],
-        }
+    def status(self) -> NodeStatus:
+        """Return how the process is doing."""
+        status = self._node.status()
+        status.received = dict(self._inbox.received)
+        status.steps = self.steps
+        status.links = self._inbox.link_counts()
+        if self._remote is not None:
+            status.remote = msgspec.convert(self._remote.status(), RemoteStatus)
+        status.realtime = list(self._facts)
+        return status
 
     def _emit_last_events(self) -> None:
-        """Publish what the recording is to have of the run: of the links and of the node."""
+        """Publish the last events of the run: counts of the links, and events of the node."""
         now_ns = time.monotonic_ns()
         counted = self._inbox.link_counts().items()
         events = [self._node.events.link_counts(now_ns, *link) for link in counted]
@@ -270,19 +273,16 @@ class Runner:
         while not (stop.requested or self._stop_requested):
             self.wait(stop.descriptor)
 
-    def _run_on_schedule(self, stop: Stop, engages_itself: bool) -> None:
+    def _run_on_schedule(self, stop: Stop) -> None:
         while not (stop.requested or self._stop_requested):
             self.turn(realtime.wait_until(self._node.wake_ns or 0, self._spin_ns))
-            if engages_itself and self.status()["ready"]:
-                self.answer({"request": "engage"})
-                engages_itself = False
 
     def _reject(self, reason: str, why: str) -> None:
         self._node.reject(reason)
         time_ns = time.monotonic_ns()
         if time_ns >= self._next_complaint_ns:
             self._next_complaint_ns = time_ns + COMPLAINT_INTERVAL_NS
-            rejected = self._node.status()["rejected"]
+            rejected = self._node.status().rejected
             data = {name: str(count) for name, count in rejected.items()}
             counts = ", ".join(f"{count} {name}" for name, count in data.items())
             message = f"rejected packets so far: {counts}; the last: {why}"
@@ -296,10 +296,9 @@ def run(
     links: Mapping[str, Link[Packet]],
     settings: realtime.Settings,
     stop: Stop,
-    engages_itself: bool = False,
-    configure: Callable[[Runner, Mapping[str, Any]], Mapping[str, Any]] | None = None,
+    configure: Callable[[Runner, Configure], Parameters] | None = None,
     remote_end: RemoteEnd | None = None,
-) -> dict[str, Any]:
+) -> NodeStatus:
     """Run a node until a stop request, and close it; return its last status.
 
     Args:
@@ -309,7 +308,6 @@ def run(
         links: Impaired links by topic; a topic that is not here has a perfect link.
         settings: How punctual to be.
         stop: Ends the loop.
-        engages_itself: Whether a servo engages when it is ready, rather than on request.
         configure: See :class:`Runner`.
         remote_end: This end of the link to another machine.
 
@@ -323,7 +321,7 @@ def run(
             end = None if remote_end is None else RemoteLink(network, remote_end)
             runner = Runner(node, name, run_dir, links, network, settings.spin_ns, configure, end)
             realtime.freeze_garbage()
-            runner.run(stop, facts, engages_itself)
+            runner.run(stop, facts)
             return runner.status()
     finally:
         node.close()

@@ -21,9 +21,10 @@ from typing import Any, cast
 from forcebound.bounding import LAWS
 from forcebound.config.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
 from forcebound.config.loader import from_document
+from forcebound.config.names import ParameterName
 from forcebound.config.parts import law_of
 from forcebound.config.problems import unknown
-from forcebound.config.resolved import restore
+from forcebound.config.resolved import made, restore
 from forcebound.config.tree import scalar
 from forcebound.errors import ConfigError
 from forcebound.files import content_of
@@ -33,7 +34,6 @@ from forcebound.operators.grip import SoftGrip
 from forcebound.operators.recorded_path import began
 from forcebound.recording import Recording
 
-FEEDS = ("hand", "network", "environment")
 _GRIP = tuple(field.name for field in dataclasses.fields(SoftGrip))
 _COMPUTATION = tuple(name for name in BESIDE_MODEL if name.startswith("compute_"))
 
@@ -88,7 +88,8 @@ def device_of(recording: Recording, settings: Sequence[str] = ()) -> DeviceConfi
     document["links"] = {}  # of no concern here, and of what an earlier version could do with them
     _check_code(recording, document, named, ("device",))
     with content_of(recording.path):
-        return restore(document, {"device"}).device
+        device = restore(document).device
+        return dataclasses.replace(device, model=made("device", device.model))
 
 
 def duration_of(recording: Recording, config: GraphConfig) -> float:
@@ -150,16 +151,12 @@ def _set(document: dict[str, Any], setting: str) -> str:
     elif name in KINDS:
         document[name] = _kept(document, name) | {"kind": KINDS[name].resolve(text, Path())}
     else:
-        *path, last = name.split(".")
+        place = ParameterName.parse(name)
         known = [*KINDS, "links", "realtime"]
-        if not path or path[0] not in known:
+        if not place.entry or place.section not in known:
             names = ["law", *KINDS, *(f"{section}.KEY" for section in known)]
             raise ConfigError(unknown("setting", name, names))
-        section = document
-        for step in path:
-            section[step] = dict(section.get(step) or {})
-            section = section[step]
-        section[last] = scalar(text)
+        place.put(document, scalar(text))
     return name
 
 

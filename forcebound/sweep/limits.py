@@ -67,30 +67,6 @@ def diolaiti(
     return min(by_delay, encoder(friction, resolution))
 
 
-def passive_damping(stiffness: float, period: float, delay: int, points: int = 4096) -> float:
-    r"""Return the smallest damping for which a late elastic wall is passive, in N s/m.
-
-    .. math:: b > \frac{T}{2} \frac{1}{1 - \cos \omega T}
-              \Re \{ (1 - e^{-j \omega T}) H(e^{j \omega T}) \}, \quad 0 < \omega \le \pi / T
-
-    with :math:`H(z) = K z^{-d}`, evaluated on a grid of ω.
-
-    Args:
-        stiffness: K, in N/m.
-        period: T, in s.
-        delay: d, in samples.
-        points: Number of points of the grid.
-
-    Source: Colgate and Schenkel 1997, Eq. 1 of the theorem.
-    """
-    worst = -math.inf
-    for point in range(1, points + 1):
-        angle = math.pi * point / points
-        real = math.cos(delay * angle) - math.cos((delay + 1) * angle)
-        worst = max(worst, 0.5 * period * stiffness * real / (1.0 - math.cos(angle)))
-    return worst
-
-
 def limit_of(row: Mapping[str, Any], name: str) -> float:
     """Return a limit for the case of a row, in N/m.
 

@@ -15,7 +15,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from forcebound.bounding import LAWS
 from forcebound.config.document import MAX_BYTES, find
-from forcebound.config.fields import Field, Section, fields_of
+from forcebound.config.fields import Field, fields_of
+from forcebound.config.forms import Form
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
 from forcebound.config.problems import Problems, nearest_file, unknown
@@ -50,6 +51,7 @@ class _NumberAndUnit:
 
 _COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
 _END = Annotated[Any, _NumberAndUnit()]
+_OVER, _ALL = (Field(name, Any, False, None) for name in ("over", "all"))
 _RANGE = {
     "from": Field("from", _END, True, None),
     "to": Field("to", _END, True, None),
@@ -60,7 +62,8 @@ _REPEAT = {
     "repeat": Field("repeat", _COUNT, True, None),
     "from": Field("from", Annotated[int, NOT_NEGATIVE], False, 1),
 }
-_MAP = [Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS if name != "limits"]
+_MAP = {name: Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS}
+_MAP["limits"] = Field("limits", list[str], False, None)
 
 
 @dataclass(frozen=True)
@@ -150,29 +153,29 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    top = Section(root, "the sweep file", root, problems)
-    top.check_keys(KEYS)
+    rest = {name: Field(name, Any, False, None) for name in KEYS if name not in fields_of(_Head)}
+    form = Form("the sweep file", {**rest, **fields_of(_Head)})
+    head = form.read(root, problems)
     version = root.entries.get("forcebound")
     if version is None or version.content is True or version.content != FORMAT:
         message = f"the sweep file needs 'forcebound: {FORMAT}', the version of its format"
         problems.add(message, root.place if version is None else version.place)
-    head = top.read(fields_of(_Head))
-    found = None if head is None else find(Path(head["launch"]), file.parent)
-    if head is not None and found is None:
-        top.add(f"there is no launch file {head['launch']!r}", root.entries["launch"])
+    found = find(Path(head["launch"]), file.parent) if "launch" in head else None
+    if "launch" in head and found is None:
+        place = root.entries["launch"].place
+        problems.add(f"there is no launch file {head['launch']!r}", place)
     problems.raise_if_any()
-    assert head is not None
     assert found is not None
     known = {argument.name for argument in arguments_of(found)}
     given = _overrides(overrides, known)
-    sections = {key: Section(root.entries.get(key), key, root, problems) for key in KEYS[4:]}
-    constants = _constants(sections["set"], known)
-    grid = _over(sections["over"], known, None)
-    drawn, rows = _random(sections["random"], known)
-    _check_map(sections["map"], {*grid, *drawn})
+    sections = {key: _mapping(root, key, problems) for key in KEYS[4:]}
+    constants = _constants(sections["set"], known, problems)
+    grid = _over(sections["over"], known, None, problems)
+    drawn, rows = _random(sections["random"], known, problems)
+    _check_map(sections["map"], {*grid, *drawn}, problems)
     for name in (*grid, *drawn):
         if name in constants:
-            place = sections["set"].value.entries[name].place
+            place = sections["set"].entries[name].place
             problems.add(f"{name!r} is constant in set: and also varies", place)
     problems.raise_if_any()
     grid = {name: values for name, values in grid.items() if name not in given}
@@ -189,7 +192,7 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
         constants=constants | given,
         columns=(*grid, *drawn),
         cases=tuple((*combined, *row) for combined in product(*grid.values()) for row in joint),
-        drawing=sections["map"].value.plain,
+        drawing=sections["map"].plain,
     )
 
 
@@ -205,88 +208,99 @@ def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, st
     return given
 
 
-def _check_arguments(section: Section, known: Collection[str]) -> None:
-    for name, value in section.value.entries.items():
+def _mapping(root: Value, key: str, problems: Problems) -> Value:
+    """A section of a sweep file; empty if it is not there or, with a problem noted, no mapping."""
+    empty = Value({}, root.place, root.key)
+    value = root.entries.get(key, empty)
+    if isinstance(value.content, Mapping) or value.content is None:
+        return value if value.entries else empty
+    problems.add(f"{key} must be a mapping, got {value}", value.place)
+    return empty
+
+
+def _check_arguments(section: Value, known: Collection[str], problems: Problems) -> None:
+    for name, value in section.entries.items():
         if name not in known:
-            section.problems.add(unknown("argument", name, known), value.key or value.place)
+            problems.add(unknown("argument", name, known), value.key or value.place)
 
 
-def _constants(section: Section, known: Collection[str]) -> dict[str, str]:
-    _check_arguments(section, known)
-    for name, value in section.value.entries.items():
+def _constants(section: Value, known: Collection[str], problems: Problems) -> dict[str, str]:
+    _check_arguments(section, known, problems)
+    for name, value in section.entries.items():
         if not value.is_scalar:
-            section.add(f"set: one value for {name!r}, got {value}", value)
-    return {name: value.text for name, value in section.value.entries.items()}
+            problems.add(f"set: one value for {name!r}, got {value}", value.place)
+    return {name: value.text for name, value in section.entries.items()}
 
 
-def _over(section: Section, known: Collection[str], draw: _Draw | None) -> dict[str, list[str]]:
-    _check_arguments(section, known)
+def _over(
+    section: Value, known: Collection[str], draw: _Draw | None, problems: Problems
+) -> dict[str, list[str]]:
+    _check_arguments(section, known, problems)
     found: dict[str, list[str]] = {}
-    for name, value in section.value.entries.items():
-        found[name] = _values(Section(value, name, value, section.problems, any_value=True), draw)
+    for name, value in section.entries.items():
+        found[name] = _values(name, value, draw, problems)
         if draw is None and math.prod(map(len, found.values())) > MAX_CASES:
-            section.add(f"more than {MAX_CASES} cases in one sweep", value)
+            problems.add(f"more than {MAX_CASES} cases in one sweep", value.place)
             break
     return found
 
 
-def _random(section: Section, known: Collection[str]) -> tuple[dict[str, list[str]], int]:
+def _random(
+    section: Value, known: Collection[str], problems: Problems
+) -> tuple[dict[str, list[str]], int]:
     """Return the values of each drawn argument, and the number of draws."""
-    if not section.value.entries:
+    if not section.entries:
         return {}, 1
-    section.check_keys((*fields_of(_Draws), "over"))
-    draws = section.make(_Draws)
-    over = Section(
-        section.value.entries.get("over"), "random.over", section.value, section.problems
-    )
-    if draws is None:
+    draws = Form("random", {**fields_of(_Draws), "over": _OVER}).read(section, problems)
+    if not draws:
         return {}, 1
-    return _over(over, known, (random.Random(draws.seed), draws.count)), draws.count
+    draw = (random.Random(draws["seed"]), draws["count"])
+    return _over(_mapping(section, "over", problems), known, draw, problems), draws["count"]
 
 
-def _values(section: Section, draw: _Draw | None) -> list[str]:
+def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> list[str]:
     """Return the values of one argument: one, a list, a repetition or a range."""
-    value = section.value
     if isinstance(value.content, tuple):
         for entry in value.content:
             if not entry.is_scalar:
-                section.add(f"{section.name}: a list of single values, got {entry}", entry)
+                problems.add(f"{name}: a list of single values, got {entry}", entry.place)
         if not value.content:
-            section.add(f"{section.name}: an empty list leaves no case", value)
+            problems.add(f"{name}: an empty list leaves no case", value.place)
             return []
         return _drawn([entry.text for entry in value.content], draw)
     if not isinstance(value.content, Mapping):
         return [value.text]
     if "all" in value.entries:
-        section.check_keys(("all",))
+        Form(name, {"all": _ALL}).read(value, problems)
         table = value.entries["all"]
         if table.text not in TABLES:
-            section.add(unknown("table", table.text, TABLES), table)
+            problems.add(unknown("table", table.text, TABLES), table.place)
             return []
         return _drawn(list(TABLES[table.text]), draw)
     if "repeat" in value.entries:
-        section.check_keys(_REPEAT)
-        read = section.read(_REPEAT) or {"repeat": 0}
+        read = Form(name, _REPEAT).read(value, problems) or {"repeat": 0}
         return [str(read.get("from", 1) + i) for i in range(read["repeat"])]
     fields = _RANGE if draw is None else {k: f for k, f in _RANGE.items() if k != "count"}
-    section.check_keys(fields)
-    found = section.read(fields)
-    return [] if found is None else _range(section, found, draw)
+    found = Form(name, fields).read(value, problems)
+    return _range(value, found, draw, problems) if found else []
 
 
 def _drawn(texts: list[str], draw: _Draw | None) -> list[str]:
     return texts if draw is None else [draw[0].choice(texts) for _ in range(draw[1])]
 
 
-def _range(section: Section, read: Mapping[str, Any], draw: _Draw | None) -> list[str]:
-    entries = section.value.entries
+def _range(
+    value: Value, read: Mapping[str, Any], draw: _Draw | None, problems: Problems
+) -> list[str]:
+    entries = value.entries
     (low, unit), (high, other) = read["from"], read["to"]
     is_log = read.get("scale") == "log"
     if unit != other:
-        section.add(f"from and to must have one unit, got {unit!r} and {other!r}", entries["to"])
+        message = f"from and to must have one unit, got {unit!r} and {other!r}"
+        problems.add(message, entries["to"].place)
         return []
     if is_log and not (low > 0 and high > 0):
-        section.add("a log range needs values > 0", entries["from"])
+        problems.add("a log range needs values > 0", entries["from"].place)
         return []
     if draw is not None:
         shares = [draw[0].random() for _ in range(draw[1])]
@@ -295,24 +309,18 @@ def _range(section: Section, read: Mapping[str, Any], draw: _Draw | None) -> lis
     return [f"{_between(low, high, share, is_log)!r} {unit}".strip() for share in shares]
 
 
-def _check_map(section: Section, varied: set[str]) -> None:
-    if not section.value.entries:
+def _check_map(section: Value, varied: set[str], problems: Problems) -> None:
+    if not section.entries:
         return
-    section.check_keys(MAP_KEYS)
-    section.read({field.name: field for field in _MAP})
+    Form("map", _MAP).read(section, problems)
     for key in ("x", "y", "per"):
-        entry = section.value.entries.get(key)
+        entry = section.entries.get(key)
         if entry is not None and entry.text not in varied:
-            section.add(unknown(f"varied argument for {key}:", entry.text, varied), entry)
-    limits = section.value.entries.get("limits")
-    if limits is None:
-        return
-    if not isinstance(limits.content, tuple):
-        section.add(f"limits: expected a list, got {limits}", limits)
-        return
-    for one in limits.content:
+            problems.add(unknown(f"varied argument for {key}:", entry.text, varied), entry.place)
+    limits = section.entries.get("limits")
+    for one in limits.content if limits and isinstance(limits.content, tuple) else ():
         if one.text not in LABELS:
-            section.add(unknown("limit", one.text, LABELS), one)
+            problems.add(unknown("limit", one.text, LABELS), one.place)
 
 
 def _between(low: float, high: float, share: float, is_log: bool) -> float:

@@ -1,4 +1,4 @@
-"""Who may look at the page, and who may change the graph.
+"""The access rules of the page: looking at the graph, and changing it.
 
 Any program on this machine, and any page in the user's browser, can reach a port on loopback. So
 the address of the page has a token, and a request must come from the page itself: its ``Host`` must

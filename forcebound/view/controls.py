@@ -5,14 +5,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcebound.config.graph import LAW, GraphConfig
+import msgspec
+
+from forcebound.config.graph import GraphConfig
+from forcebound.config.names import LAW
 from forcebound.config.parameters import takeable_laws
 from forcebound.environments import StatelessEnvironment
 from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
-from forcebound.messages.packets import LINKS
-from forcebound.monitor.control import ask, start_node, stop_node
+from forcebound.messages.control import Point, Pointed
+from forcebound.messages.packets import LINKS, Vector
+from forcebound.monitor.control import device_status, start_node, stop_node
 from forcebound.monitor.formatting import as_written, ranges
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.tuning import (
@@ -25,12 +29,13 @@ from forcebound.monitor.tuning import (
 from forcebound.network.sockets import Network
 from forcebound.operators.pointer import PointerHand
 from forcebound.process import control_endpoint
+from forcebound.view.feed import Message
 from forcebound.view.recording import PageRecording
 
 DELAYED = ("links.environment_query.delay", "links.environment_reply.delay")
 BROKEN = {LAW: "none"} | dict.fromkeys(DELAYED, "5 ms")
 SAFE = {LAW: "certified"} | dict.fromkeys(DELAYED, "0 ms")
-OVERDUE = 0.5  # s without an answer, after which a device is asked again: it was started anew
+OVERDUE = 0.5  # s without an answer, after which a device is asked again: it has restarted
 
 
 class Controls:
@@ -41,48 +46,48 @@ class Controls:
         recordings: Folder for recordings.
 
     Attributes:
-        energy_before: Of the device's status; 0: it does not say.
+        energy_before: Of the device's status; 0 without one.
         recording: That a page has begun.
     """
 
     def __init__(self, run_dir: Path, recordings: Path) -> None:
         self._run_dir = run_dir
         self.recording = PageRecording(run_dir, recordings)
-        self._config = configuration(run_dir, serves=False)
-        status = ask(run_dir, "device", {"request": "status"}) or {}
-        self.energy_before = float(status.get("energy_before", 0.0))
+        self._config = configuration(run_dir, with_code=False)
+        status = device_status(run_dir)
+        self.energy_before = 0.0 if status is None else status.energy_before
         self._kernels = Kernels(run_dir, self._config.device.servo.law)
         self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
-        self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
-            "set": lambda wanted: self._set(wanted["settings"]),
-            "stop": lambda wanted: stop_node(run_dir, str(wanted["node"])),
-            "start": lambda wanted: start_node(run_dir, str(wanted["node"])),
-            "outage": lambda wanted: self._cut(str(wanted["time"])),
+        self._actions: dict[str, Callable[[Message], None]] = {
+            "set": lambda request: self._set(request["settings"]),
+            "stop": lambda request: stop_node(run_dir, str(request["node"])),
+            "start": lambda request: start_node(run_dir, str(request["node"])),
+            "outage": lambda request: self._cut(str(request["time"])),
             "record": lambda _: self.recording.begin(),
             "end_recording": lambda _: self.recording.end(),
             "break": lambda _: self._set(BROKEN),
             "safe": lambda _: self._set(SAFE),
         }
 
-    def describe(self) -> dict[str, Any]:
-        """Return what a page needs to know of the graph before its first frame."""
+    def describe(self) -> Message:
+        """Return the description of the graph for a page, before its first frame."""
         config = self._config
-        model, servo = config.device.model, config.device.servo
+        facts, servo = config.device.facts, config.device.servo
         return {
             "type": "hello",
             "name": RunDocument.read(self._run_dir).file,
             "description": config.description,
-            "axes": model.axes,
+            "axes": facts.axes,
             "laws": takeable_laws(),
             "links": list(LINKS),
             "period": servo.period_ns * 1e-9,
             "hand": _hand(config),
-            "workspace": model.workspace,
+            "workspace": facts.workspace,
         }
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Message:
         """Return the parameters that can change, each as text with its unit, and their ranges."""
-        config = configuration(self._run_dir, serves=False)
+        config = configuration(self._run_dir, with_code=False)
         found = find_parameters(config, ())
         return {
             "type": "parameters",
@@ -91,26 +96,26 @@ class Controls:
             "wall": _wall(config),
         }
 
-    def act(self, wanted: Mapping[str, Any]) -> str | None:
-        """Do what a page wants; return what is wrong, or None. It may take seconds."""
-        action = self._actions.get(str(wanted.get("do")))
+    def act(self, request: Message) -> str | None:
+        """Do what a page requests; return what is wrong, or None. It may take seconds."""
+        action = self._actions.get(str(request.get("do")))
         if action is None:
-            return f"no such control: {wanted.get('do')!r}"
+            return f"no such control: {request.get('do')!r}"
         try:
-            action(wanted)
+            action(request)
         except KeyError as error:
-            return f"{wanted.get('do')} needs {error}"
+            return f"{request.get('do')} needs {error}"
         except ForceboundError as error:
             return str(error)
         except Exception as error:  # a value that nobody thought of: the page's error, not ours
-            return f"{wanted.get('do')}: {type(error).__name__}: {error}"
+            return f"{request.get('do')}: {type(error).__name__}: {error}"
         return None
 
     def _set(self, settings: Any) -> None:
         if not isinstance(settings, Mapping):
             raise ConfigError("settings: expected names and values")
-        wanted = read_settings([f"{name}:={value}" for name, value in settings.items()])
-        set_parameters(self._run_dir, wanted, self._kernels)
+        chosen = read_settings([f"{name}:={value}" for name, value in settings.items()])
+        set_parameters(self._run_dir, chosen, self._kernels)
 
     def _cut(self, time: str) -> None:
         cut_links(self._run_dir, time, ())
@@ -122,7 +127,7 @@ class Controls:
 
 
 class Pointer:
-    """A line to the device for the pointer of its hand, which never waits for an answer.
+    """A client that sends pointer positions to the device, and never waits for an answer.
 
     Args:
         run_dir: Of the graph.
@@ -131,7 +136,7 @@ class Pointer:
 
     Attributes:
         descriptor: Readable when an answer may be there; then call :meth:`send`.
-        place: Where the device has it, in m; None: nobody has pointed.
+        place: Where the device has it, in m; None: no pointer yet.
     """
 
     def __init__(self, run_dir: Path, taken: Callable[[Any, int], None]) -> None:
@@ -139,8 +144,8 @@ class Pointer:
         self._network = Network()
         self._client = self._network.control_client(control_endpoint(run_dir, "device"))
         self.descriptor = self._client.descriptor
-        self.place: list[float] | None = None
-        self._newest: tuple[list[float], Any] | None = None
+        self.place: Vector | None = None
+        self._newest: tuple[Point, Any] | None = None
         self._asked: tuple[Any, float] | None = None  # stamp, and when
 
     def point(self, target: Any, stamp: Any = None) -> str | None:
@@ -151,9 +156,10 @@ class Pointer:
             stamp: Of the caller, for ``taken``.
         """
         try:
-            self._newest = [float(entry) for entry in target], stamp
-        except (TypeError, ValueError, OverflowError):
-            return "target: expected a list of numbers, in m"
+            request = msgspec.convert({"request": "point", "target": target}, Point)
+        except (msgspec.ValidationError, OverflowError) as error:
+            return str(error)
+        self._newest = request, stamp
         self.send()
         return None
 
@@ -164,18 +170,18 @@ class Pointer:
             answer = self._client.answer()
             if answer is not None:
                 self._asked = None
-                if "error" not in answer:
-                    self.place = answer["target"]
-                    self._taken(stamp, answer["time_ns"])
+                if isinstance(answer, Pointed):
+                    self.place = answer.target
+                    self._taken(stamp, answer.time_ns)
             elif time.monotonic() - asked > OVERDUE:
                 self._asked = None
         if self._newest is not None and self._asked is None:
-            target, stamp = self._newest
-            if self._client.ask({"request": "point", "target": target}):
+            request, stamp = self._newest
+            if self._client.ask(request):
                 self._newest, self._asked = None, (stamp, time.monotonic())
 
     def close(self) -> None:
-        """Close the line."""
+        """Close the client."""
         self._network.close()
 
 
@@ -188,7 +194,7 @@ def _wall(config: GraphConfig) -> float | None:
     return place if isinstance(place, float) else None
 
 
-def _hand(config: GraphConfig) -> dict[str, Any] | None:
+def _hand(config: GraphConfig) -> Message | None:
     """What a pointer may do; None: the hand follows none."""
     hand = config.operator
     if not isinstance(hand, PointerHand):

@@ -4,22 +4,21 @@ The graph is looked at some thirty times a second; each frame has all samples si
 """
 
 import math
-import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
-import msgspec
-
-from forcebound import realtime
-from forcebound.errors import ConfigError, PacketError
+from forcebound.errors import ConfigError
 from forcebound.launch.run_directory import RunDocument, recorded_streams
-from forcebound.messages.codec import decode
-from forcebound.messages.packets import TOPICS, EnvironmentReply, Event, Packet, Scene, Telemetry
-from forcebound.network.sockets import Network
+from forcebound.messages.packets import EnvironmentReply, Event, Scene, Telemetry
+from forcebound.monitor.streams import fields_of_packet
+from forcebound.process import Reader
 from forcebound.view.scene_files import content
+
+#: To or from the pages, as JSON.
+Message: TypeAlias = dict[str, Any]
 
 SHOWN = ("telemetry", "environment_reply", "scene", "event")
 SAMPLES = {
@@ -31,6 +30,14 @@ SAMPLES = {
 }
 
 
+class _LawStart(NamedTuple):
+    """The beginning of a law."""
+
+    time_ns: int
+    energy: float  # J, true energy then
+    previous_energy: float  # J, that of the law before
+
+
 class Feed:
     """The streams of a running graph; to be closed.
 
@@ -40,28 +47,24 @@ class Feed:
     """
 
     def __init__(self, run_dir: Path, energy_before: float) -> None:
-        self._cores = realtime.leave_core(RunDocument.read(run_dir).core)  # looking disturbs nobody
-        self._network = Network()
-        self._streams = [
-            (TOPICS[topic].packet, self._network.subscriber(endpoint, newest_only=False))
-            for topic, endpoint in recorded_streams(run_dir, SHOWN)
-        ]
+        core = RunDocument.read(run_dir).core
+        self._reader = Reader(recorded_streams(run_dir, SHOWN), core)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
-        self.scene: dict[str, Any] | None = None  # the newest
-        self._began = 0, energy_before, 0.0  # the law: when, in ns, true energy then, of the former
+        self.scene: Message | None = None  # the newest
+        self._law = _LawStart(0, energy_before, 0.0)
 
-    def look(self) -> list[dict[str, Any]]:
+    def look(self) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
         samples: list[Telemetry] = []
-        messages: list[dict[str, Any]] = []
+        messages: list[Message] = []
         contact: EnvironmentReply | None = None
-        for packet in self._received():
+        for _, packet, _ in self._reader.take():
             if isinstance(packet, Telemetry):
                 samples.append(packet)
             elif isinstance(packet, EnvironmentReply):
                 contact = packet
             elif isinstance(packet, Scene):
-                self.scene = {"type": "scene", **_plain(packet)}
+                self.scene = {"type": "scene", **fields_of_packet(packet)}
                 messages.append(self.scene)
             elif isinstance(packet, Event):
                 messages.append(self._event(packet))
@@ -71,7 +74,7 @@ class Feed:
             messages.append(frame)
         return messages
 
-    def file(self, digest: str) -> dict[str, Any] | None:
+    def file(self, digest: str) -> Message | None:
         """Return what a file of the scene has to draw, as :func:`content`; None: it is not here.
 
         It may take seconds.
@@ -84,30 +87,23 @@ class Feed:
 
     def close(self) -> None:
         """Close the streams."""
-        self._network.close()
-        os.sched_setaffinity(0, self._cores)
-
-    def _received(self) -> Iterable[Packet]:
-        for kind, subscriber in self._streams:
-            for data in subscriber.receive():
-                try:
-                    yield decode(data, kind)
-                except PacketError:
-                    continue  # the graph counts such packets itself
+        self._reader.close()
 
     def _energy_under_law(self, sample: Telemetry) -> float | None:
         """Return the true energy since the law of a sample began, in J."""
         if sample.elapsed == 0.0:  # a device has started
-            self._began = 0, 0.0, 0.0
+            self._law = _LawStart(0, 0.0, 0.0)
         if sample.true_energy is None:
             return None
-        since_ns, now, former = self._began
-        energy = sample.true_energy - (now if sample.time_ns > since_ns else former)
+        law = self._law
+        is_new = sample.time_ns > law.time_ns
+        energy = sample.true_energy - (law.energy if is_new else law.previous_energy)
         return energy if math.isfinite(energy) else None  # JSON has no other
 
-    def _event(self, event: Event) -> dict[str, Any]:
+    def _event(self, event: Event) -> Message:
         if "energy_before" in event.data:
-            self._began = event.time_ns, float(event.data["energy_before"]), self._began[1]
+            energy = float(event.data["energy_before"])
+            self._law = _LawStart(event.time_ns, energy, self._law.energy)
         at = (event.time_ns + self._ahead_ns) * 1e-9
         return {
             "type": "event",
@@ -120,8 +116,8 @@ class Feed:
         }
 
 
-def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> dict[str, Any]:
-    frame: dict[str, Any] = {
+def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> Message:
+    frame: Message = {
         "type": "frame",
         "time": [sample.time_ns * 1e-9 for sample in samples],
         "delay": [sample.loop_delay for sample in samples],
@@ -137,12 +133,7 @@ def _frame(samples: Sequence[Telemetry], contact: EnvironmentReply | None) -> di
 
 
 def _finite(value: Any) -> Any:
-    """A value that JSON can have."""
+    """Return a value that JSON can have."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _plain(packet: Packet) -> dict[str, Any]:
-    fields: dict[str, Any] = msgspec.to_builtins(packet)
-    return {name: value for name, value in fields.items() if name not in ("packet", "version")}

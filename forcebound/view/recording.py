@@ -10,7 +10,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RunDocument
 from forcebound.monitor.recorder import free_name
 
-PATIENCE = 10.0  # s for the end of a recording: there may be much to write to a slow disk
+END_TIMEOUT_S = 10.0  # s for the end of a recording: there may be much to write to a slow disk
 
 
 class PageRecording:
@@ -26,7 +26,7 @@ class PageRecording:
         self._process: subprocess.Popen[str] | None = None
         self._file = Path()
         self._began = 0.0  # s, of the monotonic clock
-        self._said = ""  # of the last one
+        self._last_line = ""  # of the last one
 
     def begin(self) -> None:
         """Begin a recording.
@@ -48,9 +48,9 @@ class PageRecording:
             start_new_session=True,  # Ctrl-C is for the page's server, which then ends it
         )
         assert self._process.stdout is not None
-        if not self._process.stdout.readline():  # what it says when it records
+        if not self._process.stdout.readline():  # a line when it records
             self._finish()
-            raise RunError(self._said)
+            raise RunError(self._last_line)
         self._began = time.monotonic()
 
     def end(self) -> None:
@@ -66,7 +66,7 @@ class PageRecording:
             "type": "recording",
             "file": str(self._file) if is_running else None,
             "seconds": time.monotonic() - self._began if is_running else None,
-            "said": self._said,
+            "said": self._last_line,
         }
 
     def _is_running(self) -> bool:
@@ -75,13 +75,13 @@ class PageRecording:
         return self._process is not None
 
     def _finish(self) -> None:
-        """Wait for the end, and keep the last line that the process says."""
+        """Wait for the end, and keep the last line that the process prints."""
         process, self._process = self._process, None
         assert process is not None
         try:
-            out, err = process.communicate(timeout=PATIENCE)
+            out, err = process.communicate(timeout=END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             out, err = process.communicate()
         lines = (err if process.returncode else out).splitlines() or ["the recorder has ended"]
-        self._said = lines[-1].removeprefix("forcebound: ")
+        self._last_line = lines[-1].removeprefix("forcebound: ")

@@ -23,21 +23,21 @@ from forcebound.monitor.runs import Watch
 from forcebound.nodes.events import LAW_CHANGED, PARAMETERS_SET
 from forcebound.view.access import Access, hosts_of
 from forcebound.view.controls import Controls, Pointer
-from forcebound.view.feed import Feed
+from forcebound.view.feed import Feed, Message
 
 PAGE = Path(__file__).parent / "page"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
-NODES = 1.0  # s between two looks at its processes
+PROCESSES_PERIOD = 1.0  # s between two looks at its processes
 NEXT = 0.5  # s between two looks for the next graph
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
-FAREWELL = 1.0  # s that pages have to close
+CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
 MOST_PAGES = 32
 MOST_CONNECTIONS = 64  # besides those of pages; a page needs a few while it loads
 MOST_REQUEST = 16_000  # B, of the head of a request; no route takes a body
 IDLE = 10.0  # s that a connection may wait with its next request
 MOST_MESSAGE = 64_000  # B, of a message from a page
 MOST_WAITING = 2_000_000  # B that a page may leave unread before it misses frames
-OVER = {"type": "over"}  # what pages are told while there is no graph
+OVER = {"type": "over"}  # message while there is no graph
 POLICY = "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
 
@@ -127,7 +127,7 @@ class Server:
                     self.tell(message)
                 graph.pointer.send()
                 if self.pages and started >= next_nodes:
-                    next_nodes = started + NODES
+                    next_nodes = started + PROCESSES_PERIOD
                     loop.run_in_executor(self.workers, self._look_at_nodes, graph)
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
         finally:
@@ -151,15 +151,15 @@ class Server:
                 found = None
         return found
 
-    def tell(self, message: dict[str, Any]) -> None:
+    def tell(self, message: Message) -> None:
         """Send a message to every page; one that does not read misses it."""
         if self.pages:
             text = json.dumps(message)
             for page in tuple(self.pages):
                 page.tell(text)
 
-    def _note(self, message: dict[str, Any]) -> None:
-        """Tell the pages the parameters anew when some have changed, from wherever."""
+    def _note(self, message: Message) -> None:
+        """Send the parameters to the pages again when some have changed, from wherever."""
         if message.get("event") in (LAW_CHANGED, PARAMETERS_SET) and self.graph:
             self.workers.submit(self.tell_parameters, self.graph.controls)
 
@@ -174,8 +174,8 @@ class Server:
         times = {"heard": heard, "device": time_ns * 1e-9, "told": time.monotonic()}
         page.tell(json.dumps({"type": "taken", "stamp": own, **times}))
 
-    def newcomer(self) -> list[dict[str, Any]]:
-        """Return what a page is told first."""
+    def first_messages(self) -> list[Message]:
+        """Return the first messages to a page."""
         return [OVER] if self.graph is None else self.graph.describe()
 
     def _look_at_nodes(self, graph: "_Graph") -> None:
@@ -195,11 +195,11 @@ class Server:
         self._loop.call_soon_threadsafe(call, *arguments)
 
     async def close(self) -> None:
-        """Say farewell to the pages, and end."""
+        """Tell the pages that the server closes, and end."""
         self.tell({"type": "closed"})
         for page in tuple(self.pages):
             page.close()
-        end = time.monotonic() + FAREWELL
+        end = time.monotonic() + CLOSE_TIMEOUT_S
         while self.pages and time.monotonic() < end:
             await asyncio.sleep(FRAME)
         self._http.stop()
@@ -220,13 +220,13 @@ class _Graph:
         self.feed = Feed(run_dir, controls.energy_before)  # first: the graph may have ended
         self.pointer = Pointer(run_dir, taken)
 
-    def describe(self) -> list[dict[str, Any]]:
+    def describe(self) -> list[Message]:
         """Return what a page needs to know before its first frame."""
         controls, scene = self.controls, self.feed.scene
         hello = {**controls.describe(), "graph": self._shown_since}
         return [hello, controls.parameters(), *([scene] if scene else [])]
 
-    def look(self) -> list[dict[str, Any]]:
+    def look(self) -> list[Message]:
         """Return the messages to the pages about what has come since the last look."""
         messages = self.feed.look()
         for message in messages:
@@ -339,7 +339,7 @@ class _Page(tornado.websocket.WebSocketHandler):
 
     def greet(self) -> None:
         """Tell what a page needs to know of the graph that is shown now."""
-        for message in self._server.newcomer():
+        for message in self._server.first_messages():
             self.tell(json.dumps({**message, "may_change": self._may_change}))
 
     def on_message(self, message: str | bytes) -> None:
@@ -378,14 +378,14 @@ class _Page(tornado.websocket.WebSocketHandler):
         else:
             sent.add_done_callback(asyncio.Future.exception)  # it closed just now: no news
 
-    def _act(self, controls: Controls, wanted: dict[str, Any]) -> None:
+    def _act(self, controls: Controls, wanted: Message) -> None:
         """Do what the page wants; in the thread of changes."""
         server = self._server
         server.later(self._answer, wanted, controls.act(wanted))
         server.later(server.tell, controls.recording.describe())
         server.tell_parameters(controls)
 
-    def _answer(self, wanted: dict[str, Any], error: str | None) -> None:
+    def _answer(self, wanted: Message, error: str | None) -> None:
         self.tell(json.dumps({"type": "answer", "id": wanted.get("id"), "error": error}))
 
     def log_exception(self, *_: object) -> None:

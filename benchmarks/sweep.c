@@ -15,7 +15,8 @@ enum { MASS, HAND_MASS, DAMPING, FRICTION, RESOLUTION, SATURATION, HAND_STIFFNES
        START_PRICE, ENERGY_CAP,
        ENVIRONMENT, OPERATOR = ENVIRONMENT + 4, CONSTANTS = OPERATOR + 3,
        INERTIA = CONSTANTS, IMPEDANCE, X, V, WORK, TARGET, TARGET_VELOCITY, SAMPLE, VELOCITY,
-       STATE, ENERGY, READING, FORCE, MEAN, PLAY, WAY, OLDER, YOUNGER, PATH, LOSS, BETWEEN, ROWS };
+       STATE, ENERGY, READING, FORCE, MEAN, PLAY, WAY, OLDER, YOUNGER, PATH, LOSS, BETWEEN, WANTED,
+       ROWS };
 
 enum { ANCHOR_SAMPLES = 8 }; /* bounding/sample.py */
 
@@ -96,7 +97,7 @@ static void start(double *restrict s)
 
 /* bounding/one_axis.py; the ages of the anchors, in s, count up to this sample. */
 static void bound(double *restrict s, double dt, double older_age, double younger_age,
-                  int moves_anchors, const double *restrict commanded)
+                  int moves_anchors)
 {
     LANES {
         double damping = AT(LAW_DAMPING), friction = AT(LAW_FRICTION), r = AT(HALF_RESOLUTION);
@@ -120,7 +121,7 @@ static void bound(double *restrict s, double dt, double older_age, double younge
         /* hold_cost.py: rigid_force */
         double largest = friction + 2.0 * sqrt(damping / AT(HOLD_LIMIT) * larger(energy, 0.0));
         largest = smaller(largest, AT(SATURATION));
-        AT(FORCE) = smaller(larger(commanded[i], -largest), largest);
+        AT(FORCE) = smaller(larger(AT(WANTED), -largest), largest);
         AT(STATE) = state;
         AT(ENERGY) = energy;
         AT(READING) = reading;
@@ -175,12 +176,12 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             move(s, to_write, steps_to_write, (k * period_ns + wait_ns) * 1e-9);
         double *restrict out = traces + k * COLUMNS * WIDTH;
         LANES {
-            double commanded = answers[(answered[k * WIDTH + i] & last) * WIDTH + i];
-            double saturation = AT(SATURATION), scale = engagement[k * WIDTH + i];
-            double magnitude = fabs(commanded);
-            double shortened = saturation / magnitude;
-            scale = magnitude > saturation ? scale * shortened : scale;
-            out[WIDTH + i] = commanded * scale;
+            double scale = engagement[k * WIDTH + i];
+            double force = answers[(answered[k * WIDTH + i] & last) * WIDTH + i] * scale;
+            double largest = AT(SATURATION) * scale, magnitude = fabs(force);
+            double shortened = largest / magnitude * force;
+            out[WIDTH + i] = force;
+            AT(WANTED) = magnitude > largest ? shortened : force;
         }
         if (k == 0) {
             start(s);
@@ -188,7 +189,7 @@ void run(int64_t ticks, int64_t period_ns, int64_t wait_ns, double substep, doub
             older_age += dt;
             younger_age += dt;
             int moves_anchors = ++since_anchor == ANCHOR_SAMPLES;
-            bound(s, dt, older_age, younger_age, moves_anchors, out + WIDTH);
+            bound(s, dt, older_age, younger_age, moves_anchors);
             if (moves_anchors) {
                 older_age = younger_age;
                 younger_age = 0.0;

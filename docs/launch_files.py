@@ -1,0 +1,166 @@
+"""The reference page of all keys of launch files, from their schema; `make reference` writes it."""
+
+import dataclasses
+import inspect
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+from forcebound.config.fields import fields_of
+from forcebound.config.graph import (
+    BESIDE_MODEL,
+    KINDS,
+    RUN_KEYS,
+    EnvironmentConfig,
+    GraphConfig,
+    PhaseHead,
+    RealtimeConfig,
+    RemoteConfig,
+)
+from forcebound.config.schema import SUBSTITUTION, properties
+from forcebound.geometry.proxy import Surface
+from forcebound.messages.packets import LINKS
+from forcebound.network.impairment import GilbertElliott, Impairment, Outage, Slot
+from forcebound.nodes.servo import ServoSettings
+
+_HEAD = """# Keys of launch files
+
+This page is made from the schema: `make reference` writes it. The
+[tutorial](tutorial.md) shows a launch file; `forcebound schema` prints the schema for an editor.
+
+A quantity is a number in the SI unit below, or text with a unit (`10 N/mm`, `5 ms`, `40 %`). A key
+without a default must be given. Relative paths start from the folder of the file that names them.
+
+| key at the top | value | default | meaning |
+|---|---|---|---|
+| `forcebound` | 1 |  | version of the format |
+| `include` | text | none | launch file beneath this one: what this file says wins, key by key |
+| `identified` | mapping | none | written by `forcebound identify`: where the numbers of `device` come from; no run reads it |
+| `arguments` | mapping | none | `name: default` or `name: { default, help, choices }`; used as `$(arg name)` |
+"""  # noqa: E501
+
+_COLUMNS = ("| key | value | default | meaning |", "|---|---|---|---|")
+
+
+def reference_page() -> str:
+    """Return the page in Markdown."""
+    return _HEAD + "\n".join(_lines()) + "\n"
+
+
+def _lines() -> Iterator[str]:
+    yield from _rows(GraphConfig, RUN_KEYS)
+    for section, table in KINDS.items():
+        yield from ("", f"## `{section}`")
+        if section == "device":
+            yield from _table(ServoSettings, "Beside the keys of its kind, those of the servo:")
+        elif section == "environment":
+            yield from _table(EnvironmentConfig, "Beside the keys of its kind:", BESIDE_MODEL)
+            yield from _inner(EnvironmentConfig, BESIDE_MODEL)
+            yield from ("", "### `surface`", *_table(Surface))
+        for name in sorted(table):
+            yield from ("", f"### `kind: {name}`", *_table(table[name]))
+            yield from _inner(table[name])
+    topics = ", ".join(f"`{topic}`" for topic in LINKS)
+    words = f"By topic: {topics}. A topic that is not named is perfect."
+    yield from ("", "## `links`", *_table(Impairment, words))
+    for key, part in (("gemodel", GilbertElliott), ("slot", Slot), ("outages", Outage)):
+        yield from ("", f"### `{key}`", *_table(part))
+    for section, settings in (("realtime", RealtimeConfig), ("remote", RemoteConfig)):
+        yield from ("", f"## `{section}`", *_table(settings))
+    yield from ("", "## `phases`", *_table(PhaseHead, "A list; the run is as long as its phases."))
+    yield "| `set` | mapping | {} | parameters by name, such as `links.environment_reply.delay` |"
+
+
+def _inner(kind: type, names: tuple[str, ...] | None = None, before: str = "") -> Iterator[str]:
+    """The tables of the keys of a dataclass that are mappings with keys of their own."""
+    for field in fields_of(kind, names).values():
+        for part in _dataclasses(field.hint):
+            place = f"{before}{field.name}"
+            yield from ("", f"#### `{place}`", *_table(part))
+            yield from _inner(part, before=f"{place}.")
+
+
+def _dataclasses(hint: Any) -> Iterator[type]:
+    for part in get_args(hint):
+        if dataclasses.is_dataclass(part) and isinstance(part, type):
+            yield part
+        else:
+            yield from _dataclasses(part)
+
+
+def _table(kind: type, words: str = "", names: tuple[str, ...] | None = None) -> Iterator[str]:
+    """The keys of a dataclass, beneath some words or its own summary."""
+    rows = list(_rows(kind, names))
+    yield from ("", words or _summary(kind))
+    if rows:
+        yield from ("", *_COLUMNS, *rows)
+
+
+def _rows(kind: type, names: tuple[str, ...] | None = None) -> Iterator[str]:
+    meanings = _meanings(kind)
+    fields = fields_of(kind, names)
+    for name, schema in properties(fields).items():
+        field = fields[name]
+        default = "" if field.required else _shown(field.default)
+        value = _words(schema).replace("|", "\\|")
+        yield f"| `{name}` | {value} | {default} | {_plain(meanings.get(name, ''))} |"
+
+
+def _shown(default: Any) -> str:
+    if default in ((), None) or isinstance(default, Mapping):
+        return "none"
+    if isinstance(default, bool):
+        return str(default).lower()
+    if any(map(dataclasses.is_dataclass, default if isinstance(default, tuple) else (default,))):
+        return "built in"
+    return f"{default:g}" if isinstance(default, float) else str(default) or "empty"
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    """What a property may be."""
+    if schema.get("type") == "object":
+        return "mapping"
+    if "description" in schema:  # of a number: the head of the page says what units are
+        words = re.sub(r"; or with its unit, e\.g\. [^;]*", "", schema["description"])
+        return f"whole number {words}" if schema.get("type") == "integer" else words
+    if "anyOf" in schema:
+        options = [_words(option) for option in schema["anyOf"] if option != SUBSTITUTION]
+        return " or ".join(dict.fromkeys(options))
+    if "enum" in schema or "const" in schema:
+        options = schema.get("enum", [schema.get("const")])
+        return " or ".join(f"`{json.dumps(o) if not isinstance(o, str) else o}`" for o in options)
+    if schema.get("format") == "path":
+        return "path"
+    kinds = {"integer": "whole number", "string": "text", "boolean": "`true` or `false`"}
+    kinds |= {"array": "list", "null": "null"}
+    return kinds.get(schema.get("type", ""), str(schema.get("type", "any value")))
+
+
+def _summary(kind: type) -> str:
+    text = inspect.getdoc(kind) or ""
+    text = re.split(r"\n\n|\n(?=[A-Z]\w+:\n)", text)[0]
+    return _plain(text.replace("\n", " "))
+
+
+def _plain(text: str) -> str:
+    """Markdown of a docstring."""
+    text = re.sub(r":\w+:`~?([^`]*)`", r"``\1``", text)
+    return text.replace("``", "`").replace("|", "\\|")
+
+
+def _meanings(kind: type) -> dict[str, str]:
+    """The attributes that a docstring explains."""
+    meanings: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        _, _, after = (inspect.cleandoc(base.__doc__ or "")).partition("Attributes:\n")
+        section = after.partition("\n\n")[0]
+        for entry in re.split(r"\n(?=    \w)", f"\n{section}"):
+            name, colon, text = entry.strip().partition(": ")
+            if colon and name.isidentifier():
+                meanings[name] = " ".join(text.split())
+    return meanings
+
+
+if __name__ == "__main__":
+    print(reference_page(), end="")

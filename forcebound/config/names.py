@@ -1,0 +1,62 @@
+"""Names of parameters: the place of a value in a launch file.
+
+``device.law``, ``links.environment_query.delay``, ``environment.surface.friction``.
+"""
+
+from collections.abc import MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ParameterName:
+    """A name in its parts.
+
+    Attributes:
+        section: Of the launch file.
+        path: Mappings within the section, from outside to inside.
+        entry: Key of the value; empty for a value at the top, such as ``seed``.
+    """
+
+    section: str
+    path: tuple[str, ...] = ()
+    entry: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> "ParameterName":
+        """Return the parts of a name as it is written."""
+        section, *rest = text.split(".")
+        return cls(section, tuple(rest[:-1]), rest[-1] if rest else "")
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """The keys from the top of the launch file to the value."""
+        return tuple(step for step in (self.section, *self.path, self.entry) if step)
+
+    @property
+    def last(self) -> str:
+        """The key of the value."""
+        return self.steps[-1]
+
+    @property
+    def topic(self) -> str | None:
+        """The topic of a link's parameter; None for others."""
+        return self.path[0] if self.section == "links" and self.path else None
+
+    def put(self, document: MutableMapping[str, Any], value: Any) -> None:
+        """Set the value in a document of plain values, in mappings of its own.
+
+        Raises:
+            TypeError: If there is no mapping on the way.
+        """
+        *before, last = self.steps
+        for step in before:
+            document[step] = dict(document.get(step) or {})
+            document = document[step]
+        document[last] = value
+
+    def __str__(self) -> str:
+        return ".".join(self.steps)
+
+
+LAW = "device.law"  # the one parameter of a device that can change while a graph runs

@@ -1,0 +1,188 @@
+"""Diagnosis of a running graph: its force, delays, ticks, recording and law."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from msgspec.structs import replace
+
+from forcebound.analysis.bounder import (
+    Cause,
+    causes_of_little_force,
+    is_limited,
+    limited_ticks,
+    magnitudes,
+)
+from forcebound.config.graph import GraphConfig
+from forcebound.config.resolved import to_document
+from forcebound.messages.packets import LINKS
+from forcebound.monitor.findings import Data, Finding, Severity
+from forcebound.monitor.observation import Observations
+from forcebound.process import COMPLETE
+
+NEAR_AGE_LIMIT = 0.7  # of it; beyond, a little more delay takes the force away
+LATE_PERIODS = 3.0  # above the delay that is injected; an idle machine needs less than 1.5
+LOST_TICKS_SHARE = 0.01  # of all ticks, from which on it is a problem
+NOW = 0.2  # s without an answer that make it "now"
+SMALL_DISK = 200_000_000  # B
+SHORT_TIME = 600.0  # s until the disk is full
+
+LESS_DELAY = "less delay or loss on the links, or a larger device.age_limit"
+
+
+def _force(seen: Observations) -> Iterator[Finding]:
+    telemetry = seen.telemetry
+    if telemetry.time_ns.size == 0:
+        if seen.device.last is not None and seen.phase not in ("starting", "stopping"):
+            words, action = "answers, but sends no telemetry", "does it hang in its driver?"
+            yield Finding("problem", "no_telemetry", "device", words, action)
+        return
+    unanswered = (telemetry.device_seq < 0) & (telemetry.elapsed > 0.0)
+    if not unanswered.any():
+        return
+    limit = seen.config.device.servo.age_limit
+    why = f"no answer younger than the age limit of {1e3 * limit:g} ms"
+    recent = telemetry.time_ns >= telemetry.time_ns[-1] - NOW * 1e9
+    if unanswered[recent].all():
+        answered = np.flatnonzero(~unanswered)
+        start = int(answered[-1]) + 1 if answered.size else 0
+        silence = float(telemetry.time_ns[-1] - telemetry.time_ns[start]) * 1e-9
+        words = f"no force: for {silence:.1f} s and more {why}"
+        action = f"repair the link or process named here; else {LESS_DELAY}"
+        data: Data = {"age_limit": limit, "silence": silence}
+        yield Finding("problem", "no_force", "device", words, action, data=data)
+        return
+    share, ticks = float(unanswered.mean()), unanswered.size
+    words = f"no force in {share:.1%} of {ticks} ticks: {why}"
+    action = f"{LESS_DELAY}; force returns over the engage ramp"
+    data = {"age_limit": limit, "share": share, "ticks": ticks}
+    yield Finding("problem", "force_gaps", "device", words, action, data=data)
+
+
+def _delay(seen: Observations) -> Iterator[Finding]:
+    delays = seen.telemetry.loop_delay[~np.isnan(seen.telemetry.loop_delay)]
+    if delays.size == 0:
+        return
+    servo = seen.config.device.servo
+    p50, p99 = np.percentile(delays, (50, 99)).tolist()
+    words = f"loop delay p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms"
+    data: Data = {"p50": p50, "p99": p99}
+    injected = _injected_delay(seen.config)
+    if p99 > NEAR_AGE_LIMIT * servo.age_limit:
+        words += f": near the age limit of {1e3 * servo.age_limit:g} ms"
+        words += ", beyond which there is no force"
+        data["age_limit"] = servo.age_limit
+        command = "forcebound param get links"
+        yield Finding("problem", "delay_near_age_limit", "loop", words, LESS_DELAY, command, data)
+    elif injected is None or seen.config.remote is not None:
+        return
+    elif p50 > injected + LATE_PERIODS / servo.rate:
+        words += f"; injected are at most {1e3 * injected:.1f} ms"
+        words += f", the period is {1e3 / servo.rate:g} ms"
+        data |= {"injected": injected, "period": 1.0 / servo.rate}
+        causes = _lateness(seen)
+        yield Finding("problem", "late_loop", "loop", words, data=data, causes=causes)
+
+
+def _injected_delay(config: GraphConfig) -> float | None:
+    """Return what links and environment add to the loop at most, in s; None: hard to say."""
+    ways = [config.links[topic] for topic in LINKS if topic in config.links]
+    ways += [config.environment.computation] * 2  # a query may have to wait for the one before
+    if any(not way.is_plain or way.loss for way in ways):
+        return None
+    return sum(way.delay + way.jitter for way in ways)
+
+
+def _ticks(seen: Observations) -> Iterator[Finding]:
+    telemetry = seen.telemetry
+    if telemetry.time_ns.size < 2:
+        return
+    lost = int(telemetry.deadline_misses[-1] - telemetry.deadline_misses[0])
+    if lost <= 0:
+        return
+    rate = lost / (float(telemetry.time_ns[-1] - telemetry.time_ns[0]) * 1e-9)
+    share = lost / (lost + telemetry.time_ns.size)
+    words = f"loses {rate:.3g} ticks/s, {share:.1%} of all: costs force, never safety"
+    severity: Severity = "problem" if share >= LOST_TICKS_SHARE else "note"
+    data: Data = {"rate": rate, "share": share}
+    causes = _lateness(seen)
+    yield Finding(severity, "ticks_lost", "device", words, data=data, causes=causes)
+
+
+def _lateness(seen: Observations) -> tuple[Cause, ...]:
+    """Return the likely causes of lateness."""
+    facts = [] if seen.device.last is None else seen.device.last.realtime
+    causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
+    if seen.neighbours:
+        graphs = ", ".join(seen.neighbours)
+        advice = f"core {seen.core} is shared with {graphs}: set realtime.cores"
+        causes.append(Cause("core_shared", advice))
+    if seen.load > seen.cores:
+        advice = (
+            f"the load is {seen.load:.1f} on {seen.cores} cores: end what is not needed, or keep "
+            "it off the core (taskset, isolcpus)"
+        )
+        causes.append(Cause("load", advice))
+    unknown = "cause unknown, see what this machine can do"
+    return tuple(causes) or (Cause("unknown", unknown, "forcebound doctor --measure"),)
+
+
+def _recorder(seen: Observations) -> Iterator[Finding]:
+    recorder, recording = seen.recorder, seen.recording
+    if recorder.last is None:
+        return
+    state = recorder.last.recording
+    if state != COMPLETE:
+        words = f"recording {state}; the graph goes on without ({recording.path})"
+        action = "make room, then start the run again: this recording ends here"
+        data: Data = {"state": state, "path": recording.path}
+        yield Finding("problem", "not_recording", "recorder", words, action, data=data)
+    elif recording.free is not None:
+        left = recording.free / recording.rate if recording.rate else None
+        if recording.free < SMALL_DISK or (left is not None and left < SHORT_TIME):
+            words = (
+                f"{1e-6 * recording.free:.0f} MB are left for {recording.path}, "
+                f"{1e-6 * recording.rate:.2g} MB/s are written"
+            )
+            words += "" if left is None else f": full in {left / 60:.0f} min"
+            data = {"path": recording.path, "free": recording.free, "left": left}
+            data["rate"] = recording.rate
+            yield Finding("problem", "disk_nearly_full", "recorder", words, "make room", data=data)
+    if seen.telemetry.time_ns.size and not recorder.received("telemetry"):
+        words, action = f"receives no telemetry ({recorder.interval:.1f} s)", "start the run again"
+        yield Finding("problem", "recorder_deaf", "recorder", words, action)
+
+
+def _law(seen: Observations) -> Iterator[Finding]:
+    law = seen.config.device.servo.law
+    if law == "none":
+        words = "law none: nothing protects the hand from what environment and network do"
+        command = "forcebound param set device.law:=certified"
+        yield Finding("note", "no_law", "device", words, command=command)
+        return
+    section = to_document(seen.config)["device"]
+    if not is_limited(seen.telemetry, section):
+        return
+    limited, pushing = limited_ticks(seen.telemetry, section)
+    share = float(limited.sum() / pushing.sum())
+    commanded, applied = (float(one[limited].mean()) for one in magnitudes(seen.telemetry, section))
+    words = (
+        f"law {law} limits the force in {share:.0%} of the ticks with one: "
+        f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
+    )
+    data: Data = {"law": law, "share": share, "commanded": commanded, "applied": applied}
+    status = seen.device.last
+    report = None
+    if status is not None:
+        overruns = seen.device.growth(lambda one: one.bounder.overruns)
+        report = replace(status.bounder, overruns=overruns)
+    causes = tuple(causes_of_little_force(seen.telemetry, section, report))
+    yield Finding("note", "law_limits", "device", words, data=data, causes=causes)
+
+
+LOOP_RULES: tuple[Callable[[Observations], Iterator[Finding]], ...] = (
+    _force,
+    _delay,
+    _ticks,
+    _recorder,
+    _law,
+)

@@ -1,0 +1,137 @@
+"""The state of a running graph: its processes, their answers, and what they use."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+from msgspec import Struct
+
+from forcebound.config.graph import GraphConfig
+from forcebound.launch.run_directory import RunDocument
+from forcebound.messages.control import (
+    ControllerStatus,
+    DeviceStatus,
+    EnvironmentStatus,
+    GetStatus,
+    LauncherStatus,
+    ProcessState,
+    ProcessStatus,
+)
+from forcebound.monitor.control import ask, ask_all
+from forcebound.network import sockets
+from forcebound.process import has_control
+from forcebound.processes import LAUNCHER, NODES, PROCESSES
+
+STATUS_TIMEOUT = 1.0  # s; a node answers between two steps, so within milliseconds
+SERVING_NS = 100_000_000  # in which an environment that serves replies, unless it is very slow
+WAITING_REPLIES = 1  # of an environment that waits, in this time
+UNKNOWN = "unknown"  # state of a process that no launcher watches, or whose launcher is silent
+
+
+class GraphStatus(Struct, frozen=True):
+    """A running graph at one time."""
+
+    run_dir: Path
+    run: RunDocument
+    has_launcher: bool  # False: an environment by itself
+    launcher: LauncherStatus | None  # None: it does not answer
+    processes: dict[str, ProcessState]  # that the launcher runs, or that have a control socket
+    answers: dict[str, ProcessStatus]  # of the processes that answered, by name
+
+    @property
+    def device(self) -> DeviceStatus | None:
+        """The status of the device; None: it does not answer, or is not here."""
+        status = self.answers.get("device")
+        return status if isinstance(status, DeviceStatus) else None
+
+    @property
+    def controller(self) -> ControllerStatus | None:
+        """The status of the controller, like :attr:`device`."""
+        status = self.answers.get("controller")
+        return status if isinstance(status, ControllerStatus) else None
+
+    @property
+    def environment(self) -> EnvironmentStatus | None:
+        """The status of the environment, like :attr:`device`."""
+        status = self.answers.get("environment")
+        return status if isinstance(status, EnvironmentStatus) else None
+
+    def nodes_here(self, config: GraphConfig) -> frozenset[str]:
+        """Return the nodes that belong to this machine, whether they run or not."""
+        found = frozenset(NODES) & self.processes.keys()
+        if self.launcher is not None:
+            return found
+        nodes = frozenset(NODES if self.run.is_graph else {"environment"})
+        is_remote = self.run.is_graph and config.remote is not None
+        return nodes - ({"environment"} - found) if is_remote else nodes
+
+
+def snapshot(run_dir: Path) -> GraphStatus:
+    """Return the state of a running graph.
+
+    Raises:
+        ConfigError: If no graph runs there.
+    """
+    run = RunDocument.read(run_dir)
+    known = [name for name in (*PROCESSES, LAUNCHER) if has_control(run_dir, name)]
+    found = ask_all(run_dir, known, GetStatus(), STATUS_TIMEOUT)
+    launcher = found.pop(LAUNCHER, None)
+    launcher = launcher if isinstance(launcher, LauncherStatus) else None
+    processes = {name: ProcessState(UNKNOWN) for name in found}
+    if launcher is not None:
+        processes |= launcher.nodes
+    answers: dict[str, ProcessStatus] = {
+        name: answer for name, answer in found.items() if isinstance(answer, ProcessStatus)
+    }
+    processes = {name: processes[name] for name in PROCESSES if name in processes}
+    return GraphStatus(run_dir, run, LAUNCHER in known, launcher, processes, answers)
+
+
+def other_environment(graph: GraphStatus) -> str | None:
+    """Return the environment that serves in place of the one here; None: there is none.
+
+    An environment here that is silent may be the one that serves.
+    """
+    own, controller = graph.environment, graph.controller
+    if not graph.run.is_graph:
+        return None if own is None else own.refused_for
+    if controller is None or controller.environment is None:
+        return None
+    if own is None:
+        here = graph.processes.get("environment")
+        if here is None or here.state != "stopped":
+            return None
+    elif own.name == controller.environment:
+        return None
+    sockets.wait((), SERVING_NS)
+    later = ask(graph.run_dir, "controller", GetStatus(), STATUS_TIMEOUT)
+    replies = _replies(later) - _replies(controller)
+    # With fewer, it has gone, with its lease.
+    return controller.environment if replies > WAITING_REPLIES else None
+
+
+def _replies(controller: object) -> int:
+    if not isinstance(controller, ControllerStatus):
+        return 0
+    return controller.received.get("environment_reply", 0)
+
+
+class Use(NamedTuple):
+    """What a process uses of the machine."""
+
+    kernel_state: str  # its letter in /proc/PID/stat
+    processor_time: float  # s, since its start
+    memory: int  # B; that no other process shares may be less
+
+
+def use_of(pid: int | None) -> Use | None:
+    """Return what a process uses; None: it has ended."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
+    except OSError:
+        return None
+    fields = stat.rpartition(")")[2].split()  # the name before it may hold anything
+    ticks = int(fields[11]) + int(fields[12])
+    return Use(
+        fields[0], ticks / os.sysconf("SC_CLK_TCK"), int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+    )

@@ -1,0 +1,237 @@
+"""Requests to the processes of a run, and their answers: one class each.
+
+A request is a msgpack map whose key ``request`` names its class, an answer one whose key ``answer``
+does. ``docs/protocol.md``, Control, is the page about them.
+
+To add a request: a class here, and its class in the ``requests`` of the node that takes it.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeAlias
+
+import msgspec
+from msgspec import Meta, Struct
+
+from forcebound.messages.packets import MAX_AXES, TOPIC_OF, Event, Scene, Vector
+from forcebound.processes import Fact
+
+UNCERTAIN = (TOPIC_OF[Event], TOPIC_OF[Scene])  # topics on which no packet may ever come
+
+#: Parameters of a graph by name, as plain JSON values in SI units.
+Parameters: TypeAlias = dict[str, Any]
+
+
+class Request(Struct, frozen=True, tag_field="request", forbid_unknown_fields=True):
+    """A request to one process."""
+
+
+class GetStatus(Request, frozen=True, tag="status"):
+    """Report how the process is doing."""
+
+
+class StopProcess(Request, frozen=True, tag="stop"):
+    """End the process, a device with zero force first."""
+
+
+class Configure(Request, frozen=True, tag="configure"):
+    """Continue with these parameters."""
+
+    time_ns: int  # when they were written into the launch document; an older request is ignored
+    parameters: Parameters  # all of the graph
+
+
+class Engage(Request, frozen=True, tag="engage"):
+    """Permit forces from the next tick on."""
+
+
+class Point(Request, frozen=True, tag="point"):
+    """Move the pointer that a simulated hand follows."""
+
+    target: Annotated[Vector, Meta(min_length=1, max_length=MAX_AXES)]  # m; the other axes stay
+
+
+class EnvironmentDied(Request, frozen=True, tag="environment_died"):
+    """The process of an environment has ended."""
+
+    process: Annotated[str, Meta(min_length=1)]  # beginning of the environment's name
+
+
+class StopNode(Request, frozen=True, tag="stop_node"):
+    """Stop a node until :class:`StartNode`."""
+
+    node: str
+
+
+class StartNode(Request, frozen=True, tag="start_node"):
+    """Start a node again."""
+
+    node: str
+
+
+class ResumeDevice(Request, frozen=True, tag="resume_device"):
+    """Open a lost device again."""
+
+
+class ConfigureNode(Request, frozen=True, tag="configure_node"):
+    """Pass :class:`Configure` to a node that does not answer now."""
+
+    node: str
+    configure: Configure
+
+
+#: Requests that every node takes, besides those of its class; and those that the launcher takes.
+OF_NODES: tuple[type[Request], ...] = (GetStatus, StopProcess, Configure)
+OF_LAUNCHER: tuple[type[Request], ...] = (
+    GetStatus,
+    StopNode,
+    StartNode,
+    ResumeDevice,
+    ConfigureNode,
+)
+
+
+class _Answer(Struct, tag_field="answer"):
+    """An answer of a process."""
+
+
+class Refused(_Answer, tag="error"):
+    """The request was refused, and had no effect."""
+
+    error: str  # for people
+
+
+class Accepted(_Answer, tag="accepted"):
+    """The request was executed, or will be at once."""
+
+
+class Engaged(_Answer, tag="engaged"):
+    """Forces are permitted."""
+
+
+class Pointed(_Answer, tag="pointed"):
+    """The hand follows the pointer."""
+
+    target: Vector  # m, within the reach of the hand
+    time_ns: int  # on the device's clock, from when on it counts
+
+
+class BounderReport(Struct, frozen=True, kw_only=True):
+    """What the bounder of a device has met since the force engaged."""
+
+    overruns: int = 0  # holds longer than the hold limit
+    refused_readings: int = 0
+    late_writes: int = 0  # forces that took effect later after their reading than stated
+    largest_allowance: float = 0.0  # J, the most that late holds can have leaked
+    allowance_repaid: bool = True
+    hold_limit: float  # s, mean
+    longest_hold_limit: float  # s
+    longest_write_delay: float = 0.0  # s, from a reading until its force took effect
+
+    def as_texts(self) -> dict[str, str]:
+        """Return the fields as the data of an event."""
+        return {name: str(value) for name, value in msgspec.structs.asdict(self).items()}
+
+    @classmethod
+    def from_texts(cls, data: Mapping[str, str]) -> "BounderReport | None":
+        """Return what :meth:`as_texts` wrote; None: it is not that."""
+        try:
+            return msgspec.convert(data, cls, strict=False)
+        except msgspec.ValidationError:
+            return None
+
+
+class RemoteStatus(Struct, kw_only=True):
+    """The link of a node to another machine."""
+
+    listens: bool
+    address: str
+    port: int
+    connected: bool
+    secure: bool = True
+    peers: list[str] = []
+    connections: int = 0
+    superseded: int = 0
+    counts: dict[str, int] = {}  # notices by kind, also those that were not reported
+
+
+class ProcessStatus(_Answer, kw_only=True):
+    """What every process of a graph reports."""
+
+    received: dict[str, int] = {}  # packets by topic
+    rejected: dict[str, int] = {}  # packets by reason
+
+    @property
+    def waiting_for(self) -> tuple[str, ...]:
+        """Topics on which no packet has come, and one must."""
+        return tuple(t for t, count in self.received.items() if not count and t not in UNCERTAIN)
+
+
+class NodeStatus(ProcessStatus, kw_only=True, tag="node"):
+    """What every node reports."""
+
+    steps: int = 0
+    links: dict[str, dict[str, int]] = {}  # packets on impaired links, by topic and fate
+    remote: RemoteStatus | None = None
+    realtime: list[Fact] = []  # what makes the process punctual, or could not be had
+
+
+class DeviceStatus(NodeStatus, kw_only=True, tag="device"):
+    """Status of a device."""
+
+    engaged: bool
+    law: str
+    bounder: BounderReport
+    deadline_misses: int = 0
+    #: J, true energy of a simulated device when its law began, less its kinetic energy then. Under
+    #: a certified law the energy does not fall below it.
+    energy_before: float = 0.0
+
+
+class ControllerStatus(NodeStatus, kw_only=True, tag="controller"):
+    """Status of a controller."""
+
+    environment: str | None = None  # that serves; None: none yet
+    failures: int = 0  # calls that the controller's code failed to answer
+
+
+class EnvironmentStatus(NodeStatus, kw_only=True, tag="environment"):
+    """Status of an environment."""
+
+    name: str
+    refused_for: str | None = None  # the one that serves instead; None: this one, or none
+    failures: int = 0  # queries that the environment's code failed to answer
+
+
+class RecorderStatus(ProcessStatus, kw_only=True, tag="recorder"):
+    """Status of a recorder."""
+
+    recording: str  # "complete", or why it is not
+
+
+class ProcessState(Struct, frozen=True):
+    """What the launcher knows of one process."""
+
+    state: str
+    pid: int | None = None  # None: it does not run
+    restarts: int = 0
+
+
+class LauncherStatus(_Answer, kw_only=True, tag="launcher"):
+    """Status of a launcher."""
+
+    phase: str
+    nodes: dict[str, ProcessState] = {}
+
+
+Answer: TypeAlias = (
+    NodeStatus
+    | DeviceStatus
+    | ControllerStatus
+    | EnvironmentStatus
+    | RecorderStatus
+    | LauncherStatus
+    | Accepted
+    | Engaged
+    | Pointed
+    | Refused
+)

@@ -1,0 +1,75 @@
+"""The wheel, installed by itself: what pip gives a user runs, outside the clone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import venv
+from importlib.metadata import Distribution, distribution, distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parent.parent
+NOT_SOURCES = shutil.ignore_patterns(".*", "build", "*.egg-info", "results", "docs", "node_modules")
+
+
+def run(*words: str | Path, cwd: Path = ROOT, **variables: str) -> str:
+    done = subprocess.run(
+        list(map(str, words)),
+        cwd=cwd,
+        env={**os.environ, **variables, "PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def link_requirements(package: Distribution, folder: Path, known: set[str]) -> None:
+    """Link what a distribution requires, without extras, and what that requires, into a folder."""
+    for required in map(Requirement, package.requires or ()):
+        is_needed = required.marker is None or required.marker.evaluate({"extra": ""})
+        if required.name in known or not is_needed:
+            continue
+        known.add(required.name)
+        found = distribution(required.name)
+        for top in {Path(file).parts[0] for file in found.files or ()} - {"..", "__pycache__"}:
+            if not (folder / top).exists():
+                (folder / top).symlink_to(str(found.locate_file(top)))
+        link_requirements(found, folder, known)
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an environment that has the wheel and what it requires, and nothing else."""
+    folder = tmp_path_factory.mktemp("wheel")
+    shutil.copytree(ROOT, folder / "clone", symlinks=True, ignore=NOT_SOURCES)
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+    run(*pip, "wheel", "--no-deps", "--wheel-dir", folder, folder / "clone")
+    (wheel,) = folder.glob("forcebound-*.whl")
+    shutil.rmtree(folder / "clone")
+    venv.create(folder / "env", symlinks=True)
+    python = folder / "env" / "bin" / "python"
+    run(*pip, "--python", python, "install", "--no-deps", "--no-index", wheel)
+    (packages,) = (folder / "env" / "lib").glob("python3*/site-packages")
+    (wheeled,) = distributions(name="forcebound", path=[str(packages)])
+    link_requirements(wheeled, packages, {"forcebound"})
+    return folder
+
+
+@pytest.mark.live
+def test_the_wheel_simulates_and_launches_outside_the_clone(installed: Path) -> None:
+    python, forcebound = (installed / "env" / "bin" / name for name in ("python", "forcebound"))
+    imported = Path(
+        run(python, "-c", "import forcebound; print(forcebound.__file__)", cwd=installed)
+    )
+    assert imported.is_relative_to(installed / "env")
+    words = ("stiff_wall", "--json", "--duration")
+    for command, duration in (("simulate", "500ms"), ("launch", "2s")):
+        runtime = {"XDG_RUNTIME_DIR": str(installed)}
+        summary = json.loads(run(forcebound, command, *words, duration, cwd=installed, **runtime))
+        assert summary["samples"] > 0
+        assert summary["true_energy_min_j"] >= 0.0, command
