@@ -30,10 +30,24 @@ def test_nothing_is_lost_if_nothing_is_wrong() -> None:
 
 
 @pytest.mark.parametrize(
-    "summary", ["stamps up to 2 ms late in 2 % of ticks", "1 reading of 100 wrong by 10 mm"]
+    "summary",
+    [
+        "reading to writing 400 us",
+        "1 reading of 100 wrong by 10 mm, no largest speed stated",
+    ],
 )
 def test_a_broken_promise_costs_energy(summary: str) -> None:
     assert lowest(summary, 30) < -1e-3
+
+
+@pytest.mark.parametrize("late", ["first look 50 us late", "drops a force 50 us after the look"])
+def test_a_guard_that_is_late_costs_energy(late: str) -> None:
+    def found(summary: str) -> float:
+        mistake = BY_NAME[f"guarding, any hand: {summary}"]
+        return lowest_energy(Search(mistake, stated_by(PHANTOM), TRIED_SENSORS[0], 60))
+
+    assert found("nothing is wrong") >= -ENERGY_TOLERANCE
+    assert found(late) < -1e-4
 
 
 def test_the_device_states_its_own_numbers() -> None:

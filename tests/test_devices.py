@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,7 +14,9 @@ from forcebound.devices import DEVICES, DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators.pressing import PressingHand
 
 
@@ -238,3 +241,30 @@ def test_stated_numbers_without_meaning_are_refused(name: str, value: Any) -> No
 def test_a_device_has_one_to_six_axes(axes: int) -> None:
     with pytest.raises(ValueError, match="axes must be 1 to 6"):
         PhantomPremium15(axes=axes)
+
+
+@pytest.mark.parametrize("kind", sorted(DEVICES))
+def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_measured(
+    kind: str,
+) -> None:
+    model: Any = DEVICES[kind]()
+    assert 0.0 < dissipation_of(model, ServoSettings()).largest_speed < math.inf
+    assert model.sources["largest_speed"] == "assumed"
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({}, "field watchdog"),
+        ({"watchdog": "silent"}, "watchdog_tolerance"),
+        ({"watchdog": "none"}, "watchdog_limit"),
+        ({"watchdog": "guarding"}, "guard_period"),
+    ],
+)
+def test_a_device_must_state_what_drops_a_force_that_nobody_renews(
+    stated: dict[str, Any], message: str
+) -> None:
+    numbers = {"axes": 1, "damping": 0.27, "friction": 0.12, "resolution": 3e-5, "saturation": 8.5}
+    model: Any = SimpleNamespace(**numbers, **stated)
+    with pytest.raises(ConfigError, match=message):
+        dissipation_of(model, ServoSettings())

@@ -129,6 +129,13 @@ def test_neighbours_do_not_change_a_run() -> None:
     assert np.array_equal(alone.columns.true_position, together.columns.true_position)
 
 
+def test_a_case_with_a_reading_that_the_bounder_refuses_goes_through_the_graph() -> None:
+    taken = case(seconds=0.3)  # the hand approaches at 200 mm/s
+    model: Any = replace(taken.device.model, largest_speed=0.1)
+    refused = replace(taken, device=replace(taken.device, model=model))
+    assert [ran.engine for ran in run_all([taken, refused])] == ["kernel", "graph"]
+
+
 def test_what_the_kernel_does_not_know_goes_through_the_graph() -> None:
     config = case(seconds=0.02)
     model: Any = config.device.model

@@ -251,6 +251,8 @@ class _Watch:
         case, limit = self.case, self.limits[index]
         watched = case.watchdog != "none"
         holds[0] = limit * (1.0 + case.tolerance * self.cuts[index])
+        if case.watchdog == "guarding":
+            holds[0] = round(holds[0], 9)  # its report is in ns: no error of a stamp is meant here
         if not watched:
             holds[0] = case.stated.watchdog_limit
         holds[1] = limit * (1.0 + case.tolerance) + case.numbers[DROP]

@@ -32,6 +32,10 @@ made this page (forcebound {version}, {processor}). Any run can be repeated by n
 
 [audit-worlds.md](audit-worlds.md): the same laws in two and three axes, through every world and
 controller.
+
+The default watchdog, `guarding`, is attacked in the rows of the first and the last table that name
+it, and in the worlds, which draw guarding, reporting and silent ones. All other rows, also those of
+`forcebound audit sensitivity`, have the watchdog that they name, or a silent one.
 """
 
 LAWS_INTRODUCTION = """\
