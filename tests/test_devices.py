@@ -10,11 +10,13 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.devices import DEVICES, DeviceModel
+from forcebound.devices import DEVICES, Device, DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
 from forcebound.devices.simulated import SimulatedDevice
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
+from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
 from forcebound.operators.pressing import PressingHand
 
@@ -241,3 +243,44 @@ def test_stated_numbers_without_meaning_are_refused(name: str, value: Any) -> No
 def test_a_device_has_one_to_six_axes(axes: int) -> None:
     with pytest.raises(ValueError, match="axes must be 1 to 6"):
         PhantomPremium15(axes=axes)
+
+
+@pytest.mark.parametrize("kind", sorted(DEVICES))
+def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_measured(
+    kind: str,
+) -> None:
+    make: Callable[[], DeviceModel] = DEVICES[kind]
+    model = make()
+    assert 0.0 < dissipation_of(model, ServoSettings()).largest_speed < math.inf
+    assert model.sources["largest_speed"] == "assumed"
+
+
+@dataclass(frozen=True)
+class Bare(DeviceModel):
+    """A device that states nothing of what drops a force."""
+
+    axes: int = 1
+    damping: float = 0.27
+    friction: float = 0.12
+    resolution: float = 3e-5
+    saturation: float = 8.5
+
+    def open(self, operator: Operator | None, hold_limit: float) -> Device:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    ("stated", "error", "message"),
+    [
+        ({}, TypeError, "watchdog"),
+        ({"watchdog": "loud"}, ConfigError, "watchdog"),
+        ({"watchdog": "silent"}, ConfigError, "watchdog_tolerance"),
+        ({"watchdog": "none"}, ConfigError, "watchdog_limit"),
+        ({"watchdog": "guarding"}, ConfigError, "guard_period"),
+    ],
+)
+def test_a_device_must_state_what_drops_a_force_that_nobody_renews(
+    stated: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        dissipation_of(Bare(**stated), ServoSettings())

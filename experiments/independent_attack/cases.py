@@ -189,7 +189,7 @@ def phantom(draft: Draft) -> None:
 
 def drops_late(draft: Draft) -> None:
     """A guarding watchdog needs some time to drop a force: a look at the limit comes too late."""
-    drop = draft.fields["guard_period"] * draft.random.uniform(0.05, 0.9)
+    drop = round(draft.fields["guard_period"] * draft.random.uniform(0.05, 0.9), 9)
     draft.numbers[GUARD], draft.numbers[DROP] = draft.fields["guard_period"] - drop, drop
     draft.fields["watchdog_tolerance"] = drop / draft.fields["hold_limit"]
 
