@@ -43,7 +43,7 @@ def _answer(model: Bodies) -> Callable[[float], object]:
     def answer(elapsed: float) -> object:
         phase = SPEED * elapsed
         position = (REACH * math.sin(phase), 0.0, 0.010)
-        return environment.force(position, (REACH * SPEED * math.cos(phase), 0.0, 0.0), elapsed)
+        return environment.force("", position, (REACH * SPEED * math.cos(phase), 0.0, 0.0), elapsed)
 
     return answer
 

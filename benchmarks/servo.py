@@ -99,7 +99,7 @@ class AnswerNode(Node):
                 time_ns,
                 state.seq,
                 state.time_ns,
-                self._wall.force(state.position, state.velocity, state.elapsed),
+                self._wall.force("", state.position, state.velocity, state.elapsed),
             )
             for state in received
             if type(state) is DeviceState

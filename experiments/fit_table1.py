@@ -172,7 +172,14 @@ def contact(law: str, numbers: Floats, approach: Floats) -> Touch:
     mass, *hand, offset = numbers[:6].tolist()
     surface = PAPER_SURFACE - offset
     readings, forces = np.empty(SAMPLES), np.empty(SAMPLES)
-    relied_on = Dissipation(DAMPING, FRICTION, RESOLUTION, PERIOD, PERIOD, DEVICE.saturation)
+    relied_on = Dissipation(
+        damping=DAMPING,
+        friction=FRICTION,
+        resolution=RESOLUTION,
+        period=PERIOD,
+        hold_limit=PERIOD,
+        saturation=DEVICE.saturation,
+    )
     kernel(law)(
         LAWS[law].device(relied_on), surface, DEVICE.mass + mass, *hand,
         surface - way, surface + target, speed, readings, forces,

@@ -23,10 +23,8 @@ TOLD_LAGS = (2e-4, 1e-3)  # s; a shorter one cannot be told narrowly by every en
 SUBSTEP = 2.5e-4  # s
 
 
-class Altered:
+class Altered(Device):
     """A device whose readings or forces something changes."""
-
-    kinematics = None
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -46,10 +44,6 @@ class Altered:
         """Write a changed force, and return the other."""
         self._device.write(time_ns, self.acting(force))
         return force
-
-    def truth(self) -> None:
-        """Return None: it is not told."""
-        return
 
     def close(self) -> None:
         """Close the device."""
@@ -77,13 +71,16 @@ class Weighted(Altered):
         super().__init__(device)
         self._gain, self._weight = gain, weight
         self._hung = [0.0] * device.axes
-        self.stamps = device.stamps
 
     def listen(self, line: str) -> None:
         """Do what a message to the user says."""
         if line.startswith("axis") and "weight" in line:
             axis = int(line.split(":")[0].removeprefix("axis ")) - 1
             self._hung[axis] = self._weight if "Hang the weight" in line else 0.0
+
+    def stamps(self) -> tuple[int, int] | None:
+        """Return those of the device."""
+        return self._device.stamps()
 
     def acting(self, force: Vector) -> Vector:
         """Return a force with that of the weight: the motor gives its gain times as much."""

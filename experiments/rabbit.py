@@ -104,8 +104,8 @@ def draw(picture: Path) -> None:
     world, tips, proxies = model.open(3), [], []
     for tick in range(2500):
         tip = tuple(hand.target(1e-3 * tick))
-        world.force(tip, (0.0, 0.0, 0.0), 1e-3 * tick)
-        contact = world.contact()
+        world.force("", tip, (0.0, 0.0, 0.0), 1e-3 * tick)
+        contact = world.contact("")
         tips.append(tip)
         proxies.append(tip if contact is None else contact.proxy)
     corners = model.solid().tree.triangles.reshape(-1, 3, 3).astype(float)

@@ -59,7 +59,7 @@ def pressed(model: PointCloud) -> tuple[int, list[float]]:
         world, force = model.open(3), np.zeros(3)
         for depth in np.arange(FROM, DEEPEST + STEP / 2, STEP):
             x, y, z = ((RADIUS - depth) * out).tolist()
-            force = np.array(world.force((x, y, z), STILL, 0.0))
+            force = np.array(world.force("", (x, y, z), STILL, 0.0))
             size = float(np.linalg.norm(force))
             if depth > 0.0 and size > 0.0:
                 angles.append(math.degrees(math.acos(min(abs(float(force @ out)) / size, 1.0))))
@@ -85,13 +85,13 @@ def show_presses(folder: Path) -> None:
 def times_us(world: OpenTouchable) -> list[float]:
     """Return how long the answers of a stroke take, in us."""
     taken = []
-    world.force((0.0, 0.0, RADIUS + 0.02), STILL, 0.0)
+    world.force("", (0.0, 0.0, RADIUS + 0.02), STILL, 0.0)
     for tick in range(round(SECONDS * 1e3)):
         angle = SPEED * tick * 1e-3 / RADIUS
         away = RADIUS - DEPTH * min(tick / 500.0, 1.0)
         place = (away * math.sin(angle), 0.0, away * math.cos(angle))
         begun_ns = time.thread_time_ns()
-        world.force(place, STILL, tick * 1e-3)
+        world.force("", place, STILL, tick * 1e-3)
         taken.append((time.thread_time_ns() - begun_ns) / 1e3)
     return taken
 

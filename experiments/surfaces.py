@@ -40,8 +40,8 @@ def follow(model: Touchable, way: Any, speed: float = 0.0) -> tuple[Any, Any]:
     world = OpenTouchable(model, 3)
     forces, proxies = [], []
     for place in np.asarray(way).tolist():
-        forces.append(world.force(tuple(place), (0.0, speed, 0.0), 1.0))
-        contact = world.contact()
+        forces.append(world.force("", tuple(place), (0.0, speed, 0.0), 1.0))
+        contact = world.contact("")
         proxies.append(tuple(place) if contact is None else contact.proxy)
     return np.array(forces), np.array(proxies)
 

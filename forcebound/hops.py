@@ -7,12 +7,21 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from forcebound.messages.packets import LINKS, TOPIC_OF, Packet, Telemetry
+from forcebound.messages.packets import (
+    LINKS,
+    TOPIC_OF,
+    EnvironmentQuery,
+    EnvironmentReply,
+    ForceCommand,
+    Packet,
+    Telemetry,
+)
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_ANSWERS = (EnvironmentQuery, EnvironmentReply, ForceCommand, Telemetry)
 HOPS = (*LINKS, TOPIC_OF[Telemetry])  # topics, in the order in which a tick goes through them
 
 
@@ -41,7 +50,7 @@ class Hops:
 
     def add(self, topic: str, packet: Packet) -> None:
         """Add a packet; of several that answer the same tick the first counts."""
-        tick = packet.seq if topic == HOPS[0] else getattr(packet, "device_seq", None)
+        tick = packet.device_seq if isinstance(packet, _ANSWERS) else packet.seq
         if tick is not None:
             self.sent_ns[topic].setdefault(tick, packet.time_ns)
 

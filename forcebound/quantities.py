@@ -145,7 +145,7 @@ def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         choices = get_args(hint) if isinstance(hint, UnionType) or get_origin(hint) is Union else ()
         for choice in choices or (hint,):
-            notes = getattr(choice, "__metadata__", ())
+            notes = choice.__metadata__ if get_origin(choice) is Annotated else ()
             symbols = [note.symbol for note in notes if isinstance(note, Unit)]
             found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]
     return found

@@ -78,8 +78,8 @@ def hops(data: bytes) -> None:
 def answers(data: bytes) -> None:
     """Read what an environment answered, as ``replay --environment`` does."""
     opened = RecordedEnvironment(FILE).open(1)
-    opened.force((0.0,), (0.0,), 0.1)
-    opened.contact()
+    opened.force("", (0.0,), (0.0,), 0.1)
+    opened.contact("")
 
 
 def plot(data: bytes) -> None:

@@ -6,9 +6,8 @@ from dataclasses import replace
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.resolved import made
 from forcebound.config.traces import trace_of
-from forcebound.controllers.direct import DirectController
-from forcebound.controllers.guard import GuardedController
-from forcebound.devices.guard import GuardedDevice
+from forcebound.devices import Device
+from forcebound.devices.guard import guarded
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.environments import EnvironmentModel
 from forcebound.errors import ConfigError, DeviceError
@@ -60,8 +59,6 @@ def build_controller(config: GraphConfig) -> ControllerNode:
         controller = made("controller", config.controller).open(config.device.axes)
     except Exception as error:
         raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
-    if not isinstance(controller, DirectController):  # which returns a packet's own vectors
-        controller = GuardedController(controller)
     return ControllerNode(controller, lease_ns(config), dead_lease_ns(config))
 
 
@@ -94,8 +91,10 @@ def build_device(
     except Exception as error:
         words = str(error) if isinstance(error, DeviceError) else describe_user_error(error)
         raise DeviceError(f"the device cannot be opened: {words}") from error
+    if not isinstance(device, Device):
+        raise DeviceError(f"open must return a forcebound.devices.Device, got {device!r}")
     if not isinstance(device, SimulatedDevice):  # which cannot fail, and runs in sweeps
-        device = GuardedDevice(device)
+        device = guarded(device)
     return DeviceNode(device, dissipation_of(model, servo), servo, clock, lateness)
 
 

@@ -16,12 +16,17 @@ from forcebound.config.resolved import member_document
 from forcebound.config.users_code import tried
 from forcebound.controllers import contract as controllers
 from forcebound.devices import contract as devices
-from forcebound.environments import Environment, EnvironmentModel, open_environment
+from forcebound.environments import (
+    Environment,
+    EnvironmentModel,
+    open_environment,
+)
 from forcebound.environments import contract as environments
 from forcebound.environments.strokes import ACROSS, INWARDS, Touch, feel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import contract as operators
+from forcebound.parts import overridden
 from forcebound.parts.contract import Report
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.units import parse_quantity
@@ -214,12 +219,13 @@ def _touch(model: EnvironmentModel, axes: int, calls: int, progress: Progress) -
     """What strokes feel; None of an environment without contact or scene."""
     progress("strokes towards its scene", 0, 0)
     try:
-        environment: Any = open_environment(model, axes)
+        environment = open_environment(model, axes)
         try:
-            if not all(getattr(environment, name, None) for name in ("contact", "scene")):
+            scene = environment.scene()
+            if scene is None or "contact" not in overridden(environment, Environment):
                 return None
             count = min(max(calls // (INWARDS + ACROSS), FEWEST_STROKES), STROKES)
-            return feel(environment, environment.scene(), axes, count)
+            return feel(environment, scene, axes, count)
         finally:
             environment.close()
     except Exception:  # reported by the contract
@@ -239,7 +245,7 @@ def _expected(text: str) -> tuple[float, float]:
 def _at_rest(environment: Environment, position: float, axes: int) -> float | None:
     still = (0.0,) * axes
     try:
-        force = float(environment.force((position, *still[1:]), still, 1.0)[0])
+        force = float(environment.force("", (position, *still[1:]), still, 1.0)[0])
     except (Exception, SystemExit):  # reported by the contract
         return None
     return force if math.isfinite(force) else None
@@ -253,7 +259,7 @@ def _times(environment: Environment, axes: int, calls: int, progress: Progress) 
         progress(f"force({position}, {(0.1,) * axes}, 1.0)", call, calls)
         began = time.perf_counter()
         try:
-            environment.force(position, (0.1,) * axes, 1.0)
+            environment.force("", position, (0.1,) * axes, 1.0)
         except (Exception, SystemExit):  # reported by the contract
             return []
         times.append(time.perf_counter() - began)

@@ -15,7 +15,7 @@ from forcebound.config.names import LAW
 from forcebound.config.parameters import differences, processes_of
 from forcebound.config.phases import Part, timetable
 from forcebound.config.resolved import to_document, with_parameters
-from forcebound.environments import may_tell_contacts
+from forcebound.environments import may_report_contacts
 from forcebound.errors import ConfigError, DeviceError, RunError
 from forcebound.files import check_writable
 from forcebound.launch.lifecycle import Limits
@@ -97,7 +97,7 @@ def run_live(
         write_launch_document(run_dir, config)
         topics = list(TOPICS)
         if record is None:  # a summary needs no more
-            contacts = [REPLY] if may_tell_contacts(config.environment.model) else []
+            contacts = [REPLY] if may_report_contacts(config.environment.model) else []
             topics = [TELEMETRY, *contacts, EVENT]
         metadata = run_metadata(config)
         streams = recorded_streams(run_dir, topics)
@@ -186,8 +186,7 @@ def check_here(config: GraphConfig, record: Path | None = None) -> None:
         checks.append(partial(check_writable, record, "the recording"))
     if config.remote is not None:
         checks.append(partial(config.remote.check_here, "graph"))
-    if (check_device := getattr(config.device.model, "check_here", None)) is not None:
-        checks.append(check_device)
+    checks.append(config.device.model.check_here)
     for check in checks:
         try:
             check()

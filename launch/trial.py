@@ -25,7 +25,7 @@ def try_start(config: GraphConfig) -> None:
         ConfigError: If it does not start, or its numbers leave the range of floats.
     """
     device = config.device.model
-    is_at_port = getattr(device, "simulated_in", None) is not None
+    is_at_port = device.simulated_in is not None
     if is_at_port or not KINDS["device"].is_shipped(kind_of("device", device)):
         return
     some_ticks = (TICKS + 1.0) / config.device.servo.rate

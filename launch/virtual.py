@@ -10,7 +10,7 @@ from pathlib import Path
 from forcebound.config.graph import GraphConfig
 from forcebound.config.phases import timetable
 from forcebound.config.resolved import kind_of, to_document
-from forcebound.environments import may_tell_contacts
+from forcebound.environments import may_report_contacts
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.application import apply
 from forcebound.launch.build import build_device, build_node
@@ -59,7 +59,7 @@ def run_virtual(
     end_ns = round((duration or config.duration) * 1e9)
     with ExitStack() as stack:
         recorder = None if record is None else Recorder(record, run_metadata(config))
-        observer = _Observer(recorder, may_tell_contacts(config.environment.model))
+        observer = _Observer(recorder, may_report_contacts(config.environment.model))
         stack.callback(observer.close)
         simulation = _open(config, observer, late_ticks)
         for node in simulation.nodes:
@@ -91,7 +91,7 @@ def check_has_virtual_time(config: GraphConfig) -> None:
     Raises:
         ConfigError: If it is; names the launch file with the simulated device of its kind.
     """
-    instead = getattr(config.device.model, "simulated_in", None)
+    instead = config.device.model.simulated_in
     if instead is not None:
         kind = kind_of("device", config.device.model)
         raise ConfigError(

@@ -120,7 +120,7 @@ def _run_or_lose(
     try:
         _run(kind, config, run, run_dir, stop)
     except DeviceError as failure:
-        on_loss = getattr(made("device", config.device.model), "on_loss", "end")
+        on_loss = made("device", config.device.model).on_loss
         if on_loss != "wait" and not isinstance(failure, GuardianError):
             raise
         _logger.error("%s", failure)

@@ -20,7 +20,7 @@ law adds damping or the motors have steps.
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forcebound.bounding import Dissipation, ForceBounder
 from forcebound.devices import Device
@@ -70,16 +70,12 @@ class BoundedDevice:
     ) -> None:
         self._device = device
         self._clock = clock
-        self._kinematics: Any = getattr(device, "kinematics", None)
-        self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
-        self._jitter: Callable[[], int] | None = getattr(device, "latch_jitter", None)
-        self._fresh: Callable[[], Vector | None] | None = getattr(device, "fresh_reading", None)
+        self._kinematics = device.kinematics
+        self._stamps, self._jitter = device.stamps, device.latch_jitter
         self._ahead_ns = 0  # of the bounder's clock
-        self._cut: Callable[[], tuple[int, Vector] | None] | None = getattr(device, "cut", None)
-        self._set_limit: Callable[[float], float] | None = getattr(device, "set_hold_limit", None)
-        if dissipation.watchdog not in ("guarding", "reporting"):
-            self._cut = None
-        self.learns = learns and (self._set_limit is not None or dissipation.watchdog == "none")
+        self._reports_cuts = dissipation.watchdog in ("guarding", "reporting")
+        takes_limit = device.set_hold_limit(dissipation.hold_limit) is not None
+        self.learns = learns and (takes_limit or dissipation.watchdog == "none")
         self._hold_limit = HoldLimit(round(dissipation.period * 1e9), dissipation.watchdog)
         self._is_fixed = learns and not self.learns
         if self._is_fixed:
@@ -136,7 +132,7 @@ class BoundedDevice:
 
     def read(self, time_ns: int) -> Vector:
         """Return the position of the tip, in m, for a state."""
-        reading = None if self._fresh is None else self._fresh()
+        reading = self._device.fresh_reading()
         if reading is None:
             reading = self._device.read(time_ns)
         return reading if self._kinematics is None else self._kinematics.position(reading)
@@ -152,10 +148,11 @@ class BoundedDevice:
         device, bounder, kinematics = self._device, self.bounder, self._kinematics
         read_ns = time_ns if self._clock is None else self._clock()
         reading = device.read(time_ns)
-        if self._stamps is not None:
-            read_ns = self._stamps()[0]
-        if self._jitter is not None:
-            self._ahead_ns += self._jitter()
+        stamps, jitter_ns = self._stamps(), self._jitter()
+        if stamps is not None:
+            read_ns = stamps[0]
+        if jitter_ns is not None:
+            self._ahead_ns += jitter_ns
         read_ns += self._ahead_ns
         position, wanted, cut = reading, commanded, None
         if kinematics is not None:
@@ -165,15 +162,16 @@ class BoundedDevice:
             bounder.start(read_ns, reading)
             bounded = self._zero
         else:
-            if self._cut is not None:
-                cut = self._cut()
+            if self._reports_cuts:
+                cut = device.cut()
             if cut is not None:
                 bounder.report_cut(*cut)
             bounded = bounder.bound(read_ns, reading, self._saturated(wanted, engagement))
         self._applied = applied = device.write(time_ns, bounded)
         write_ns = time_ns if self._clock is None else self._clock()
-        if self._stamps is not None:
-            write_ns = self._stamps()[1]
+        stamps = self._stamps()
+        if stamps is not None:
+            write_ns = stamps[1]
         write_ns += self._ahead_ns
         bounder.settle(applied, write_ns)
         self._longest_delay_ns = max(self._longest_delay_ns, write_ns - read_ns)
@@ -190,7 +188,7 @@ class BoundedDevice:
             joints, torques = reading, applied
             tip = tip_force(kinematics, reading, applied, commanded, wanted)
             limit *= _length(commanded) / (_length(wanted) or math.inf)
-        ahead_ns = None if self._jitter is None else self._ahead_ns
+        ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
         return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns)
 
@@ -229,10 +227,9 @@ class BoundedDevice:
         if self.learns:
             certain = 1.0 - self._dissipation.watchdog_tolerance
             seconds = self._hold_limit.limit_ns * 1e-9 / certain
-        if self._set_limit is not None:
-            seconds = self._set_limit(seconds)
-        self._use_limit = seconds
-        self.bounder.set_hold_limit(seconds)
+        set_limit = self._device.set_hold_limit(seconds)
+        self._use_limit = seconds if set_limit is None else set_limit
+        self.bounder.set_hold_limit(self._use_limit)
 
     def _saturated(self, wanted: Vector, engagement: float) -> Vector:
         """Return no more force or torque than the motors have; the direction is kept.

@@ -60,7 +60,6 @@ class ControllerNode(Node):
         self, controller: Controller, lease_ns: int = LEASE_NS, dead_lease_ns: int | None = None
     ) -> None:
         self._controller = controller
-        self._notices = getattr(controller, "notices", None)
         self._queries = 0
         self._commands = 0
         self.events = EventLog("controller")
@@ -111,10 +110,9 @@ class ControllerNode(Node):
 
     def _take_state(self, state: DeviceState, time_ns: int, packets: list[Packet]) -> None:
         try:
-            force = self._controller.on_state(state, time_ns)
-            position, velocity = self._controller.query(state)
-            found = () if self._notices is None else self._notices()
-            notices = [(str(event), str(message)) for event, message in found]
+            force = _force(self._controller.on_state(state, time_ns))
+            position, velocity = map(_vector, self._controller.query(state))
+            notices = [(str(event), str(message)) for event, message in self._controller.notices()]
         except Exception as error:
             self._fail("on_state or query", error, time_ns, packets)
             return
@@ -157,7 +155,7 @@ class ControllerNode(Node):
             self.reject("not_finite")
             reply = replace(reply, proxy=None, normal=None)
         try:
-            force = self._controller.on_reply(reply, time_ns)
+            force = _force(self._controller.on_reply(reply, time_ns))
         except Exception as error:
             self._fail("on_reply", error, time_ns, packets)
             return
@@ -182,3 +180,12 @@ class ControllerNode(Node):
             _logger.error("the controller failed in %s: %s", method, describe_user_error(error))
             message = "the controller's code failed: its log gives the reason"
             packets.append(self.events.emit(time_ns, "controller_failed", message, is_fault=True))
+
+
+def _vector(answer: Vector) -> Vector:
+    """Return the answer of a controller, which may be a list or an array, as a tuple of floats."""
+    return tuple(map(float, answer))
+
+
+def _force(answer: Vector | None) -> Vector | None:
+    return None if answer is None else _vector(answer)

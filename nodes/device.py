@@ -87,13 +87,11 @@ class DeviceNode(Node):
     ) -> None:
         self._device = device
         self._servo = servo
-        self._orientation = getattr(device, "orientation", None)
-        self._buttons = getattr(device, "buttons", None)
+        self._orientation, self._buttons = device.orientation, device.buttons
         self._is_dragged = False
         self._period_ns = servo.period_ns
         self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
-        is_exchange = getattr(device, "fresh_reading", None) is not None
-        least_ns = round(LEAST_WAIT * servo.period_ns) if is_exchange else 0
+        least_ns = round(LEAST_WAIT * servo.period_ns) if device.is_exchange else 0
         self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
         self._bounded = BoundedDevice(device, servo.law, dissipation, learns, clock)
@@ -186,8 +184,7 @@ class DeviceNode(Node):
     def _point(self, target: Vector) -> Pointed | Refused:
         if len(target) > len(self._zero) or not all(map(isfinite, target)):
             return Refused(f"target: expected 1 to {len(self._zero)} finite numbers in m")
-        point = getattr(self._device, "point", None)
-        place = None if point is None else point(target)
+        place = self._device.point(target)
         if place is None:
             return Refused("no hand follows a pointer here: set operator: {kind: pointer}")
         self._is_dragged = True
@@ -248,8 +245,8 @@ class DeviceNode(Node):
             position,
             self._velocity,
             self._applied,
-            None if self._orientation is None else self._orientation(),
-            None if self._buttons is None else self._buttons(),
+            self._orientation(),
+            self._buttons(),
         )
         self._chain.remember(state)
         self._writes_next = True
@@ -310,8 +307,7 @@ class DeviceNode(Node):
         if truth is None:
             return self._tells.tell_law(time_ns, law)
         given = truth.energy - self._energy_before
-        held = getattr(self._device, "kinetic_energy", None)
-        self._energy_before = truth.energy - (0.0 if held is None else held())
+        self._energy_before = truth.energy - self._device.kinetic_energy()
         return self._tells.tell_law(time_ns, law, (former, given, self._energy_before))
 
     def _begin_next_tick(self, time_ns: int) -> None:

@@ -8,8 +8,8 @@ A query names the environment whose answers the graph accepts. If it names anoth
 rejected: it emits an event and waits. It still answers once a second, so that the
 graph knows of it.
 
-If the environment has the methods of :class:`forcebound.environments.EnvironmentExtras`, an answer
-carries the contact, and a scene is sent in steps of its own (:mod:`forcebound.nodes.scene`).
+An answer carries the contact that the environment reports; its scene is sent in steps of its own
+(:mod:`forcebound.nodes.scene`).
 """
 
 import logging
@@ -35,6 +35,7 @@ from forcebound.nodes.closing import close_part
 from forcebound.nodes.events import STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.scene import SceneTeller
 
+USER = ""  # the one hand of a graph has no name
 PROBE_INTERVAL_NS = 1_000_000_000  # between two answers of an environment that is rejected
 
 _logger = logging.getLogger(__name__)
@@ -71,7 +72,6 @@ class EnvironmentNode(Node):
         self._model = model
         self._axes = axes
         self._environment = open_environment(model, axes)
-        self._contact = getattr(self._environment, "contact", None)
         self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, _Answer] | None = None
         self._waiting: EnvironmentQuery | None = None
@@ -107,8 +107,8 @@ class EnvironmentNode(Node):
     ) -> None:
         """Answer from the next query on with other parameters, or in another time.
 
-        The answer in work keeps its time. An environment with state keeps it if it has a method
-        ``change``, or if only the time changes; otherwise it is opened again.
+        The answer in work keeps its time. An environment keeps its state if its ``change`` does,
+        or if only the time changes; otherwise it is opened again.
 
         Args:
             model: What computes the force.
@@ -121,7 +121,6 @@ class EnvironmentNode(Node):
         if model != self._model:
             self._environment = change_environment(self._environment, model, self._axes)
             self._model = model
-            self._contact = getattr(self._environment, "contact", None)
             self._scene.watch(self._environment)
         self._computation.change(computation, trace)
 
@@ -224,9 +223,10 @@ class EnvironmentNode(Node):
         # Any failure of a user's environment must end in silence, to which the device responds
         # with zero force, not in the end of the node.
         try:
-            answer = self._environment.force(query.position, query.velocity, query.elapsed)
+            environment = self._environment
+            answer = environment.force(USER, query.position, query.velocity, query.elapsed)
             force = _vector(answer, query)
-            contact = None if self._contact is None else self._contact()
+            contact = environment.contact(USER)
             if contact is None:
                 return force, None, None
             proxy, normal = contact

@@ -1,8 +1,7 @@
 """The scene of an environment: what there is to draw, sent now and then, after an answer.
 
 A scene is sent when it has changed, at most 30 times a second, and at least once a second, so that
-who comes later sees it. It is asked for in a step of its own, after an answer has left. A model
-without a method ``scene`` sends none.
+late subscribers receive it. It is made in a step of its own, after an answer has left.
 """
 
 import logging
@@ -12,6 +11,7 @@ from forcebound.environments import Environment
 from forcebound.messages.codec import MAX_SCENE_BYTES, decode, encode
 from forcebound.messages.packets import MAX_LENGTH, Packet, Scene, SceneObject, Vector
 from forcebound.nodes.events import EventLog
+from forcebound.parts import overridden
 from forcebound.parts.user_module import describe_user_error
 
 PERIOD_NS = 33_333_334  # between two scenes that differ
@@ -40,12 +40,14 @@ class SceneTeller:
 
     def watch(self, environment: Environment) -> None:
         """Ask this environment from now on."""
-        self._ask = getattr(environment, "scene", None)
+        # A step in vain would make the next answer late.
+        self._has_scene = "scene" in overridden(environment, Environment)
+        self._environment = environment
         self.is_due = False  # until its next answer: it may have none
 
     def note_answer(self, time_ns: int) -> None:
         """Want a scene if one is due: the environment may have changed."""
-        if not self.is_due and self._ask is not None and time_ns >= self._due_ns:
+        if not self.is_due and self._has_scene and time_ns >= self._due_ns:
             self.is_due = True
             self._wait_until_ns = time_ns + LONGEST_WAIT_NS
 
@@ -62,14 +64,17 @@ class SceneTeller:
         """
         self.is_due = False
         self._due_ns = time_ns + PERIOD_NS
-        assert self._ask is not None
         try:
-            objects = tuple(self._ask())
+            drawn = self._environment.scene()
+            if drawn is None:
+                self._has_scene = False
+                return []
+            objects = tuple(drawn)
             if (objects, proxy) == self._sent and time_ns < self._repeat_ns:
                 return []
             scene = self._fitting(Scene(self._seq, time_ns, objects[:MAX_LENGTH], proxy))
         except Exception as error:  # of a user's own code, or no scene
-            self._ask = None
+            self._has_scene = False
             _logger.warning("the environment's scene: %s", describe_user_error(error))
             message = "the environment's scene cannot be sent: its log gives the reason"
             return [self._events.emit(time_ns, "scene_failed", message, is_fault=True)]

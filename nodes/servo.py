@@ -1,10 +1,11 @@
 """Settings of a servo, and what a law relies on for a device at its rate."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
 from forcebound.bounding import Dissipation
-from forcebound.bounding.dissipation import WATCHDOGS
+from forcebound.bounding.dissipation import StatedNumbers
 from forcebound.devices import DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.nodes.hold_limit import FIXED, FLOOR
@@ -74,50 +75,30 @@ class ServoSettings:
         return round(periods * self.period_ns) * 1e-9
 
 
-# Numbers that a model of a device may state, too; without one, it has none of that effect.
-STATED = (
-    "presliding",
-    "gain_error",
-    "lag",
-    "write_delay",
-    "largest_speed",
-    "watchdog",
-    "watchdog_tolerance",
-    "watchdog_limit",
-    "guard_period",
-    "weight",
-    "weight_error",
-    "sources",
-)
-
-
 def dissipation_of(model: DeviceModel, servo: ServoSettings) -> Dissipation:
     """Return what laws rely on, for this device at this rate.
 
     Raises:
         ConfigError: If the numbers are out of range or do not go together.
     """
-    stated = {name: getattr(model, name, None) for name in STATED}
-    if stated["watchdog"] is None or (
-        stated["watchdog"] == "silent" and stated["watchdog_tolerance"] is None
-    ):
+    stated = {each.name: getattr(model, each.name) for each in fields(StatedNumbers)}
+    if model.watchdog == "silent" and model.watchdog_tolerance is None:
         raise ConfigError(
-            "the device does not state what drops a force that nobody renews: expected a field"
-            f" watchdog, one of {', '.join(WATCHDOGS)}; silent also needs watchdog_tolerance, the"
-            f" share of the hold limit by which it may be early or late; got {stated['watchdog']}"
+            "a silent watchdog needs watchdog_tolerance, the share of the hold limit by which it"
+            " may be early or late",
+            field="watchdog_tolerance",
         )
-    if stated["watchdog_limit"] == "auto":
-        stated["watchdog_limit"] = getattr(model, "auto_watchdog_limit", None)
     dissipation = Dissipation(
-        damping=model.damping,
-        friction=model.friction,
-        resolution=model.resolution,
+        **{
+            **stated,
+            "watchdog_tolerance": model.watchdog_tolerance or 0.0,
+            "watchdog_limit": model.longest_force,
+            "largest_speed": model.largest_speed or math.inf,
+        },
         period=servo.period_ns * 1e-9,
         hold_limit=servo.longest_hold,
-        saturation=model.saturation,
         allowance=servo.allowance,
         energy_cap=None if servo.energy_cap == "auto" else servo.energy_cap,
-        **{name: value for name, value in stated.items() if value is not None},
     )
     certain = 1.0 - dissipation.watchdog_tolerance  # share of the hold limit
     if servo.hold_limit != "auto" and servo.hold_limit * certain < 1.0:

@@ -6,8 +6,8 @@ from typing import Any
 
 from forcebound.bounding import Dissipation
 from forcebound.controllers.direct import DirectController
+from forcebound.devices import Device
 from forcebound.devices.phantom import PhantomPremium15
-from forcebound.devices.truth import Truth
 from forcebound.environments import EnvironmentModel
 from forcebound.environments.wall import Wall
 from forcebound.messages.codec import encode
@@ -30,7 +30,7 @@ DISSIPATION = Dissipation(
 )
 
 
-class FakeDevice:
+class FakeDevice(Device):
     """A device that the test moves, and that remembers what was written."""
 
     def __init__(self, axes: int = 1) -> None:
@@ -49,9 +49,6 @@ class FakeDevice:
     def write(self, time_ns: int, force: Vector) -> Vector:
         self.written.append((time_ns, force))
         return force
-
-    def truth(self) -> Truth | None:
-        return None
 
     def close(self) -> None:
         self.closed += 1

@@ -37,7 +37,7 @@ def test_no_world_and_no_controller_makes_a_certified_law_leak(
 def test_every_world_opens_at_the_ends_of_its_numbers(world: str, end: float) -> None:
     numbers = {name: one.at(end) for name, one in NUMBERS.items()}
     opened = open_environment(WORLDS[world](numbers), 3)
-    opened.force((0.01, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    opened.force("", (0.01, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
     opened.close()
 
 

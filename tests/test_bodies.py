@@ -34,7 +34,7 @@ def moved(scene: Any, start: float, end: float, duration: float, z: float) -> li
     ticks = round(duration * 1e3)
     speed = (end - start) / duration
     return [
-        scene.force((start + speed * i * 1e-3, 0.0, z), (speed, 0.0, 0.0), i * 1e-3)
+        scene.force("", (start + speed * i * 1e-3, 0.0, z), (speed, 0.0, 0.0), i * 1e-3)
         for i in range(ticks)
     ]
 
@@ -42,10 +42,10 @@ def moved(scene: Any, start: float, end: float, duration: float, z: float) -> li
 def test_floor_bears_the_hand_with_the_stiffness_of_the_coupling(tmp_path: Path) -> None:
     scene = opened(tmp_path, stiffness=800.0)
     for i in range(500):
-        force = scene.force((0.0, 0.0, 0.002), (0.0, 0.0, 0.0), i * 1e-3)
+        force = scene.force("", (0.0, 0.0, 0.002), (0.0, 0.0, 0.0), i * 1e-3)
     # The probe, a ball of 5 mm, lies on the floor: 3 mm above the hand. Positive z resists.
     assert force == pytest.approx((0.0, 0.0, -800.0 * 0.003), rel=0.05, abs=1e-3)
-    contact = scene.contact()
+    contact = scene.contact("")
     assert contact.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
     assert contact.proxy[2] == pytest.approx(0.005, abs=2e-4)
 
@@ -77,7 +77,7 @@ def test_scene_says_what_there_is_to_draw(tmp_path: Path) -> None:
 
 def test_one_axis_feels_only_what_acts_along_it(tmp_path: Path) -> None:
     scene = opened(tmp_path, BOX.replace("0.02 0 0.01", "0.03 0 0"), axes=1)
-    force = [scene.force((0.025,), (0.0,), i * 1e-3) for i in range(100)][-1]
+    force = [scene.force("", (0.025,), (0.0,), i * 1e-3) for i in range(100)][-1]
     assert len(force) == 1
     assert math.isfinite(force[0])
 
@@ -96,7 +96,7 @@ def test_bodies_that_fly_apart_begin_anew(tmp_path: Path, caplog: pytest.LogCapt
     scene = opened(tmp_path, BOX)
     moved(scene, -0.01, 0.0, 0.1, z=0.008)
     scene._data.qvel[:] = 1e12
-    force = scene.force((0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)
+    force = scene.force("", (0.0, 0.0, 0.008), (0.0, 0.0, 0.0), 0.2)
     assert all(map(math.isfinite, force))
     assert "the bodies flew apart" in caplog.text
 

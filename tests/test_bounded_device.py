@@ -8,7 +8,7 @@ from builders import MS
 from msgspec.structs import replace as changed
 
 from forcebound.bounding import Dissipation
-from forcebound.devices.truth import Truth
+from forcebound.devices import Device
 from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
 
@@ -17,7 +17,7 @@ DISSIPATION = Dissipation(
 )
 
 
-class Silent:
+class Silent(Device):
     """A device without any optional member."""
 
     def __init__(self, axes: int = 1) -> None:
@@ -25,19 +25,12 @@ class Silent:
         self.position: Vector = (0.0,) * axes
         self.written: list[Vector] = []
 
-    def engage(self, time_ns: int) -> None: ...
-
     def read(self, time_ns: int) -> Vector:
         return self.position
 
     def write(self, time_ns: int, force: Vector) -> Vector:
         self.written.append(force)
         return force
-
-    def truth(self) -> Truth | None:
-        return None
-
-    def close(self) -> None: ...
 
 
 class Told(Silent):

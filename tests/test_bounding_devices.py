@@ -149,7 +149,15 @@ def test_the_better_axis_of_a_pair_is_used() -> None:
 
 def test_motors_with_different_gains_are_paid_for() -> None:
     """Work on one axis and against another cancels in a ledger that knows one gain."""
-    device = Dissipation(0.27, (0.12, 0.12), 0.0, 1e-3, 1e-3, 8.5, gain_error=0.1)
+    device = Dissipation(
+        damping=0.27,
+        friction=(0.12, 0.12),
+        resolution=0.0,
+        period=1e-3,
+        hold_limit=1e-3,
+        saturation=8.5,
+        gain_error=0.1,
+    )
     bounder = ForceBounder("certified", device, 2)
     position, energy, gains = [0.0, 0.0], 0.0, (1.1, 0.9)
     for n in range(1500):
@@ -313,7 +321,6 @@ def test_a_write_later_than_stated_is_counted() -> None:
         ({"damping": (0.27, 0.3)}, "friction of each axis"),
         ({"gain_error": 1.0}, "gain_error"),
         ({"friction": (0.1, 0.1), "damping": (0.2, 0.2, 0.2)}, "equally many"),
-        ({"sources": {"damping": "guessed"}}, "source of damping"),
         ({"largest_speed": 0.0}, "largest_speed"),
         ({"watchdog": "loud"}, "watchdog"),
     ],

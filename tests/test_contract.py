@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forcebound.environments import EnvironmentModel
+from forcebound.environments import EnvironmentModel, StatelessEnvironment
 from forcebound.environments.contract import PROMISES, check
 from forcebound.environments.damper import Damper
 from forcebound.environments.wall import Wall
@@ -18,14 +18,12 @@ Answer = Callable[[tuple[float, ...], tuple[float, ...], float], Any]
 
 
 @dataclass(frozen=True)
-class Answers:
+class Answers(StatelessEnvironment):
     """An environment that answers what it is told to."""
 
     answer: Answer
 
-    def force(
-        self, position: tuple[float, ...], velocity: tuple[float, ...], elapsed: float
-    ) -> Any:
+    def force(self, user: str, position: Any, velocity: Any, elapsed: float) -> Any:
         return self.answer(position, velocity, elapsed)
 
 
@@ -49,7 +47,7 @@ def test_an_error_is_told_with_its_question_and_its_line() -> None:
     violation = broken(Answers(far_fails), "answers")
     assert violation.got.startswith("OverflowError")
     assert f"{__file__}:" in violation.got
-    assert violation.where.startswith("force((1e+300,), (0.0,), 0.0)")
+    assert violation.where.startswith("force('', (1e+300,), (0.0,), 0.0)")
 
 
 def test_a_missing_axis_is_told_with_what_came() -> None:
@@ -71,26 +69,27 @@ def test_a_memory_is_found() -> None:
 
 
 def test_what_is_no_value_is_found() -> None:
-    class Plain:
-        force = staticmethod(zeros)
+    class Plain(StatelessEnvironment):
+        def force(self, user: str, position: Any, velocity: Any, elapsed: float) -> Any:
+            return zeros(position, velocity, elapsed)
 
     assert broken(Plain(), "value").expected == "@dataclass(frozen=True)"
 
     @dataclass(frozen=True)
-    class Local:
+    class Local(StatelessEnvironment):
         """It cannot be pickled."""
 
-        def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+        def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
             return zeros(position, velocity, elapsed)
 
     assert broken(Local(), "value").where == "pickle"
 
 
 @dataclass(frozen=True)
-class NeverEqual:
+class NeverEqual(StatelessEnvironment):
     number: float = field(default=float("nan"))
 
-    def force(self, position: Any, velocity: Any, elapsed: float) -> Any:
+    def force(self, user: Any, position: Any, velocity: Any, elapsed: float) -> Any:
         return zeros(position, velocity, elapsed)
 
 

@@ -8,7 +8,6 @@ from msgspec.structs import replace
 
 from forcebound.controllers import CONTROLLERS, Controller
 from forcebound.controllers.direct import DirectController
-from forcebound.controllers.guard import GuardedController
 from forcebound.messages.packets import (
     DeviceState,
     EnvironmentQuery,
@@ -76,14 +75,14 @@ class Odd(DirectController):
 
 
 def test_a_force_for_a_state_is_commanded_at_once_with_the_echo_of_that_state() -> None:
-    node = ControllerNode(GuardedController(Odd()))
+    node = ControllerNode(Odd())
     command, query = node.step(5, [state(7, 0.01, 2)])
     assert command == ForceCommand(0, 5, 7, 7_000_000, (0.5, 0.5))
     assert isinstance(query, EnvironmentQuery)
 
 
 def test_a_controller_that_fails_is_counted_and_commands_nothing() -> None:
-    node = ControllerNode(GuardedController(Odd()))
+    node = ControllerNode(Odd())
     packets = [node.step(k, [reply(k, 1.0, 1)]) for k in range(1, 5)]
     commands = [[p for p in sent if isinstance(p, ForceCommand)] for sent in packets]
     assert [len(sent) for sent in commands] == [1, 0, 1, 0]
@@ -94,7 +93,7 @@ def test_a_controller_that_fails_is_counted_and_commands_nothing() -> None:
 
 def test_a_controller_is_closed_once_and_may_fail_in_it() -> None:
     controller = Odd()
-    ControllerNode(GuardedController(controller)).close()
+    ControllerNode(controller).close()
     assert controller.closed == 1
 
 

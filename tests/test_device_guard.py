@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from fakes import FakeDevice
 
-from forcebound.devices.guard import GuardedDevice
+from forcebound.devices.guard import guarded
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 
@@ -47,64 +47,53 @@ class Extended(FakeDevice):
         return self.fresh
 
 
-def test_the_guard_passes_on_the_optional_members() -> None:
+def test_the_guard_passes_on_what_a_device_has() -> None:
     device = Extended()
-    guarded = GuardedDevice(device)
-    assert guarded.set_hold_limit is not None
-    assert guarded.cut is not None
-    assert guarded.stamps is not None
-    assert guarded.fresh_reading is not None
-    assert guarded.kinematics is not None
-    assert guarded.set_hold_limit(2e-3) == 1.5e-3
+    device.is_exchange = True
+    guard = guarded(device)
+    assert guard.set_hold_limit(2e-3) == 1.5e-3
     assert device.hold_limit == 2e-3
-    assert guarded.cut() == (5, (0.1,))
-    assert guarded.stamps() == (1, 2)
-    assert guarded.fresh_reading() == (0.3,)
-    assert guarded.kinematics.position((0.0,)) == (0.0,)
-    assert guarded.kinematics.torque((0.0,), (2.0,)) == (0.2,)
+    assert guard.cut() == (5, (0.1,))
+    assert guard.stamps() == (1, 2)
+    assert guard.fresh_reading() == (0.3,)
+    assert guard.is_exchange
+    assert guard.kinematics is not None
+    assert guard.kinematics.position((0.0,)) == (0.0,)
+    assert guard.kinematics.torque((0.0,), (2.0,)) == (0.2,)
 
 
-def test_the_guard_of_a_device_without_optional_members_has_none() -> None:
-    guarded = GuardedDevice(FakeDevice())
-    members = guarded.set_hold_limit, guarded.cut, guarded.stamps, guarded.fresh_reading
-    assert (*members, guarded.kinematics) == (None,) * 5
+def test_the_guard_of_a_device_with_the_defaults_has_none() -> None:
+    guard = guarded(FakeDevice())
+    answers = guard.set_hold_limit(1e-3), guard.cut(), guard.stamps(), guard.fresh_reading()
+    assert (*answers, guard.latch_jitter(), guard.kinematics) == (None,) * 6
 
 
-@pytest.mark.parametrize("limit", [None, 0.0, math.nan, "2 ms"])
-def test_the_guard_refuses_a_device_that_does_not_say_what_hold_limit_it_has_set(
-    limit: object,
+@pytest.mark.parametrize(
+    ("method", "attribute", "answer"),
+    [
+        *(("set_hold_limit", "set_limit", limit) for limit in (0.0, math.nan, "2 ms")),
+        *(
+            ("cut", "report", report)
+            for report in ((5,), (5, (0.1, 0.2)), (5, (math.nan,)), "soon")
+        ),
+        ("fresh_reading", "fresh", (math.nan,)),
+        ("read", "position", (0.0, 1.0)),
+        ("read", "position", (math.inf,)),
+        ("read", "position", None),
+    ],
+)
+def test_the_guard_names_the_method_whose_answer_is_wrong(
+    method: str, attribute: str, answer: object
 ) -> None:
     device = Extended()
-    device.set_limit = limit
-    set_hold_limit = GuardedDevice(device).set_hold_limit
-    assert set_hold_limit is not None
-    with pytest.raises(DeviceError, match="failed in set_hold_limit"):
-        set_hold_limit(2e-3)
-
-
-@pytest.mark.parametrize("report", [(5,), (5, (0.1, 0.2)), (5, (math.nan,)), "soon"])
-def test_the_guard_refuses_a_cut_without_a_time_and_a_reading(report: object) -> None:
-    device = Extended()
-    device.report = report
-    cut = GuardedDevice(device).cut
-    assert cut is not None
-    with pytest.raises(DeviceError, match="failed in cut"):
-        cut()
-
-
-def test_the_guard_refuses_a_fresh_reading_that_is_no_number() -> None:
-    device = Extended()
-    fresh_reading = GuardedDevice(device).fresh_reading
-    assert fresh_reading is not None
-    device.fresh = None
-    assert fresh_reading() is None
-    device.fresh = (math.nan,)
-    with pytest.raises(DeviceError, match="failed in fresh_reading"):
-        fresh_reading()
+    setattr(device, attribute, answer)
+    arguments = {"set_hold_limit": (2e-3,), "read": (0,)}.get(method, ())
+    with pytest.raises(DeviceError, match=f"failed in {method}"):
+        getattr(guarded(device), method)(*arguments)
 
 
 def test_the_guard_reports_kinematics_that_fail() -> None:
-    kinematics = GuardedDevice(Extended()).kinematics
+    kinematics = guarded(Extended()).kinematics
     assert kinematics is not None
     with pytest.raises(DeviceError, match=r"failed in torque: .*dead centre"):
         kinematics.torque((math.pi / 2,), (1.0,))

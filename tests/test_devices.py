@@ -1,8 +1,8 @@
 """The simulated device against mechanics."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,18 +10,19 @@ from builders import MS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcebound.devices import DEVICES, DeviceModel
+from forcebound.devices import DEVICES, Device, DeviceModel
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.operators import Operator
 from forcebound.operators.pressing import PressingHand
 
 
 @dataclass(frozen=True)
-class StillHand:
+class StillHand(Operator):
     """A hand that stays where it is."""
 
     mass: float = 0.1
@@ -38,7 +39,8 @@ SIMULATED = [kind for kind in sorted(DEVICES) if "devices" in DEVICES[kind].__mo
 
 @pytest.fixture(params=SIMULATED)
 def model(request: pytest.FixtureRequest) -> DeviceModel:
-    return DEVICES[request.param]()
+    make: Callable[[], DeviceModel] = DEVICES[request.param]
+    return make()
 
 
 def test_a_device_reads_and_applies_one_value_per_axis(model: DeviceModel) -> None:
@@ -247,24 +249,38 @@ def test_a_device_has_one_to_six_axes(axes: int) -> None:
 def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_measured(
     kind: str,
 ) -> None:
-    model: Any = DEVICES[kind]()
+    make: Callable[[], DeviceModel] = DEVICES[kind]
+    model = make()
     assert 0.0 < dissipation_of(model, ServoSettings()).largest_speed < math.inf
     assert model.sources["largest_speed"] == "assumed"
 
 
+@dataclass(frozen=True)
+class Bare(DeviceModel):
+    """A device that states nothing of what drops a force."""
+
+    axes: int = 1
+    damping: float = 0.27
+    friction: float = 0.12
+    resolution: float = 3e-5
+    saturation: float = 8.5
+
+    def open(self, operator: Operator | None, hold_limit: float) -> Device:
+        raise NotImplementedError
+
+
 @pytest.mark.parametrize(
-    ("stated", "message"),
+    ("stated", "error", "message"),
     [
-        ({}, "field watchdog"),
-        ({"watchdog": "silent"}, "watchdog_tolerance"),
-        ({"watchdog": "none"}, "watchdog_limit"),
-        ({"watchdog": "guarding"}, "guard_period"),
+        ({}, TypeError, "watchdog"),
+        ({"watchdog": "loud"}, ConfigError, "watchdog"),
+        ({"watchdog": "silent"}, ConfigError, "watchdog_tolerance"),
+        ({"watchdog": "none"}, ConfigError, "watchdog_limit"),
+        ({"watchdog": "guarding"}, ConfigError, "guard_period"),
     ],
 )
 def test_a_device_must_state_what_drops_a_force_that_nobody_renews(
-    stated: dict[str, Any], message: str
+    stated: dict[str, Any], error: type[Exception], message: str
 ) -> None:
-    numbers = {"axes": 1, "damping": 0.27, "friction": 0.12, "resolution": 3e-5, "saturation": 8.5}
-    model: Any = SimpleNamespace(**numbers, **stated)
-    with pytest.raises(ConfigError, match=message):
-        dissipation_of(model, ServoSettings())
+    with pytest.raises(error, match=message):
+        dissipation_of(Bare(**stated), ServoSettings())

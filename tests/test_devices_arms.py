@@ -22,6 +22,7 @@ from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated_joints import TrueJoints
 from forcebound.errors import ConfigError, DeviceError
 from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
 from forcebound.operators.pressing import PressingHand
 
 Arm: TypeAlias = DesktopArm | FiveBar | SerialArm | Knob
@@ -147,7 +148,7 @@ WIDE = FiveBar(base=0.06)  # its elbows can come farther apart than the distal l
 
 
 @dataclass(frozen=True)
-class SinkingHand:
+class SinkingHand(Operator):
     """A hand that pulls the tip towards the motors."""
 
     mass: float = 0.1
@@ -196,7 +197,7 @@ LOSSLESS = SerialArm(inertia=2e-3, damping=0.0, friction=0.0, resolution=0.0)
 
 
 @dataclass(frozen=True)
-class CirclingHand:
+class CirclingHand(Operator):
     """A hand that draws a circle in the plane of the first two coordinates."""
 
     mass: float = 0.2

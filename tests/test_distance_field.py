@@ -79,8 +79,8 @@ def test_depth_and_direction_on_a_sphere_are_exact_to_the_grid(
     world = replace(_array(tmp_path / "sphere.npy"), surface=surface).open(3)
     for angle in np.linspace(0.0, 2.0, 50).tolist():
         place = (0.0, 0.018 * math.sin(angle), 0.018 * math.cos(angle))
-        world.force((0.0, 1.5 * place[1], 1.5 * place[2]), STILL, 0.0)
-        force = world.force(place, STILL, 1.0)
+        world.force("", (0.0, 1.5 * place[1], 1.5 * place[2]), STILL, 0.0)
+        force = world.force("", place, STILL, 1.0)
         assert math.hypot(*force) == pytest.approx(2.0, rel=0.01)
         out = (0.0, -math.sin(angle), -math.cos(angle))
         assert np.dot(force, out) / math.hypot(*force) > math.cos(off)
@@ -89,11 +89,11 @@ def test_depth_and_direction_on_a_sphere_are_exact_to_the_grid(
 def test_a_sliding_tip_feels_the_angle_of_friction(tmp_path: Path) -> None:
     model = _array(tmp_path / "sphere.npy")
     world = replace(model, surface=Surface(friction=0.5)).open(3)
-    world.force((0.0, 0.0, 0.028), STILL, 0.0)
+    world.force("", (0.0, 0.0, 0.028), STILL, 0.0)
     for angle in np.linspace(0.0, 2.0, 300).tolist():
         place = (0.0, 0.0185 * math.sin(angle), 0.0185 * math.cos(angle))
-        force = world.force(place, STILL, 1.0)
-        contact = world.contact()
+        force = world.force("", place, STILL, 1.0)
+        contact = world.contact("")
         assert contact is not None
         push = -float(np.dot(force, contact.normal))
         drag = math.sqrt(math.hypot(*force) ** 2 - push**2)
@@ -103,11 +103,11 @@ def test_a_sliding_tip_feels_the_angle_of_friction(tmp_path: Path) -> None:
 
 def test_the_proxy_rests_in_a_concave_edge(tmp_path: Path) -> None:
     world = _array(tmp_path / "corner.npy", lambda places: places[..., :2].min(-1)).open(3)
-    world.force((0.01, 0.01, 0.0), STILL, 0.0)
+    world.force("", (0.01, 0.01, 0.0), STILL, 0.0)
     proxies = []
     for _ in range(10):
-        world.force((-0.003, -0.002, 0.004), STILL, 1.0)
-        contact = world.contact()
+        world.force("", (-0.003, -0.002, 0.004), STILL, 1.0)
+        contact = world.contact("")
         assert contact is not None
         proxies.append(contact.proxy)
     assert proxies[0] == pytest.approx((0.0, 0.0, 0.004), abs=0.3 * SPACING)
@@ -116,19 +116,21 @@ def test_the_proxy_rests_in_a_concave_edge(tmp_path: Path) -> None:
 
 def test_what_touches_the_border_goes_on_beyond_it(tmp_path: Path) -> None:
     world = _array(tmp_path / "ground.npy", lambda places: places[..., 2]).open(3)
-    world.force((0.5, 0.2, 0.01), STILL, 0.0)
-    assert world.force((0.5, 0.2, -0.002), STILL, 1.0) == pytest.approx((0.0, 0.0, -2.0), abs=1e-3)
+    world.force("", (0.5, 0.2, 0.01), STILL, 0.0)
+    assert world.force("", (0.5, 0.2, -0.002), STILL, 1.0) == pytest.approx(
+        (0.0, 0.0, -2.0), abs=1e-3
+    )
 
 
 def test_a_random_walk_never_enters(tmp_path: Path) -> None:
     model = _array(tmp_path / "sphere.npy")
     solid, world = model.solid(), model.open(3)
     random, place = np.random.default_rng(1), np.array([0.0, 0.0, 0.028])
-    world.force(STILL, STILL, 0.0)  # began inside: nothing is felt until it has been outside
+    world.force("", STILL, STILL, 0.0)  # began inside: nothing is felt until it has been outside
     for _ in range(5000):
         place = 0.98 * place + random.normal(0.0, 0.004, 3)
-        world.force(tuple(place.tolist()), STILL, 1.0)
-        contact = world.contact()
+        world.force("", tuple(place.tolist()), STILL, 1.0)
+        contact = world.contact("")
         if contact is not None:
             assert solid.distance(pad3(contact.proxy)) > -1e-8
 

@@ -7,6 +7,7 @@ import pytest
 from builders import MS, query
 from msgspec.structs import replace
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.wall import Wall
 from forcebound.messages.packets import EnvironmentReply, Event, Vector
 from forcebound.network.computation import ComputationTime
@@ -86,17 +87,17 @@ def test_while_it_computes_it_answers_nothing_and_then_the_newest() -> None:
     assert node.wake_ns is None
 
 
-class Broken:
+class Broken(StatelessEnvironment):
     """An environment of a user who makes mistakes."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         raise ZeroDivisionError
 
 
-class OneAxisShort:
+class OneAxisShort(StatelessEnvironment):
     """Another one: it forgets an axis."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return position[1:]
 
 

@@ -66,51 +66,55 @@ def test_the_force_is_finite_has_one_entry_per_axis_and_depends_on_nothing_else(
     velocities = data.draw(st.tuples(*[st.floats(-3, 3)] * axes))
     elapsed = data.draw(st.floats(0, 1e4))
     one, other = (open_environment(ENVIRONMENTS[name](), axes) for _ in range(2))
-    force = one.force(positions, velocities, elapsed)
+    force = one.force("", positions, velocities, elapsed)
     assert len(force) == axes
     assert all(math.isfinite(f) for f in force)
-    assert force == other.force(positions, velocities, elapsed)
+    assert force == other.force("", positions, velocities, elapsed)
 
 
 @pytest.mark.parametrize("wall", [wall() for wall in WALLS], ids=lambda wall: type(wall).__name__)
 def test_a_wall_is_free_before_its_surface_and_pushes_back_behind_it(
     wall: StatelessEnvironment,
 ) -> None:
-    assert wall.force((0.0099,), (0.0,), 1.0) == (0.0,)
-    assert wall.force((0.010,), (0.0,), 1.0) == (0.0,)
-    assert wall.force((0.011,), (0.0,), 1.0)[0] > 0.0
-    assert wall.force((0.011, 0.02, 0.03), (0.0, 0.0, 0.0), 1.0)[1:] == (0.0, 0.0)
+    assert wall.force("", (0.0099,), (0.0,), 1.0) == (0.0,)
+    assert wall.force("", (0.010,), (0.0,), 1.0) == (0.0,)
+    assert wall.force("", (0.011,), (0.0,), 1.0)[0] > 0.0
+    assert wall.force("", (0.011, 0.02, 0.03), (0.0, 0.0, 0.0), 1.0)[1:] == (0.0, 0.0)
 
 
 def test_the_wall_answers_stiffness_times_penetration() -> None:
-    assert Wall(stiffness=10_000.0, position=0.01).force((0.0102,), (0.0,), 0.0)[0] == (
+    assert Wall(stiffness=10_000.0, position=0.01).force("", (0.0102,), (0.0,), 0.0)[0] == (
         pytest.approx(2.0)
     )
 
 
 def test_the_time_varying_wall_grows_stiffer_as_in_equation_32() -> None:
     wall = TimeVaryingWall()
-    assert wall.force((0.011,), (0.0,), 0.0)[0] == pytest.approx(0.3)
-    assert wall.force((0.011,), (0.0,), 5.0)[0] == pytest.approx(0.6)
+    assert wall.force("", (0.011,), (0.0,), 0.0)[0] == pytest.approx(0.3)
+    assert wall.force("", (0.011,), (0.0,), 5.0)[0] == pytest.approx(0.6)
 
 
 def test_the_power_law_wall_is_the_linear_one_at_its_reference_and_softer_before() -> None:
     wall = PowerLawWall(stiffness=10_000.0, exponent=1.5, reference=0.001)
-    assert wall.force((0.011,), (0.0,), 0.0)[0] == pytest.approx(10.0)
-    assert wall.force((0.01025,), (0.0,), 0.0)[0] == pytest.approx(10.0 * 0.25**1.5)
+    assert wall.force("", (0.011,), (0.0,), 0.0)[0] == pytest.approx(10.0)
+    assert wall.force("", (0.01025,), (0.0,), 0.0)[0] == pytest.approx(10.0 * 0.25**1.5)
 
 
 def test_the_damper_resists_motion_and_the_adversaries_push_along() -> None:
-    assert Damper(damping=5.0).force((0.0,), (0.2,), 0.0) == (1.0,)
-    assert NegativeDamper(damping=-5.0).force((0.0,), (0.2,), 0.0) == (-1.0,)
+    assert Damper(damping=5.0).force("", (0.0,), (0.2,), 0.0) == (1.0,)
+    assert NegativeDamper(damping=-5.0).force("", (0.0,), (0.2,), 0.0) == (-1.0,)
     pusher = VelocityPusher(magnitude=2.0, threshold=0.001)
-    assert pusher.force((0.0, 0.0, 0.0), (0.1, -0.1, 0.0), 0.0) == (-2.0, 2.0, 0.0)
-    assert ActiveWall().force((0.011,), (-0.1,), 0.0) > ActiveWall().force((0.011,), (0.1,), 0.0)
+    assert pusher.force("", (0.0, 0.0, 0.0), (0.1, -0.1, 0.0), 0.0) == (-2.0, 2.0, 0.0)
+    assert ActiveWall().force("", (0.011,), (-0.1,), 0.0) > ActiveWall().force(
+        "", (0.011,), (0.1,), 0.0
+    )
 
 
 def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis() -> None:
     forces = [
-        RandomForce(magnitude=1.0, interval=0.001, seed=7).force((0.0, 0.0), (0.0, 0.0), 0.001 * k)
+        RandomForce(magnitude=1.0, interval=0.001, seed=7).force(
+            "", (0.0, 0.0), (0.0, 0.0), 0.001 * k
+        )
         for k in range(2000)
     ]
     first = [force[0] for force in forces]
@@ -118,7 +122,7 @@ def test_the_random_force_is_spread_over_its_range_and_differs_by_seed_and_axis(
     assert min(first) < -0.99
     assert max(first) > 0.99
     assert all(force[0] != force[1] for force in forces)
-    other = RandomForce(magnitude=1.0, interval=0.001, seed=8).force((0.0,), (0.0,), 0.0)
+    other = RandomForce(magnitude=1.0, interval=0.001, seed=8).force("", (0.0,), (0.0,), 0.0)
     assert other[0] != first[0]
 
 

@@ -88,19 +88,17 @@ def test_fixtures_beside_a_wall_add_to_its_force() -> None:
     opened = open_environment(WithFixtures(Wall(stiffness=100.0, position=0.0), ALL), 2)
     here: Vector3 = (0.02, 0.005, 0.0)
     more = ALL.force(here, STILL)
-    assert opened.force(here[:2], (0.0, 0.0), 1.0) == pytest.approx((2.0 + more[0], more[1]))
-    assert getattr(opened, "contact", None) is None  # a wall tells none
+    assert opened.force("", here[:2], (0.0, 0.0), 1.0) == pytest.approx((2.0 + more[0], more[1]))
+    assert opened.contact("") is None  # a wall reports none
 
 
 def test_an_environment_that_is_opened_anew_tells_its_own_contact() -> None:
     behind = (0.02, 0.0, 0.0)
     opened = open_environment(WithFixtures(HoledWall(holes=0.0), ALL), 3)
-    opened.force(behind, STILL, 1.0)
+    opened.force("", behind, STILL, 1.0)
     change_environment(opened, WithFixtures(HoledWall(holes=0.0, position=0.015), ALL), 3)
-    opened.force(behind, STILL, 1.0)
-    contact = getattr(opened, "contact", None)
-    assert contact is not None
-    assert contact() == Contact((0.015, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    opened.force("", behind, STILL, 1.0)
+    assert opened.contact("") == Contact((0.015, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
 
 FILE = """

@@ -161,8 +161,8 @@ def test_a_late_hold_that_the_hardware_ended_counts_as_one_that_was_replaced(lat
     """Without friction the worst hold leaks exactly what the bounder says."""
     damping, period, limit = 0.27, 1e-3, 4e-3
     stated = Dissipation(
-        damping, 0.0, 0.0, period, period, 8.5,
-        watchdog="none", watchdog_limit=limit, allowance=1e-2,
+        damping=damping, friction=0.0, resolution=0.0, saturation=8.5, period=period,
+        hold_limit=period, watchdog="none", watchdog_limit=limit, allowance=1e-2,
     )  # fmt: skip
     bounder, energy, position, time_ns = ForceBounder("certified", stated), 0.0, 0.0, 0
     bounder.start(0, (0.0,))

@@ -131,9 +131,9 @@ def test_neighbours_do_not_change_a_run() -> None:
 
 def test_a_case_with_a_reading_that_the_bounder_refuses_goes_through_the_graph() -> None:
     taken = case(seconds=0.3)  # the hand approaches at 200 mm/s
-    model: Any = taken.device.model
-    slow = replace(taken.device, model=replace(model, largest_speed=0.1))
-    refused = replace(taken, device=slow)
+    shipped: Any = taken.device.model
+    model = replace(shipped, largest_speed=0.1)
+    refused = replace(taken, device=replace(taken.device, model=model))
     assert [ran.engine for ran in run_all([taken, refused])] == ["kernel", "graph"]
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from forcebound.bounding.dissipation import Watchdog
 from forcebound.config.loader import load
 from forcebound.errors import ConfigError
-from forcebound.messages.packets import Packet, Telemetry, Vector
+from forcebound.messages.packets import Packet, Telemetry
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.hold_limit import FLOOR, LADDER, PRICES, HoldLimit
 from forcebound.nodes.overload import Overload
@@ -78,8 +78,7 @@ def test_time_never_goes_backwards_and_no_two_writes_are_at_once(
 class Exchanging(FakeDevice):
     """A device whose writes bring a reading."""
 
-    def fresh_reading(self) -> Vector | None:
-        return None
+    is_exchange = True
 
 
 @pytest.mark.parametrize(

@@ -21,14 +21,14 @@ MS = 1e-3
 def held(slab: Environment, place: float, start: float, duration: float) -> list[float]:
     """The forces on a hand at rest, one a millisecond."""
     ticks = range(round(duration / MS))
-    return [slab.force((place,), (0.0,), start + i * MS)[0] for i in ticks]
+    return [slab.force("", (place,), (0.0,), start + i * MS)[0] for i in ticks]
 
 
 def test_at_rest_both_springs_bear_the_same_force() -> None:
     slab = MODEL.open(1)
     force = held(slab, 0.022, 0.0, 3.0)[-1]
     assert force == pytest.approx(0.012 * 300.0 * 2000.0 / 2300.0, rel=1e-3)
-    contact = slab.contact()
+    contact = slab.contact("")
     assert contact is not None
     assert contact.proxy[0] == pytest.approx(0.010 + force / 300.0, rel=1e-3)
     assert contact.normal == (-1.0,)
@@ -36,12 +36,12 @@ def test_at_rest_both_springs_bear_the_same_force() -> None:
 
 def test_free_slab_oscillates_at_its_frequency_and_loses_no_energy() -> None:
     slab = replace(MODEL, damping=0.0).open(3)
-    slab.force((0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
-    slab.force((0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 0.02)  # pushed
+    slab.force("", (0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    slab.force("", (0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 0.02)  # pushed
     faces = []
     for i in range(4000):
-        assert slab.force((-0.1, 0.0, 0.0), (0.0, 0.0, 0.0), 0.02 + i * MS) == (0.0, 0.0, 0.0)
-        assert slab.contact() is None
+        assert slab.force("", (-0.1, 0.0, 0.0), (0.0, 0.0, 0.0), 0.02 + i * MS) == (0.0, 0.0, 0.0)
+        assert slab.contact("") is None
         faces.append(slab.scene()[0].position[0])
     middle = 0.010 + 0.005  # of the drawn slab
     rises = [i for i in range(1, 4000) if faces[i - 1] < middle <= faces[i]]

@@ -32,10 +32,10 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> TriangleMesh:
 
 def test_the_force_is_stiffness_times_depth_along_the_normal(box: TriangleMesh) -> None:
     opened = box.open(3)
-    assert opened.force((0.0, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
-    assert opened.contact() is None
-    assert opened.force((0.012, 0.01, 0.0), STILL, 0.1) == pytest.approx((2.0, 0, 0), abs=1e-3)
-    contact = opened.contact()
+    assert opened.force("", (0.0, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
+    assert opened.contact("") is None
+    assert opened.force("", (0.012, 0.01, 0.0), STILL, 0.1) == pytest.approx((2.0, 0, 0), abs=1e-3)
+    contact = opened.contact("")
     assert contact is not None
     assert contact.proxy == pytest.approx((0.010, 0.01, 0.0), abs=1e-6)
     assert contact.normal == pytest.approx((-1.0, 0.0, 0.0), abs=1e-4)
@@ -45,23 +45,23 @@ def test_the_force_turns_with_the_mesh(box: TriangleMesh) -> None:
     quarter = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # about z: x becomes y
     turned = dataclasses.replace(box, orientation=quarter, position=STILL)
     opened = open_environment(turned, 3)
-    opened.force((0.0, -0.06, 0.0), STILL, 0.0)
-    assert opened.force((0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
+    opened.force("", (0.0, -0.06, 0.0), STILL, 0.0)
+    assert opened.force("", (0.01, -0.049, 0.0), STILL, 0.1) == pytest.approx((0, 1.0, 0), abs=1e-3)
 
 
 def test_a_device_that_begins_inside_is_let_out_without_a_force(box: TriangleMesh) -> None:
     opened = open_environment(box, 3)
     for x in (0.05, 0.03, 0.011, 0.009):
-        assert opened.force((x, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
-    assert opened.force((0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
+        assert opened.force("", (x, 0.0, 0.0), STILL, 0.0) == (0.0, 0.0, 0.0)
+    assert opened.force("", (0.012, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(2.0, rel=1e-3)
 
 
 def test_friction_drags_with_its_share_of_the_normal_force(box: TriangleMesh) -> None:
     rough = dataclasses.replace(box, surface=Surface(friction=0.4))
     opened = rough.open(3)
-    opened.force((0.0, 0.0, 0.0), STILL, 0.0)
+    opened.force("", (0.0, 0.0, 0.0), STILL, 0.0)
     tips = [(0.012, 0.0003 * k, 0.0) for k in range(40)]
-    x, y, z = [opened.force(tip, (0.0, 0.3, 0.0), 0.0) for tip in tips][-1]
+    x, y, z = [opened.force("", tip, (0.0, 0.3, 0.0), 0.0) for tip in tips][-1]
     assert x == pytest.approx(2.0, rel=1e-3)
     assert y / x == pytest.approx(0.4, rel=0.01)
     assert z == pytest.approx(0.0, abs=1e-6)
@@ -69,14 +69,14 @@ def test_friction_drags_with_its_share_of_the_normal_force(box: TriangleMesh) ->
 
 def test_parameters_change_and_the_proxy_stays(box: TriangleMesh) -> None:
     opened = open_environment(box, 3)
-    opened.force((0.0, 0.0, 0.0), STILL, 0.0)
-    opened.force((0.07, 0.0, 0.0), STILL, 0.0)  # beyond the middle: the proxy is still in front
+    opened.force("", (0.0, 0.0, 0.0), STILL, 0.0)
+    opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)  # beyond the middle: the proxy is still in front
     stiffer = dataclasses.replace(box, stiffness=2000.0, damping=1.0)
     assert change_environment(opened, stiffer, 3) is opened
-    assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
+    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(120.0, rel=1e-3)
     moved = dataclasses.replace(stiffer, position=(0.065, 0.0, 0.0), surface=Surface(friction=0.2))
     change_environment(opened, moved, 3)
-    assert opened.force((0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
+    assert opened.force("", (0.07, 0.0, 0.0), STILL, 0.0)[0] == pytest.approx(110.0, rel=1e-3)
 
 
 def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
@@ -87,12 +87,12 @@ def test_shading_rounds_the_facets_of_a_coarse_ball(tmp_path: Path) -> None:
         opened = open_environment(
             TriangleMesh(path, position=STILL, surface=Surface(force_shading=shading)), 3
         )
-        opened.force((0.06, 0.0, 0.0), STILL, 0.0)
+        opened.force("", (0.06, 0.0, 0.0), STILL, 0.0)
         worst = 0.0
         for k in range(60):
             angle = 0.02 * k
             x, y = 0.047 * math.cos(angle), 0.047 * math.sin(angle)
-            force = opened.force((x, y, 0.004), STILL, 0.0)
+            force = opened.force("", (x, y, 0.004), STILL, 0.0)
             outward = math.hypot(x, y, 0.004)
             along = -(force[0] * x + force[1] * y + force[2] * 0.004) / outward
             worst = max(worst, math.acos(min(1.0, along / math.hypot(*force))))
@@ -107,17 +107,17 @@ def test_shading_leaves_a_sharp_valley_as_it_is(tmp_path: Path) -> None:
     surface = Surface(force_shading=True)
     groove = TriangleMesh(path, position=STILL, orientation=(1.0, 0.0, 0.0, 0.0), surface=surface)
     opened = groove.open(3)
-    opened.force((0.0, 0.03, 0.0), STILL, 0.0)
-    force = opened.force((0.0, -0.002, 0.0), STILL, 0.0)
+    opened.force("", (0.0, 0.03, 0.0), STILL, 0.0)
+    force = opened.force("", (0.0, -0.002, 0.0), STILL, 0.0)
     assert force == pytest.approx((0.0, -2.0, 0.0), abs=1e-3)
-    force = opened.force((0.004, 0.001, 0.0), STILL, 0.0)  # behind one slope alone
+    force = opened.force("", (0.004, 0.001, 0.0), STILL, 0.0)  # behind one slope alone
     assert force[0] == pytest.approx(-force[1], rel=1e-3)
 
 
 def test_whole_numbers_are_positions_too(box: TriangleMesh) -> None:
     opened = box.open(3)
-    assert opened.force((0, 0, 0), (0, 0, 0), 0) == (0.0, 0.0, 0.0)
-    assert opened.force((0.012, 0, 0), (0, 0, 0), 0)[0] == pytest.approx(2.0, rel=1e-3)
+    assert opened.force("", (0, 0, 0), (0, 0, 0), 0) == (0.0, 0.0, 0.0)
+    assert opened.force("", (0.012, 0, 0), (0, 0, 0), 0)[0] == pytest.approx(2.0, rel=1e-3)
 
 
 def test_what_looks_like_millimetres_is_refused_by_the_launch_file(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_a_mesh_with_a_hole_gives_numbers_inside_and_out(tmp_path: Path) -> None
     opened, random = open_environment(open_box, 3), Random(1)
     for _ in range(2000):
         x, y, z = (random.uniform(-0.08, 0.08) for _ in range(3))
-        assert all(map(math.isfinite, opened.force((x, y, z), STILL, 1.0)))
+        assert all(map(math.isfinite, opened.force("", (x, y, z), STILL, 1.0)))
     with pytest.raises(ConfigError, match="is not closed"):
         open_environment(dataclasses.replace(open_box, may_be_open=False), 3)
 

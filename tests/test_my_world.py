@@ -28,9 +28,9 @@ def ball() -> Any:
 def test_the_ball_pushes_out_along_its_normal(ball: Any, direction: tuple[float, ...]) -> None:
     depth = 0.002
     tip = tuple(c + (RADIUS - depth) * d for c, d in zip(CENTRE, direction, strict=True))
-    force = ball.force(tip, STILL, 0.0)
+    force = ball.force("", tip, STILL, 0.0)
     assert force == pytest.approx([-STIFFNESS * depth * d for d in direction])
-    proxy, normal = ball.contact()
+    proxy, normal = ball.contact("")
     assert normal == pytest.approx(direction)
     assert math.dist(proxy, CENTRE) == pytest.approx(RADIUS)
     assert ball.scene() == (SceneObject("ball", "sphere", CENTRE, size=(RADIUS,)),)
@@ -38,11 +38,11 @@ def test_the_ball_pushes_out_along_its_normal(ball: Any, direction: tuple[float,
 
 def test_a_push_beyond_the_centre_does_not_pop_through(ball: Any) -> None:
     for millimetres in range(5, 60):
-        force = ball.force((millimetres * 1e-3, 0.0, 0.0), STILL, 0.0)
+        force = ball.force("", (millimetres * 1e-3, 0.0, 0.0), STILL, 0.0)
     assert force == pytest.approx((STIFFNESS * 0.049, 0.0, 0.0))
-    assert ball.contact().proxy == pytest.approx((0.010, 0.0, 0.0))
-    assert ball.force((0.009, 0.0, 0.0), STILL, 0.0) == STILL
-    assert ball.contact() is None
+    assert ball.contact("").proxy == pytest.approx((0.010, 0.0, 0.0))
+    assert ball.force("", (0.009, 0.0, 0.0), STILL, 0.0) == STILL
+    assert ball.contact("") is None
 
 
 def test_the_example_keeps_the_contract_and_its_launch_file_runs() -> None:

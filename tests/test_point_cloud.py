@@ -56,14 +56,14 @@ def test_depth_direction_and_angle_of_friction_on_a_sphere(tmp_path: Path) -> No
     smooth, rough = model.open(3), replace(model, surface=Surface(friction=0.4)).open(3)
     skin = sum(_skin(model, np.array(one)) for one in np.eye(3)) / 3
     for world in (smooth, rough):
-        world.force((0.0, 0.0, 0.04), STILL, 0.0)
+        world.force("", (0.0, 0.0, 0.04), STILL, 0.0)
     for angle in np.linspace(0.0, 2.0, 200).tolist():
         place = (0.0, (skin - 0.002) * math.sin(angle), (skin - 0.002) * math.cos(angle))
-        force = smooth.force(place, STILL, 1.0)
+        force = smooth.force("", place, STILL, 1.0)
         assert math.hypot(*force) == pytest.approx(2.0, rel=0.01)
         assert -np.dot(force, place) / math.hypot(*force) / math.hypot(*place) > math.cos(0.02)
-        force = rough.force(place, STILL, 1.0)
-        contact = rough.contact()
+        force = rough.force("", place, STILL, 1.0)
+        contact = rough.contact("")
         assert contact is not None
         push = -float(np.dot(force, contact.normal))
         if angle > 0.5:
@@ -84,7 +84,7 @@ def test_no_straight_press_falls_through_random_points(
     for out in _random_sphere(60, seed=2) / RADIUS:
         world = model.open(3)
         for depth in np.arange(-0.015, 0.0101, 0.0005):
-            force = world.force(tuple(((RADIUS - depth) * out).tolist()), STILL, 0.0)
+            force = world.force("", tuple(((RADIUS - depth) * out).tolist()), STILL, 0.0)
         assert math.hypot(*force) > 10.0  # 10 mm below the points, and the skin is outside of them
     assert not caplog.records
 
@@ -103,8 +103,8 @@ def test_a_fast_tip_does_not_get_through(tmp_path: Path) -> None:
     solid, world = model.solid(), model.open(3)
     random, place = np.random.default_rng(1), np.array([0.0, 0.0, 0.05])
     for _ in range(3000):
-        world.force(tuple(place.tolist()), STILL, 1.0)
-        contact = world.contact()
+        world.force("", tuple(place.tolist()), STILL, 1.0)
+        contact = world.contact("")
         proxy = pad3(place.tolist()) if contact is None else pad3(contact.proxy)
         assert solid.distance(proxy) > -1e-8
         assert math.hypot(*proxy) > RADIUS

@@ -13,6 +13,7 @@ from fakes import DISSIPATION, FakeDevice, Sender, device_node
 from waiting import PATIENCE, until
 
 from forcebound.controllers.direct import DirectController
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.control import (
     Accepted,
@@ -362,8 +363,8 @@ def test_a_signal_asks_for_the_end_and_wakes_whoever_sleeps(number: int) -> None
 def test_an_environment_says_its_name_and_how_often_its_code_failed(
     network: Network, run_dir: Path
 ) -> None:
-    class Failing:
-        def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    class Failing(StatelessEnvironment):
+        def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
             raise ArithmeticError
 
     node = EnvironmentNode(Failing(), name="here/1/a")

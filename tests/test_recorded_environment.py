@@ -55,7 +55,7 @@ def path(tmp_path: Path) -> Path:
 
 def forces(path: Path, times: list[float], axes: int = 1) -> list[Vector]:
     environment = RecordedEnvironment(path).open(axes)
-    return [environment.force((0.5,) * axes, (0.0,) * axes, time) for time in times]
+    return [environment.force("", (0.5,) * axes, (0.0,) * axes, time) for time in times]
 
 
 def invoke(*words: object) -> Result:
@@ -78,8 +78,8 @@ def test_contacts_are_told_with_their_answers(path: Path) -> None:
     environment = RecordedEnvironment(path).open(1)
     told = []
     for tick in range(3):
-        environment.force((0.0,), (0.0,), tick * 1e-3)
-        told.append(environment.contact())
+        environment.force("", (0.0,), (0.0,), tick * 1e-3)
+        told.append(environment.contact(""))
     assert told == [Contact((1.0,), (-1.0,)), None, Contact((1.0,), (-1.0,))]
 
 
@@ -106,10 +106,10 @@ def test_other_axes_get_no_force_and_no_contact_that_is_not_whole(path: Path) ->
     answers(path, {BEGIN: (1.0, 2.0), BEGIN + 1: (1.0, 2.0)}, states)
     assert forces(path, [0.001], axes=3) == [(1.0, 2.0, 0.0)]
     more, fewer = (RecordedEnvironment(path).open(axes) for axes in (3, 1))
-    more.force((0.0,) * 3, (0.0,) * 3, 0.001)
-    assert more.contact() == Contact((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    assert fewer.force((0.0,), (0.0,), 0.001) == (1.0,)
-    assert fewer.contact() is None
+    more.force("", (0.0,) * 3, (0.0,) * 3, 0.001)
+    assert more.contact("") == Contact((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    assert fewer.force("", (0.0,), (0.0,), 0.001) == (1.0,)
+    assert fewer.contact("") is None
 
 
 @pytest.mark.parametrize(

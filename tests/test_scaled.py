@@ -9,7 +9,6 @@ from msgspec import structs
 
 from forcebound.config.loader import load
 from forcebound.config.parts import member_of
-from forcebound.controllers.guard import GuardedController
 from forcebound.controllers.scaled import HELD_LONG, OpenScaled, Scaled
 from forcebound.controllers.vectors import dot
 from forcebound.errors import ConfigError
@@ -125,7 +124,7 @@ def test_within_the_border_nothing_drifts() -> None:
 
 def told(buttons: list[int | None]) -> list[str]:
     """What the controller's node tells of a clutch on button 2, a state each second."""
-    node = ControllerNode(GuardedController(Scaled(clutch_button=2).open(1)))
+    node = ControllerNode(Scaled(clutch_button=2).open(1))
     sent = []
     for second, down in enumerate(buttons):
         sent += node.step(second * 1000 * MS, [state(second * 1000, (0.0,), down)])

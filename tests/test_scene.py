@@ -9,7 +9,12 @@ import pytest
 from builders import MS, telemetry_packet
 from msgspec.structs import replace
 
-from forcebound.environments import may_tell_contacts, open_environment
+from forcebound.environments import (
+    Environment,
+    EnvironmentModel,
+    may_report_contacts,
+    open_environment,
+)
 from forcebound.environments.contract import check
 from forcebound.environments.wall import Wall
 from forcebound.messages.codec import MAX_SCENE_BYTES, encode
@@ -33,7 +38,7 @@ BALL = SceneObject("ball", "sphere", size=(0.05,), is_fixed=False)
 
 
 @dataclass(frozen=True)
-class Floor:
+class Floor(EnvironmentModel):
     """A floor at 10 mm along the first axis, with whatever it is to tell."""
 
     stiffness: float = 1000.0
@@ -44,7 +49,7 @@ class Floor:
         return OpenFloor(self, axes)
 
 
-class OpenFloor:
+class OpenFloor(Environment):
     def __init__(self, model: Floor, axes: int) -> None:
         self.model = model
         self.axes = axes
@@ -52,12 +57,12 @@ class OpenFloor:
         self.objects = model.objects
         self.asked = 0  # for the scene
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         self.position = position
         depth = max(0.0, position[0] - 0.01)
         return (self.model.stiffness * depth, *(0.0,) * (self.axes - 1))
 
-    def contact(self) -> Any:
+    def contact(self, user: str) -> Any:
         if self.position[0] <= 0.01:
             return None
         others = (0.0,) * (self.axes - 1)
@@ -133,9 +138,9 @@ def test_a_stateless_model_may_tell_its_scene() -> None:
 
     node = EnvironmentNode(Drawn())
     assert scenes(answer(node, 0)) == [Scene(0, 0, (BALL,), None)]
-    assert not may_tell_contacts(Drawn())
-    assert may_tell_contacts(Floor())
-    assert getattr(open_environment(Wall(), 1), "scene", None) is None
+    assert not may_report_contacts(Drawn())
+    assert may_report_contacts(Floor())
+    assert open_environment(Wall(), 1).scene() is None
 
 
 def test_columns_have_the_contact_of_the_same_tick() -> None:
@@ -275,7 +280,7 @@ def test_the_contract_finds_a_wrong_scene(objects: tuple[Any, ...]) -> None:
 
 def test_the_contract_finds_a_contact_that_changes_answers() -> None:
     class Softened(OpenFloor):
-        def contact(self) -> None:
+        def contact(self, user: str) -> None:
             self.model = Floor(stiffness=0.5 * self.model.stiffness)
 
     class Softening(Floor):

@@ -147,27 +147,28 @@ def test_the_schema_of_a_scene_describes_its_objects() -> None:
 FLOOR = """\
 from dataclasses import dataclass
 
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.messages.packets import Contact, SceneObject
 from forcebound.quantities import Stiffness
 
 
 @dataclass(frozen=True)
-class Floor:
+class Floor(EnvironmentModel):
     stiffness: Stiffness = 1000.0
 
     def open(self, axes):
         return OpenFloor(self.stiffness, axes)
 
 
-class OpenFloor:
+class OpenFloor(Environment):
     def __init__(self, stiffness, axes):
         self.stiffness, self.place = stiffness, (0.0,) * axes
 
-    def force(self, position, velocity, elapsed):
+    def force(self, user, position, velocity, elapsed):
         self.place = position
         return (self.stiffness * max(0.0, position[0] - 0.01), *[0.0] * (len(position) - 1))
 
-    def contact(self):
+    def contact(self, user):
         others = self.place[1:]
         inside = self.place[0] > 0.01
         return Contact((0.01, *others), (-1.0, *[0.0] * len(others))) if inside else None

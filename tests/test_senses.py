@@ -10,7 +10,7 @@ from fakes import DISSIPATION, FakeDevice
 
 from forcebound.controllers.direct import DirectController
 from forcebound.devices.contract import check
-from forcebound.devices.guard import GuardedDevice
+from forcebound.devices.guard import guarded
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.errors import DeviceError
@@ -28,8 +28,13 @@ class Stylus(FakeDevice):
 
     def __init__(self, orientation: Any = TURNED, buttons: Any = 0b101) -> None:
         super().__init__(axes=3)
-        self.orientation = lambda: orientation
-        self.buttons = lambda: buttons
+        self.sensed = orientation, buttons
+
+    def orientation(self) -> Any:
+        return self.sensed[0]
+
+    def buttons(self) -> Any:
+        return self.sensed[1]
 
 
 def first_state(device: Any) -> DeviceState:
@@ -48,13 +53,13 @@ def test_a_state_tells_what_the_device_senses_and_the_query_passes_it_on() -> No
 
 
 def test_a_device_that_senses_neither_tells_neither() -> None:
-    for device in (FakeDevice(), GuardedDevice(FakeDevice())):
+    for device in (FakeDevice(), guarded(FakeDevice())):
         state = first_state(device)
         assert (state.orientation, state.buttons) == (None, None)
 
 
 def test_a_guarded_device_tells_them_as_plain_numbers() -> None:
-    state = first_state(GuardedDevice(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
+    state = first_state(guarded(Stylus(orientation=[0, 1, 0, 0], buttons=True)))
     assert (state.orientation, state.buttons) == ((0.0, 1.0, 0.0, 0.0), 1)
     assert type(state.buttons) is int
 
@@ -72,10 +77,10 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize(("sensed", "said"), WRONG)
 def test_what_no_device_can_sense_is_a_device_error(sensed: dict[str, Any], said: str) -> None:
     with pytest.raises(DeviceError, match=said):
-        first_state(GuardedDevice(Stylus(**sensed)))
+        first_state(guarded(Stylus(**sensed)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SensingPhantom(PhantomPremium15):
     """A simulated device with a stylus."""
 
@@ -89,8 +94,13 @@ class SensingPhantom(PhantomPremium15):
 class SensingDevice(SimulatedDevice):
     def __init__(self, model: SensingPhantom, operator: Operator | None, hold_limit: float) -> None:
         super().__init__(model, operator, hold_limit)
-        self.orientation = lambda: model.told_orientation
-        self.buttons = lambda: model.told_buttons
+        self.model = model
+
+    def orientation(self) -> Any:
+        return self.model.told_orientation
+
+    def buttons(self) -> Any:
+        return self.model.told_buttons
 
 
 def test_the_contract_asks_for_what_a_device_senses() -> None:

@@ -63,7 +63,7 @@ def test_a_run_directory_without_nodes_keeps_the_change_for_them(
     assert done.values == {"environment.stiffness": 500.0}
     assert codes(done) == ["no_node"]
     model = with_parts(restore(json.loads(file.read_text()))).environment.model
-    force = open_environment(model, 1).force((0.012,), (0.0,), 0.0)
+    force = open_environment(model, 1).force("", (0.012,), (0.0,), 0.0)
     assert force == pytest.approx((1.0,))
     with pytest.raises(ConfigError, match="which is a time"):
         set_parameters(tmp_path, {"environment.stiffness": "5 s"})

@@ -38,8 +38,8 @@ def _open(*shapes: Shape, **surface: Any) -> OpenTouchable:
 def _touched(world: OpenTouchable, *way: Vector3) -> tuple[Vector3, Vector3, Vector3]:
     """Force, proxy and normal at the end of a way."""
     for place in way:
-        force = world.force(place, STILL, 1.0)
-    contact = world.contact()
+        force = world.force("", place, STILL, 1.0)
+    contact = world.contact("")
     assert contact is not None
     return pad3(force), pad3(contact.proxy), pad3(contact.normal)
 
@@ -114,8 +114,8 @@ def test_a_proxy_at_rest_does_not_oscillate(name: str) -> None:
 def test_a_proxy_slides_over_a_rim_into_a_shaft() -> None:
     world = _open(GROUND, SHAFT)
     _touched(world, (0.03, 0.0, 0.01), (0.02, 0.0, -0.002))
-    assert world.force((0.005, 0.0, -0.002), STILL, 1.0) == STILL
-    assert world.contact() is None
+    assert world.force("", (0.005, 0.0, -0.002), STILL, 1.0) == STILL
+    assert world.contact("") is None
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.5, 1.0])
@@ -139,7 +139,7 @@ def test_a_sliding_tip_feels_the_angle_of_friction(
     shapes: tuple[Shape, ...], way: list[Vector3], friction: float
 ) -> None:
     world = _open(*shapes, friction=friction)
-    world.force((way[0][0], way[0][1], 0.0 if GROUND in shapes else 0.1), STILL, 0.0)
+    world.force("", (way[0][0], way[0][1], 0.0 if GROUND in shapes else 0.1), STILL, 0.0)
     for place in way:
         force, _, normal = _touched(world, place)
     push = -float(np.dot(force, normal))
@@ -155,11 +155,11 @@ def _walk(shapes: tuple[Shape, ...], steps: Any, pull: float, **surface: Any) ->
     model = Solid(shapes, STIFFNESS, surface=Surface(**surface))
     solid, world = model.solid(), model.open(3)
     place, before = np.array([0.08, 0.0, 0.09]), None
-    world.force(tuple(place), STILL, 0.0)
+    world.force("", tuple(place), STILL, 0.0)
     for step in steps:
         place = place * pull + step
-        force = world.force(tuple(place.tolist()), STILL, 1.0)
-        contact = world.contact()
+        force = world.force("", tuple(place.tolist()), STILL, 1.0)
+        contact = world.contact("")
         proxy = tuple(place) if contact is None else contact.proxy
         assert solid.distance(pad3(proxy)) > -1e-8
         if before is not None:
@@ -220,7 +220,7 @@ def test_an_axis_and_a_turn_place_a_box() -> None:
     ):
         assert _touched(world, outside, inside)[1] == pytest.approx(face, abs=1e-9)
         for back in (outside, (0.1, 0.1, 0.1)):
-            world.force(back, STILL, 1.0)
+            world.force("", back, STILL, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -247,5 +247,5 @@ def test_fewer_axes_feel_the_components_along_them() -> None:
             Solid((Shape("sphere", position=(0.05, 0.0, 0.0), radius=0.04),)), axes
         )
         rest = (0.0,) * (axes - 1)
-        world.force((0.0, *rest), (0.0,) * axes, 0.0)
-        assert world.force((0.012, *rest), (0.0,) * axes, 1.0) == pytest.approx((2.0, *rest))
+        world.force("", (0.0, *rest), (0.0,) * axes, 0.0)
+        assert world.force("", (0.012, *rest), (0.0,) * axes, 1.0) == pytest.approx((2.0, *rest))

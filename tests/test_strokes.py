@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.strokes import ACROSS, INWARDS, feel, strokes
 from forcebound.geometry.vectors import norm, scale, sub, unit
 from forcebound.messages.packets import Contact, SceneObject, Vector
@@ -22,10 +23,10 @@ OBJECTS = [
 ]
 
 
-class RoughBall:
+class RoughBall(StatelessEnvironment):
     """The ball with a force across its normal, half of that along it."""
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         offset = sub((position[0], position[1], position[2]), BALL.position)
         self.normal = unit(offset)
         self.depth = BALL.size[0] - norm(offset)
@@ -35,7 +36,7 @@ class RoughBall:
         push = scale(self.normal, -500.0 * self.depth)
         return tuple(p + 250.0 * self.depth * a for p, a in zip(push, across, strict=True))
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         if self.depth <= 0.0:
             return None
         proxy = (c + BALL.size[0] * n for c, n in zip(BALL.position, self.normal, strict=True))
@@ -71,7 +72,7 @@ def test_strokes_feel_stiffness_and_what_goes_across() -> None:
 
 def test_where_nothing_is_touched_there_is_no_stiffness() -> None:
     class Nothing(RoughBall):
-        def contact(self) -> Any:
+        def contact(self, user: str) -> Any:
             return None
 
     touch = feel(Nothing(), [BALL], 3, 4)

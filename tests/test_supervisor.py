@@ -68,7 +68,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Silent:
-    def force(self, position, velocity, elapsed):
+    def force(self, user, position, velocity, elapsed):
         if "node" in sys.argv:
             raise ValueError("not in a graph")
         return tuple(0.0 for _ in position)

@@ -31,16 +31,17 @@ SPRING = """\
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness
 
 
 @dataclass(frozen=True)
-class MySpring:
+class MySpring(StatelessEnvironment):
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 500.0
     rest: Length = 0.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         return (self.stiffness * (position[0] - self.rest), *[0.0] * (len(position) - 1))
 """
 LAUNCH = GOOD.replace("kind: wall", "kind: my_spring.py")
@@ -54,7 +55,7 @@ def own(folder: Path, source: str = SPRING, launch: str = LAUNCH) -> Path:
 
 def force_of(config: GraphConfig, position: Vector) -> Vector:
     model = config.environment.model
-    return open_environment(model, len(position)).force(position, (0.0,) * len(position), 0.0)
+    return open_environment(model, len(position)).force("", position, (0.0,) * len(position), 0.0)
 
 
 def invoke(*words: str) -> Result:
@@ -207,12 +208,12 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         (
             "phantom_premium_1_5",
             "my_spring.py",
-            "class MySpring of my_spring.py has no method open",
+            "MySpring of my_spring.py must be a frozen dataclass that inherits",
         ),
         (
             "pressing",
             "my_spring.py",
-            "class MySpring of my_spring.py has no method target",
+            "MySpring of my_spring.py must be a frozen dataclass that inherits",
         ),
     ],
 )
@@ -230,13 +231,13 @@ def test_a_problem_in_the_launch_file_has_its_place(
     [
         ("from typing", "import nonsense\nfrom typing", "ModuleNotFoundError: No module named"),
         ("from typing", "import nonsense\nfrom typing", "my_spring.py:2: import nonsense"),
-        ("def force", "def force(", "my_spring.py:13: def force((self"),
+        ("def force", "def force(", "my_spring.py:14: def force((self"),
         ("from typing", "raise SystemExit(3)\nfrom typing", "SystemExit: 3\n  in "),
         ("from typing", "\0from typing", "cannot load my_spring.py"),
         ("(frozen=True)", "", "must be a frozen dataclass: write @dataclass(frozen=True)"),
         ("@dataclass(frozen=True)\n", "", "must be a frozen dataclass"),
         ("def force", "def push", "class MySpring of my_spring.py has no method force"),
-        (", elapsed: float)", ")", "force must take 3 arguments besides self"),
+        (", elapsed: float)", ")", "force must take 4 arguments besides self"),
         ("rest: Length = 0.0", "rest: Nothing = 0.0", "NameError: name 'Nothing'"),
         ("    rest: Length", "    kind: Length", "a parameter cannot be called 'kind'"),
         ("rest: Length", "compute_delay: Length", "cannot be called 'compute_delay'"),
@@ -247,7 +248,7 @@ def test_a_problem_in_the_launch_file_has_its_place(
         ("rest: Length", "rest: compile", "a launch file cannot give 'rest' of the type"),
         (" = 500.0\n    rest: Length = 0.0", "\n    rest: Length", "environment needs 'rest'"),
         ("return (", "return 1 / 0, (", "ZeroDivisionError"),
-        ("return (", "return 1 / 0, (", "my_spring.py:14: return 1 / 0"),
+        ("return (", "return 1 / 0, (", "my_spring.py:15: return 1 / 0"),
         ("return (", "return 'x', (", "expected a tuple with 1 number in N, one per axis; got 2"),
         ("return (", "return ['x'] or (", "got an entry 'x' of type str"),
         ("return (", "return None and (", "got None"),
@@ -267,9 +268,8 @@ def test_a_problem_in_the_users_file_is_told_with_its_line(
 
 
 def test_an_empty_file_is_told(tmp_path: Path) -> None:
-    assert (
-        "my_spring.py defines no part; expected a frozen dataclass with a method force or open"
-        in problems_of(own(tmp_path, ""))
+    assert "my_spring.py defines no part; expected a frozen dataclass that inherits" in problems_of(
+        own(tmp_path, "")
     )
 
 
@@ -296,10 +296,10 @@ def test_the_template_keeps_the_contract_and_its_launch_file_runs() -> None:
 
 def test_the_template_pushes_out_of_the_ball_on_either_side() -> None:
     ball = member_of("environment", str(EXAMPLES / "my_environment.py"), ["damping:=0"])
-    assert ball.force((0.011, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(1.0), 0.0)
-    assert ball.force((0.029, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(-1.0), 0.0)
-    assert ball.force((0.020, 0.009), (0.0, 0.0), 0.0)[1] == pytest.approx(-1.0)
-    assert ball.force((0.009, 0.0), (1.0, 0.0), 0.0) == (0.0, 0.0)
+    assert ball.force("", (0.011, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(1.0), 0.0)
+    assert ball.force("", (0.029, 0.0), (0.0, 0.0), 0.0) == (pytest.approx(-1.0), 0.0)
+    assert ball.force("", (0.020, 0.009), (0.0, 0.0), 0.0)[1] == pytest.approx(-1.0)
+    assert ball.force("", (0.009, 0.0), (1.0, 0.0), 0.0) == (0.0, 0.0)
 
 
 def test_the_check_prints_one_document(tmp_path: Path) -> None:

@@ -31,11 +31,13 @@ PAGES = ("law", "controller", "device")
 HAND = """\
 from dataclasses import dataclass
 
+from forcebound.operators import Operator
+
 from forcebound.messages.packets import Vector
 
 
 @dataclass(frozen=True)
-class StillHand:
+class StillHand(Operator):
     mass: float = 0.3
     stiffness: float = 500.0
     damping: float = 3.0

@@ -22,7 +22,7 @@ from binascii import crc_hqx
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from forcebound.devices import Truth
+from forcebound.devices import Device, DeviceModel
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.messages.packets import Vector
@@ -33,7 +33,7 @@ SIZE = 7  # bytes of a message
 
 
 @dataclass(frozen=True)
-class Motor:
+class Motor(DeviceModel):
     """What is known of the device, in SI units; the certificate rests on it.
 
     The hand holds the end of a lever, so ways and forces here are those at the hand.
@@ -67,7 +67,7 @@ class Motor:
             raise
 
 
-class OpenMotor:
+class OpenMotor(Device):
     """The device, from open to close."""
 
     axes = 1
@@ -77,9 +77,6 @@ class OpenMotor:
         self._torque = 0.0  # on the wire: positive turns towards larger angles
         self._read_ns = self._effect_ns = self._jitter_ns = 0
         self._exchange(0.5)  # the first may take a while; is this the board at all?
-
-    def engage(self, time_ns: int) -> None:
-        """Do nothing: this board is ready."""
 
     def read(self, time_ns: int) -> Vector:
         """Send the torque that is held already; return where the hand is, in m."""
@@ -106,10 +103,6 @@ class OpenMotor:
     def latch_jitter(self) -> int:
         """Return by how much the reading may be later than its stamp, in ns."""
         return self._jitter_ns
-
-    def truth(self) -> Truth | None:
-        """Return None: nobody knows more than the encoder."""
-        return None
 
     def close(self) -> None:
         """Release the device; the line writes zero force first."""

@@ -12,12 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Damping, Length, Stiffness
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(StatelessEnvironment):
     """A ball that pushes outwards, along the line from its centre, and damps motion inside."""
 
     # The parameters, as a launch file gives them: with a unit, a range, a default, in SI.
@@ -26,7 +27,7 @@ class Ball:
     radius: Annotated[Length, POSITIVE] = 0.010  # m
     centre: Length = 0.020  # m, on the first axis
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force, in N, one entry per axis.
 
         A force is positive when it *resists* motion in the positive direction.

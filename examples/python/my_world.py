@@ -12,13 +12,14 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.geometry.vectors import Vector3, along, cut, dot, norm, pad3, scale, sub, unit
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import POSITIVE, Length, Stiffness
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(EnvironmentModel):
     """A ball in space, whatever the number of axes of the device."""
 
     stiffness: Annotated[Stiffness, POSITIVE] = 2_000.0  # N/m
@@ -32,7 +33,7 @@ class Ball:
         return TouchedBall(self, axes)
 
 
-class TouchedBall:
+class TouchedBall(Environment):
     """The ball and the proxy on it, from open to close."""
 
     def __init__(self, model: Ball, axes: int) -> None:
@@ -40,12 +41,13 @@ class TouchedBall:
         self.touched: tuple[Vector3, Vector3] | None = None  # proxy and outward normal
         self.change(model)
 
-    def change(self, model: Ball) -> None:
+    def change(self, model: Ball) -> bool:
         """Take other parameters over; the proxy stays where it is on the ball."""
         self.model = model
         self.centre = (model.x, model.y, model.z)
+        return True
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force of the spring from the proxy to the tip, F = k (x - p), in N."""
         tip = pad3(position)
         offset = sub(tip, self.centre)
@@ -63,7 +65,7 @@ class TouchedBall:
             return self.touched[1]
         return unit(offset) if 0.0 < norm(offset) < math.inf else (-1.0, 0.0, 0.0)
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return what the last question touched; None: free motion."""
         if self.touched is None:
             return None
@@ -73,6 +75,3 @@ class TouchedBall:
     def scene(self) -> tuple[SceneObject, ...]:
         """Return what there is to draw."""
         return (SceneObject("ball", "sphere", self.centre, size=(self.model.radius,)),)
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""

@@ -6,7 +6,7 @@ faster than :data:`FASTEST_HAND`.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, product
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from forcebound.audit.path_run import PathResult, attack_path
 from forcebound.audit.paths import PHASE, SENSORS, PathCase
 from forcebound.audit.search import descend
 from forcebound.bounding import Dissipation
-from forcebound.devices import DEVICES
+from forcebound.devices import DEVICES, DeviceModel
 from forcebound.errors import ConfigError
 
 LAW = "certified"
@@ -177,16 +177,22 @@ def stated_by(kind: str) -> Dissipation:
     """
     if kind not in DEVICES:
         raise ConfigError(f"no device {kind!r}; known are {', '.join(sorted(DEVICES))}")
-    model = DEVICES[kind]()
+    make: Callable[[], DeviceModel] = DEVICES[kind]
+    model = make()
     all_axes = Dissipation(
-        model.damping, model.friction, model.resolution, 1e-3, 1.02e-3, model.saturation
+        damping=model.damping,
+        friction=model.friction,
+        resolution=model.resolution,
+        saturation=model.saturation,
+        period=1e-3,
+        hold_limit=1.02e-3,
     )
     return replace(
         all_axes,
         damping=all_axes.least_damping,
         friction=all_axes.least_friction,
         resolution=all_axes.coarsest_resolution,
-        largest_speed=getattr(model, "largest_speed", None) or math.inf,
+        largest_speed=model.largest_speed or math.inf,
     )
 
 

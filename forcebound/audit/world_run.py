@@ -21,8 +21,6 @@ from forcebound.audit.worlds import (
     world_case_of,
 )
 from forcebound.bounding import ENERGY_TOLERANCE, check_law
-from forcebound.controllers.direct import DirectController
-from forcebound.controllers.guard import GuardedController
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.messages.packets import TOPIC_OF, EnvironmentQuery, EnvironmentReply, Packet, Vector
@@ -32,6 +30,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.servo import ServoSettings, dissipation_of
+from forcebound.operators import Operator
 from forcebound.simulation import LateTicks, Simulation
 
 SECONDS = 0.25  # of a run
@@ -42,7 +41,7 @@ _SIDES = 2  # energies are looked at in the middle and at the end of each stretc
 
 
 @dataclass(frozen=True)
-class SpaceHand:
+class SpaceHand(Operator):
     """A hand that goes from before the surface to ``pressing``, with a sine along each axis."""
 
     mass: float
@@ -217,9 +216,7 @@ def _late_ticks_of(case: WorldCase) -> LateTicks:
 
 
 def _controller_of(case: WorldCase) -> ControllerNode:
-    controller = CONTROLLERS[case.controller](case.numbers).open(case.axes)
-    is_direct = isinstance(controller, DirectController)
-    return ControllerNode(controller if is_direct else GuardedController(controller))
+    return ControllerNode(CONTROLLERS[case.controller](case.numbers).open(case.axes))
 
 
 def _links_of(case: WorldCase) -> dict[str, Link[Packet]]:

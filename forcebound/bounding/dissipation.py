@@ -2,19 +2,40 @@
 
 Fill it in from an identification of the device. Every number is a promise about the device: a
 minimum of what it dissipates, a maximum of what it errs. ``docs/theory.md``, section 3, says how
-the certified laws use each; ``docs/assumptions.md`` what a wrong one costs. Numbers that are 0 (or
-have no limit) by default describe an effect that the device does not have.
+the certified laws use each; ``docs/assumptions.md`` what a wrong one costs.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from forcebound.errors import ConfigError
+from forcebound.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Damping,
+    Energy,
+    Force,
+    Length,
+    Range,
+    Ratio,
+    Speed,
+    Time,
+    check_ranges,
+)
 
 #: A number for every axis alike, or one for each axis.
 PerAxis: TypeAlias = float | tuple[float, ...]
+DampingOfAxes: TypeAlias = (
+    Annotated[Damping, NOT_NEGATIVE] | tuple[Annotated[Damping, NOT_NEGATIVE], ...]
+)
+FrictionOfAxes: TypeAlias = (
+    Annotated[Force, NOT_NEGATIVE] | tuple[Annotated[Force, NOT_NEGATIVE], ...]
+)
+LengthOfAxes: TypeAlias = (
+    Annotated[Length, NOT_NEGATIVE] | tuple[Annotated[Length, NOT_NEGATIVE], ...]
+)
+ForceOfAxes: TypeAlias = Annotated[Force, Range()] | tuple[Annotated[Force, Range()], ...]
 
 #: ``guarding``: looks at the readings, first at the hold limit, drops the force when one of them
 #: has moved back from where it was when that force began to act, and says when and where; see
@@ -24,102 +45,105 @@ PerAxis: TypeAlias = float | tuple[float, ...]
 Watchdog: TypeAlias = Literal["guarding", "reporting", "silent", "none"]
 WATCHDOGS: tuple[str, ...] = get_args(Watchdog)
 
-#: Where a number comes from.
-SOURCES = ("measured", "data sheet", "assumed")
 
-
-@dataclass(frozen=True)
-class Dissipation:
-    """What a law may rely on about a device: the least that it dissipates, and its sampling.
+@dataclass(frozen=True, kw_only=True)
+class StatedNumbers:
+    """What is stated of a device, whatever the rate of its servo.
 
     Coordinates are axes at the tip, in m and N, or joints, in rad and N m; then read "m" as rad and
-    "N" as N m. Where a number for each axis is allowed, one number means all axes alike.
+    "N" as N m. Where a number for each axis is allowed, one number means all axes alike. The
+    defaults describe an effect that the device does not have.
 
     Attributes:
-        damping: Minimum viscous damping b, in N s/m; alike or for each axis.
-        friction: Minimum Coulomb friction f_c, in N. One number: along the path of the tip. One for
-            each axis: on each axis by itself.
-        resolution: Step of the position reading Δ, in m; 0: exact readings; alike or for each axis.
-        period: Nominal sampling period T, in s.
-        hold_limit: Longest time T_max that the device holds a force, in s; it then drops it to 0.
-            Without a watchdog: longest time for which a punctual force is planned.
-        saturation: Largest force F_sat, in N.
-        presliding: Way z_m over which friction yields elastically before it slides, in m: the
-            friction divided by the bristle's stiffness; alike or for each axis.
+        damping: Minimum viscous damping b; alike or for each axis.
+        friction: Minimum Coulomb friction f_c. One number: along the path of the tip. One for each
+            axis: on each axis by itself.
+        resolution: Step of the position reading Δ; 0: exact readings; alike or for each axis.
+        saturation: Largest force F_sat.
+        watchdog: What drops a force that is older than the hold limit: a watchdog that guards it
+            (it drops the force once a reading moves back, and reports it), one that drops it and
+            reports when and where, one that does not report, or none; see :data:`Watchdog`.
+        watchdog_tolerance: The watchdog drops the force, a guarding one looks first, somewhere
+            between ``1 - tolerance`` and ``1 + tolerance`` hold limits. A silent one must state it.
+        watchdog_limit: Without a watchdog: longest time that a force can stay on when no other
+            comes; then the hardware drops it, or something else that you vouch for. A guarding
+            watchdog drops it then at the latest; auto: never, or after 100 ms if it is guarded.
+        guard_period: δ of a guarding watchdog, less than the period: longest time from the last
+            look that saw nothing to the force being gone after the next look. A force that has
+            moved back before the hold limit is gone at the hold limit.
+        presliding: Way z_m over which friction yields elastically before it slides: the friction
+            divided by the bristle's stiffness; alike or for each axis.
         gain_error: Largest relative error x of a motor's force, constant in a run: it gives between
             1 - x and 1 + x of what it should. The motors of several axes may differ within that.
-        lag: Time constant τ of the amplifier, first order, in s.
+        lag: Time constant τ of the amplifier, first order.
         write_delay: Longest time from latching a reading to the effect of the force written
-            thereafter, in s; what it is in each sample is measured.
-        largest_speed: Largest speed, in m/s. A reading that implies more is refused.
-        watchdog: What happens to a force older than the hold limit; see :data:`Watchdog`.
-        watchdog_tolerance: The watchdog drops the force, a guarding one looks first, somewhere
-            between ``1 - tolerance`` and ``1 + tolerance`` hold limits.
-        watchdog_limit: Without a watchdog: longest time that a force can stay on when no other
-            comes, in s; then the hardware drops it, or something else that you vouch for. A
-            guarding watchdog drops it then at the latest.
-        guard_period: δ of a guarding watchdog, in s, less than the period: longest time from the
-            last look that saw nothing to the force being gone after the next look. A force that
-            has moved back before the hold limit is gone at the hold limit.
-        allowance: Most that the hand may get out of holds longer than the hold limit, ε, in J.
-        energy_cap: Most energy that a ledger keeps, in J; None: the most that the saturation can
-            use.
-        weight: Weight on each axis that the device carries by itself, in N, positive against
-            positive motion; alike or for each axis. It acts when the force is dropped.
-        weight_error: Largest error of that, constant in a run, in N, less than the friction, which
-            must hold it; alike or for each axis.
-        sources: Where numbers come from, by name: ``measured``, ``data sheet`` or ``assumed``. For
-            reports alone.
+            thereafter; what it is in each sample is measured.
+        largest_speed: A reading that implies more is refused; null: none is.
+        weight: Weight on each axis that the device carries by itself, positive against positive
+            motion; alike or for each axis. It acts when the force is dropped.
+        weight_error: Largest error of that, constant in a run, less than the friction, which must
+            hold it; alike or for each axis.
+
+    Raises:
+        ConfigError: If a value is out of range.
+    """
+
+    damping: DampingOfAxes
+    friction: FrictionOfAxes
+    resolution: LengthOfAxes
+    saturation: Annotated[Force, POSITIVE]
+    watchdog: Watchdog
+    watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] | None = None
+    watchdog_limit: Annotated[Time, POSITIVE] | Literal["auto"] = "auto"
+    guard_period: Annotated[Time, NOT_NEGATIVE] = 0.0
+    presliding: LengthOfAxes = 0.0
+    gain_error: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    lag: Annotated[Time, NOT_NEGATIVE] = 0.0
+    write_delay: Annotated[Time, NOT_NEGATIVE] = 0.0
+    largest_speed: Annotated[Speed, POSITIVE] | None = None
+    weight: ForceOfAxes = 0.0
+    weight_error: FrictionOfAxes = 0.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.watchdog not in WATCHDOGS:
+            raise ConfigError(
+                f"watchdog must be one of {', '.join(WATCHDOGS)}, got {self.watchdog!r}",
+                field="watchdog",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dissipation(StatedNumbers):
+    """What a law may rely on about a device: its stated numbers, and how it is sampled.
+
+    Attributes:
+        period: Nominal sampling period T.
+        hold_limit: Longest time T_max that the device holds a force; it then drops it to 0. Without
+            a watchdog: longest time for which a punctual force is planned.
+        allowance: Most that the hand may get out of holds longer than the hold limit, ε.
+        energy_cap: Most energy that a ledger keeps; None: the most that the saturation can use.
 
     Raises:
         ConfigError: If a value is out of range, or the numbers do not go together.
     """
 
-    damping: PerAxis
-    friction: PerAxis
-    resolution: PerAxis
-    period: float
-    hold_limit: float
-    saturation: float
-    presliding: PerAxis = 0.0
-    gain_error: float = 0.0
-    lag: float = 0.0
-    write_delay: float = 0.0
-    largest_speed: float = math.inf
+    damping: Annotated[Damping, POSITIVE] | tuple[Annotated[Damping, POSITIVE], ...]
+    period: Annotated[Time, POSITIVE]
+    hold_limit: Annotated[Time, POSITIVE]
     watchdog: Watchdog = "silent"
-    watchdog_tolerance: float = 0.0
-    watchdog_limit: float = math.inf
-    guard_period: float = 0.0
-    allowance: float = 0.0
-    energy_cap: float | None = None
-    weight: PerAxis = 0.0
-    weight_error: PerAxis = 0.0
-    sources: Mapping[str, str] = field(default_factory=dict, hash=False)
+    watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    watchdog_limit: float = math.inf  # s
+    largest_speed: float = math.inf  # m/s
+    allowance: Annotated[Energy, NOT_NEGATIVE] = 0.0
+    energy_cap: Annotated[Energy, POSITIVE] | None = None
 
     def __post_init__(self) -> None:
-        for name, unit in _POSITIVE.items():
-            for value in _values(getattr(self, name)):
-                if not 0.0 < value < math.inf:
-                    raise ConfigError(f"{name} must be > 0 {unit} and finite, got {value} {unit}")
-        for name, unit in _NOT_NEGATIVE.items():
-            for value in _values(getattr(self, name)):
-                if not 0.0 <= value < math.inf:
-                    raise ConfigError(f"{name} must be >= 0 {unit} and finite, got {value} {unit}")
-        for name in ("gain_error", "watchdog_tolerance"):
-            value = getattr(self, name)
-            if not 0.0 <= value < 1.0:
-                raise ConfigError(f"{name} must be from 0 to below 1, got {value}")
+        super().__post_init__()
         if not self.largest_speed > 0.0:
             raise ConfigError(f"largest_speed must be > 0 m/s, got {self.largest_speed} m/s")
-        if self.energy_cap is not None and not 0.0 < self.energy_cap < math.inf:
-            raise ConfigError(f"energy_cap must be > 0 J and finite, got {self.energy_cap} J")
-        if not all(math.isfinite(value) for value in _values(self.weight)):
-            raise ConfigError(f"weight must be finite, got {self.weight} N")
         self._check_hold()
         self._check_axes()
-        for name, source in self.sources.items():
-            if source not in SOURCES:
-                raise ConfigError(f"source of {name} must be one of {SOURCES}, got {source!r}")
 
     def _check_hold(self) -> None:
         if self.hold_limit < self.period:
@@ -127,8 +151,6 @@ class Dissipation:
                 f"hold_limit must be at least the period, {self.period} s, or every force is cut; "
                 f"got {self.hold_limit} s"
             )
-        if self.watchdog not in WATCHDOGS:
-            raise ConfigError(f"watchdog must be one of {WATCHDOGS}, got {self.watchdog!r}")
         if self.watchdog == "none" and not self.hold_limit <= self.watchdog_limit < math.inf:
             raise ConfigError(
                 "watchdog 'none' needs a watchdog_limit of at least the hold limit, "
@@ -192,18 +214,6 @@ class Dissipation:
             raise ConfigError(f"{name} has {len(values)} numbers for {axes} axes")
         return values
 
-
-_POSITIVE = {"damping": "N s/m", "period": "s", "hold_limit": "s", "saturation": "N"}
-_NOT_NEGATIVE = {
-    "friction": "N",
-    "resolution": "m",
-    "presliding": "m",
-    "lag": "s",
-    "write_delay": "s",
-    "guard_period": "s",
-    "allowance": "J",
-    "weight_error": "N",
-}
 
 #: Numbers that may differ between axes.
 PER_AXIS = ("damping", "friction", "resolution", "presliding", "weight", "weight_error")

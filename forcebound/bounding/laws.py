@@ -21,7 +21,7 @@ LAWS: Table[BoundingLaw] = Table(
         "certified": "forcebound.bounding.certified:CERTIFIED",
         "certified_memoryless": "forcebound.bounding.certified:CERTIFIED_MEMORYLESS",
     },
-    Form(instance_of="forcebound.bounding.law:BoundingLaw"),
+    Form("forcebound.bounding.law:BoundingLaw", is_object=True),
 )
 
 

@@ -126,7 +126,7 @@ def main() -> None:
 def _keep_lines(command: click.Command) -> None:
     """Let the help keep the lines of examples: raw docstrings spell click's mark in two letters."""
     command.help = (command.help or "").replace("\\b\n", "\b\n")
-    for part in getattr(command, "commands", {}).values():
+    for part in command.commands.values() if isinstance(command, click.Group) else ():
         _keep_lines(part)
 
 

@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from forcebound.bounding import LAWS, ForceBounder
 from forcebound.config.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
 from forcebound.config.traces import shortest_of
-from forcebound.controllers import Cautious, ControllerModel
+from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
 from forcebound.messages.codec import decode, encode
@@ -86,17 +86,16 @@ def check_environment(model: EnvironmentModel, axes: int) -> None:
     with user_code(f"open({axes})", "kind"):
         opened = open_environment(model, axes)
     with closing(opened):
-        with user_code(f"force({still}, {still}, 0.0)", "kind"):
-            _check_vector(opened.force(still, still, 0.0), axes, "N")
-        contact, scene = (getattr(opened, name, None) for name in ("contact", "scene"))
+        with user_code(f"force('', {still}, {still}, 0.0)", "kind"):
+            _check_vector(opened.force("", still, still, 0.0), axes, "N")
         with user_code("contact()", "kind"):
-            touched = None if contact is None else contact()
+            touched = opened.contact("")
             if touched is not None:
                 proxy, normal = touched
                 _check_vector(proxy, axes, "m")
                 _check_vector(normal, axes, "1")
         with user_code("scene()", "kind"):
-            objects = () if scene is None else tuple(scene())
+            objects = tuple(opened.scene() or ())
             decode(encode(Scene(0, 0, objects, None)), Scene)
 
 
@@ -173,8 +172,6 @@ def _warn_far(config: GraphConfig) -> None:
 
 def _warn_cautions(config: GraphConfig) -> None:
     """Log the controller's cautions about its parameters on this device."""
-    if not isinstance(config.controller, Cautious):
-        return
     servo = config.device.servo
     damping = dissipation_of(config.device.model, servo).least_damping
     period = servo.period_ns * 1e-9

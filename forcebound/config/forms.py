@@ -16,6 +16,7 @@ from typing import Annotated, Any, NotRequired, get_args
 from forcebound.config.fields import Field
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value
+from forcebound.errors import ConfigError
 from forcebound.quantities import AS_WRITTEN
 
 
@@ -177,7 +178,8 @@ def _note(details: Sequence[Any], form: Form, root: Value, problems: Problems) -
             at.step(last)
             field_name = None
             if detail["type"] == "value_error":
-                field_name = getattr(detail["ctx"]["error"], "field", None)
+                error = detail["ctx"]["error"]
+                field_name = error.field if isinstance(error, ConfigError) else None
                 label = ".".join(at.names)
             for name in (field_name or "").split("."):
                 at.step(name)

@@ -62,8 +62,7 @@ class DeviceFacts:
     @classmethod
     def of(cls, model: DeviceModel, servo: ServoSettings) -> "DeviceFacts":
         """Return those of a device at the rate of its servo."""
-        workspace = getattr(model, "workspace", None)
-        return cls(model.axes, dissipation_of(model, servo), workspace)
+        return cls(model.axes, dissipation_of(model, servo), model.workspace)
 
 
 @dataclass(frozen=True)

@@ -237,7 +237,8 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
         check("device", checks.check_law, device)
     if operator is not None:
         check("operator", checks.check_path, operator, axes)
-    if environment is not None and not getattr(controller, "answers_states", False):
+    answers_states = controller is not None and controller.answers_states
+    if environment is not None and not answers_states:
         check("device", checks.check_delays, device.servo, environment, links)
     if environment is not None and asks:
         check("environment", checks.check_environment, environment.model, axes)

@@ -169,7 +169,9 @@ def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> A
     try:
         part = kind(**values)
     except (ValueError, ArithmeticError) as error:
-        raise ConfigError(str(error), field=getattr(error, "field", None)) from error
+        raise ConfigError(
+            str(error), field=error.field if isinstance(error, ConfigError) else None
+        ) from error
     except Exception as error:
         if kind_of(kind) is None:
             raise
@@ -198,7 +200,7 @@ def _environment(
     environment = EnvironmentConfig(model, **beside)
     _check_trace(environment.computation, "compute_trace")
     try:
-        getattr(model, "check_files", lambda: None)()
+        model.check_files()
     except ConfigError as error:
         raise ConfigError(str(error), field=error.field or "file") from error
     return environment

@@ -11,26 +11,34 @@ should let its force end when replies stay away: nobody else knows that the envi
 
 To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to ``CONTROLLERS``;
 ``tests/test_controllers.py`` tests it with all the others, and launch files know it as
-``controller: {kind: my_controller}``. Or name a file of one's own
+``controller: {kind: my_controller}``. Or name a file of your own
 (docs/write-your-own-controller.md).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple
 
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 from forcebound.parts import Form, Table
 
 
-class Controller(Protocol):
-    """An open controller, which may keep state.
+class Notice(NamedTuple):
+    """Something that people should know; it becomes an event, a fault of the run."""
+
+    event: str  # what kind, in one word
+    message: str  # for people
+
+
+class Controller(ABC):
+    """An open controller, which may keep state; ``query`` alone has no default.
 
     The same calls, in the same order from ``open`` on, return the same forces.
     """
 
+    @abstractmethod
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return position, in m, and velocity, in m/s, to ask the environment about."""
-        ...
+        """Return the position, in m, and velocity, in m/s, to send to the environment."""
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Return the force to command now, in N, one entry per axis; None: no command.
@@ -39,7 +47,7 @@ class Controller(Protocol):
             state: Of the device.
             time_ns: Now, on the clock of the controller's process, in ns.
         """
-        ...
+        return None
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector | None:
         """Return the force to command now, in N, one entry per axis; None: no command.
@@ -48,49 +56,39 @@ class Controller(Protocol):
             reply: Of the environment; ``reply.force`` is a force on the device, in N.
             time_ns: As for :meth:`on_state`.
         """
-        ...
+        return None
+
+    def notices(self) -> Sequence[Notice]:
+        """Return what has happened since the last call; called after each state."""
+        return ()
 
     def close(self) -> None:
         """Release what ``open`` took; called once."""
-        ...
 
 
-class Notice(NamedTuple):
-    """Something that people should know; it becomes an event, a fault of the run.
+class ControllerModel(ABC):
+    """Parameters of a kind of controller: a frozen dataclass.
 
-    An open controller may have a method ``notices() -> Sequence[Notice]``, called after each state:
-    what has happened since the last call.
+    Attributes:
+        answers_states: Whether ``on_state`` returns forces, so that an environment may be further
+            away than the device's age limit.
     """
 
-    event: str  # what kind, in one word
-    message: str  # for people
+    answers_states: ClassVar[bool] = False
 
-
-class ControllerModel(Protocol):
-    """Parameters of a kind of controller.
-
-    A class attribute ``answers_states = True`` says that ``on_state`` gives forces, so that an
-    environment further away than the device's age limit is no mistake.
-    """
-
+    @abstractmethod
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""
-        ...
-
-
-@runtime_checkable
-class Cautious(Protocol):
-    """A model with something to say about its parameters on a certain device."""
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start, a sentence each; they are logged.
+        """Return what to know about the parameters before a start, a sentence each; it is logged.
 
         Args:
             damping: Least damping of the device, in N s/m.
             period: Of its servo, in s.
             delay: From reading to writing, in s.
         """
-        ...
+        return ()
 
 
 CONTROLLERS: Table[type[ControllerModel]] = Table(
@@ -101,5 +99,5 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "scaled": "forcebound.controllers.scaled:Scaled",
         "virtual_coupling": "forcebound.controllers.virtual_coupling:VirtualCoupling",
     },
-    Form(methods={"open": 1}),
+    Form("forcebound.controllers:ControllerModel"),
 )

@@ -97,10 +97,7 @@ def _contact(position: Vector, random: Random) -> Contact:
 
 def _check_notices(controller: Controller, found: Findings) -> None:
     """Check what a controller with something to tell has to tell after a state."""
-    notices = getattr(controller, "notices", None)
-    if notices is None:
-        return
     with found.noting("notices", "a list of pairs of texts", "notices()"):
-        for event, message in notices():
+        for event, message in controller.notices():
             if not isinstance(event, str) or not isinstance(message, str):
                 found.add("notices", "two texts", f"{event!r}, {message!r}", "notices()")

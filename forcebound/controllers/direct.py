@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
+from forcebound.controllers import Controller, ControllerModel
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
 
 
 @dataclass(frozen=True)
-class DirectController:
+class DirectController(ControllerModel, Controller):
     """Asks about the device's own position and passes the environment's force on.
 
     It keeps no state, so it is its own instance.
@@ -20,12 +21,6 @@ class DirectController:
         """Return position and velocity; see :class:`forcebound.controllers.Controller`."""
         return state.position, state.velocity
 
-    def on_state(self, state: DeviceState, time_ns: int) -> None:
-        """Return no force: the environment's reply brings it."""
-
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:
         """Return the environment's force."""
         return reply.force
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""

@@ -7,6 +7,7 @@ answers stay away: nobody else knows that the environment is gone.
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
+from forcebound.controllers import ControllerModel
 from forcebound.controllers.plane import Asked
 from forcebound.messages.packets import DeviceState, EnvironmentReply
 from forcebound.quantities import POSITIVE, Time, check_ranges
@@ -21,8 +22,8 @@ def has_restarted(before: DeviceState, state: DeviceState) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Patience:
-    """Part of a controller that answers states by itself: how long it waits for the environment.
+class ReplyTimeouts(ControllerModel):
+    """How long a controller that answers states by itself waits for the environment.
 
     Attributes:
         hold: Silence of the environment after which the force fades.
@@ -44,13 +45,13 @@ class Exchange:
     """Questions that wait for an answer, and how long it takes.
 
     Args:
-        patience: Of the controller.
+        timeouts: Of the controller.
 
     Times are of the controller's clock, in ns.
     """
 
-    def __init__(self, patience: Patience) -> None:
-        self._patience = patience
+    def __init__(self, timeouts: ReplyTimeouts) -> None:
+        self._timeouts = timeouts
         self._asked: dict[int, tuple[Asked, int]] = {}  # by tick, with the time of asking
         self._newest = -1  # tick that was answered
         self._heard_ns: int | None = None
@@ -69,7 +70,7 @@ class Exchange:
             return None
         asked, asked_ns = known
         round_trip = (time_ns - asked_ns) * 1e-9
-        if round_trip > self._patience.age_limit:
+        if round_trip > self._timeouts.age_limit:
             return None
         share = 1.0 if self._heard_ns is None else ROUND_TRIP_SHARE
         self._round_trip += share * (round_trip - self._round_trip)
@@ -91,4 +92,4 @@ class Exchange:
         if self._heard_ns is None:
             return 0.0
         silence = (time_ns - self._heard_ns) * 1e-9
-        return min(max(1.0 - (silence - self._patience.hold) / self._patience.fade, 0.0), 1.0)
+        return min(max(1.0 - (silence - self._timeouts.hold) / self._timeouts.fade, 0.0), 1.0)

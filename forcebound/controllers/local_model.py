@@ -21,7 +21,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from forcebound.controllers.exchange import Exchange, Patience, has_restarted
+from forcebound.controllers import Controller
+from forcebound.controllers.exchange import Exchange, ReplyTimeouts, has_restarted
 from forcebound.controllers.plane import Asked, PlaneEstimator
 from forcebound.controllers.shown_plane import ShownPlane
 from forcebound.controllers.vectors import along
@@ -44,7 +45,7 @@ MICROMETRE = 1e-6
 
 
 @dataclass(frozen=True)
-class LocalModel(Patience):
+class LocalModel(ReplyTimeouts):
     """Parameters of the local model.
 
     Attributes:
@@ -72,7 +73,7 @@ class LocalModel(Patience):
         return OpenLocalModel(self, axes)
 
 
-class OpenLocalModel:
+class OpenLocalModel(Controller):
     """A local model with what it has learned."""
 
     def __init__(self, model: LocalModel, axes: int) -> None:
@@ -148,6 +149,3 @@ class OpenLocalModel:
         if asked is not None:
             self._answer = reply.force
             self._estimator.take(asked, reply.force, reply.contact)
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""

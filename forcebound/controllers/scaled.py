@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from forcebound.controllers import Notice
+from forcebound.controllers import Controller, ControllerModel, Notice
 from forcebound.controllers.exchange import has_restarted
 from forcebound.controllers.vectors import along
 from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
@@ -46,7 +46,7 @@ HELD_LONG = 60.0  # s; a clutch that is down for longer is said to be
 
 
 @dataclass(frozen=True)
-class Scaled:
+class Scaled(ControllerModel):
     """Parameters of the scaling controller.
 
     Attributes:
@@ -80,7 +80,7 @@ class Scaled:
         return self.motion_scale if self.force_scale == "auto" else self.force_scale
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start; see :class:`forcebound.controllers.Cautious`."""
+        """Return what to know before a start; see ``ControllerModel``."""
         gain = self.force_factor / self.motion_scale
         if gain <= 1.0:
             return ()
@@ -162,7 +162,7 @@ def _is_down(state: DeviceState, button: int) -> bool:
     return bool((state.buttons or 0) >> button & 1)
 
 
-class OpenScaled:
+class OpenScaled(Controller):
     """A scaling controller with its point in the environment."""
 
     def __init__(self, model: Scaled, axes: int) -> None:
@@ -210,6 +210,3 @@ class OpenScaled:
         """Return what has happened to the clutch; see :class:`forcebound.controllers.Notice`."""
         notices, self._clutch.notices = self._clutch.notices, []
         return notices
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""

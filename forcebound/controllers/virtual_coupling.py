@@ -23,7 +23,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.controllers.exchange import Exchange, Patience, has_restarted
+from forcebound.controllers import Controller
+from forcebound.controllers.exchange import Exchange, ReplyTimeouts, has_restarted
 from forcebound.controllers.passivity import colgate_schenkel
 from forcebound.controllers.plane import Asked, Plane, PlaneEstimator
 from forcebound.controllers.vectors import along, dot
@@ -36,7 +37,7 @@ GONE = 10  # answers without force behind the plane, one after the other
 
 
 @dataclass(frozen=True)
-class VirtualCoupling(Patience):
+class VirtualCoupling(ReplyTimeouts):
     """Parameters of the virtual coupling.
 
     Attributes:
@@ -50,7 +51,7 @@ class VirtualCoupling(Patience):
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start; see :class:`forcebound.controllers.Cautious`."""
+        """Return what to know before a start; see ``ControllerModel``."""
         stiffest = colgate_schenkel(damping, period, self.damping, delay)
         if self.stiffness <= stiffest:
             return ()
@@ -67,7 +68,7 @@ class VirtualCoupling(Patience):
         return OpenVirtualCoupling(self)
 
 
-class OpenVirtualCoupling:
+class OpenVirtualCoupling(Controller):
     """A virtual coupling with its proxy."""
 
     def __init__(self, model: VirtualCoupling) -> None:
@@ -142,6 +143,3 @@ class OpenVirtualCoupling:
         self._missing = self._missing + 1 if is_behind and not any(reply.force) else 0
         self._estimator.take(asked, reply.force, reply.contact)
         self._plane = None if self._missing >= GONE else self._estimator.plane
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""

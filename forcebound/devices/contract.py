@@ -8,11 +8,11 @@ import dataclasses
 import math
 from typing import Any
 
-from forcebound.bounding.dissipation import WATCHDOGS
 from forcebound.devices import Device, DeviceModel
-from forcebound.devices.guard import GuardedDevice
+from forcebound.devices.guard import guarded
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
+from forcebound.parts import overridden
 from forcebound.parts.contract import VALUE, Findings, Report, describe_raised, is_unit
 
 PROMISES: dict[str, str] = {
@@ -64,6 +64,8 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
     absent: list[str] = []
     with found.noting("opens", "a device that closes", "open(None, ...), close()"):
         device = model.open(None, hold_limit)
+        if not isinstance(device, Device):
+            raise TypeError(f"expected a forcebound.devices.Device, got {device!r}")
         try:
             _use(device, model, ticks, found)
             absent = _use_extras(device, model, ticks * PERIOD_NS, found)
@@ -72,7 +74,7 @@ def check(model: DeviceModel, ticks: int = 100, hold_limit: float = 1.25e-3) -> 
         with found.noting("reopens", "an open device", "open(None, ...) after close()"):
             model.open(None, hold_limit).close()
     unseen = [*OF_OPEN] if found.is_broken("opens") else absent
-    if hasattr(model, "port"):
+    if model.port:
         _check_port(model, hold_limit, found)
     else:
         unseen = [*unseen, "port"]
@@ -92,19 +94,16 @@ def _check_port(model: Any, hold_limit: float, found: Findings) -> None:
 
 
 def _check_statements(model: Any, found: Findings) -> None:
-    axes = getattr(model, "axes", None)
+    axes = model.axes
     if not isinstance(axes, int) or not 1 <= axes <= MAX_AXES:
         found.add("states", f"1 to {MAX_AXES}", repr(axes), "axes")
     found.check_number("states", model, "saturation", "N", above=True)
     for name, unit in (("damping", "N s/m"), ("friction", "N"), ("resolution", "m")):
-        value = getattr(model, name, None)
+        value = getattr(model, name)
         if not isinstance(value, tuple):
             found.check_number("states", model, name, unit, above=name == "damping")
         elif len(value) != axes or not all(number >= 0.0 for number in value):
             found.add("states", f"a number >= 0 {unit}, or {axes}", repr(value), name)
-    watchdog = getattr(model, "watchdog", None)
-    if watchdog not in WATCHDOGS:
-        found.add("states", f"one of {', '.join(WATCHDOGS)}", repr(watchdog), "watchdog")
 
 
 def _use(device: Device, model: DeviceModel, ticks: int, found: Findings) -> None:
@@ -136,7 +135,14 @@ def _use_extras(device: Any, model: DeviceModel, time_ns: int, found: Findings) 
         "buttons": lambda: _check_buttons(device, time_ns, found),
         "kinematics": lambda: _check_kinematics(device, model.axes, time_ns, found),
     }
-    absent = [name for name in checks if getattr(device, name, None) is None]
+    own = overridden(device, Device)
+    absent = [name for name in checks if name not in own]
+    if device.kinematics is not None:
+        absent.remove("kinematics")
+    for name in SENSED:
+        with found.noting(name, "an answer", f"{name}()"):
+            if name in own and getattr(device, name)() is None:
+                absent.append(name)
     for name in checks.keys() - absent:
         checks[name]()
     if device.truth() is None or model.watchdog != "guarding":
@@ -154,25 +160,23 @@ def _check_stamps(device: Any, axes: int, time_ns: int, found: Findings) -> None
             found.add(
                 "stamps", "the read, then the write", f"{read_ns!r}, {write_ns!r}", "stamps()"
             )
-        if getattr(device, "latch_jitter", None) is not None:
-            jitter_ns = device.latch_jitter()
-            if not (isinstance(jitter_ns, int) and jitter_ns >= 0):
-                found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
-        fresh = getattr(device, "fresh_reading", None)
-        if fresh is not None and (reading := fresh()) is not None:
+        jitter_ns = device.latch_jitter()
+        if jitter_ns is not None and not (isinstance(jitter_ns, int) and jitter_ns >= 0):
+            found.add("stamps", "at least 0 ns", repr(jitter_ns), "latch_jitter()")
+        reading = device.fresh_reading()
+        if reading is not None:
             found.check_vector(reading, axes, "m or rad", "fresh_reading()", finite="stamps")
 
 
 def _check_limit(device: Any, found: Findings) -> None:
     with found.noting("set_hold_limit", "a hold limit > 0 s", f"set_hold_limit({HOLD})"):
-        guarded: Any = GuardedDevice(device)
-        guarded.set_hold_limit(HOLD)
+        guarded(device).set_hold_limit(HOLD)
 
 
 def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None:
     """Push the free device with forces of all sizes, and see how long it gives each of them."""
     with found.noting("guard", "a device that sets its hold limit, with stamps and cuts", "guard"):
-        latest = 1.0 + getattr(model, "watchdog_tolerance", 0.0)  # hold limits
+        latest = 1.0 + (model.watchdog_tolerance or 0.0)  # hold limits
         limit_ns = round(device.set_hold_limit(HOLD) * 1e9 * latest)
         period_ns = round(model.guard_period * 1e9)
         for trial in range(GUARD_TRIALS):
@@ -196,8 +200,7 @@ def _check_guard(device: Any, model: Any, time_ns: int, found: Findings) -> None
 def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
     axes, end_ns = model.axes, time_ns + 10 * PERIOD_NS
     with found.noting("cut", "a report, or None", "cut() after a hold of 10 ms"):
-        if getattr(device, "set_hold_limit", None) is not None:
-            device.set_hold_limit(HOLD)
+        device.set_hold_limit(HOLD)
         device.write(time_ns, (0.0,) * axes)
         device.read(end_ns)
         report = device.cut()
@@ -206,7 +209,7 @@ def _check_cut(device: Any, model: Any, time_ns: int, found: Findings) -> None:
             found.check_vector(where, axes, "m or rad", "cut()", finite="cut")
             if not time_ns < when <= end_ns:
                 found.add("cut", "a time within the hold, in ns", repr(when), "cut()")
-        elif device.truth() is not None and getattr(model, "watchdog", "silent") == "reporting":
+        elif device.truth() is not None and model.watchdog == "reporting":
             found.add("cut", "a report", "None", "cut() after a hold of 10 ms")
 
 

@@ -24,9 +24,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics, Floats, two_links
 from forcebound.devices.simulated_arm import SimulatedArm
-from forcebound.devices.stated import Source
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector

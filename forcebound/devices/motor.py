@@ -4,7 +4,7 @@ import math
 from collections import deque
 from random import Random
 
-from forcebound.devices.stated import StatedImperfections
+from forcebound.bounding.dissipation import StatedNumbers
 from forcebound.devices.true_values import TrueMotor
 from forcebound.messages.packets import Vector
 
@@ -35,12 +35,12 @@ class Motor:
     """
 
     def __init__(
-        self, stated: StatedImperfections, truth: TrueMotor, hold_limit: float, force: Vector
+        self, stated: StatedNumbers, truth: TrueMotor, hold_limit: float, force: Vector
     ) -> None:
         self._zero: Vector = (0.0,) * len(force)
         delay = stated.write_delay if truth.write_delay is None else truth.write_delay
         self._delay_ns = round(1e9 * delay)
-        self._tolerance = stated.watchdog_tolerance
+        self._tolerance = stated.watchdog_tolerance or 0.0
         self._share = 1.0 + self._tolerance if truth.watchdog is None else truth.watchdog
         self._random = Random(truth.seed) if truth.random else None
         self._fixed_hold: float | None = None

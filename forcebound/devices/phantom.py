@@ -4,33 +4,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from forcebound.bounding.dissipation import PER_AXIS
+from forcebound.bounding import Watchdog
+from forcebound.bounding.dissipation import PER_AXIS, DampingOfAxes, FrictionOfAxes, LengthOfAxes
+from forcebound.devices import DeviceModel, Source
 from forcebound.devices.axes import AxesBody
 from forcebound.devices.simulated import SimulatedDevice
-from forcebound.devices.stated import (
-    DampingOfAxes,
-    ForceOfAxes,
-    FrictionOfAxes,
-    LengthOfAxes,
-    Source,
-    StatedImperfections,
-    check_count,
-)
-from forcebound.devices.true_values import TrueAxes
+from forcebound.devices.true_values import TrueAxes, check_counts
 from forcebound.messages.packets import MAX_AXES
 from forcebound.operators import Operator
-from forcebound.quantities import (
-    POSITIVE,
-    Force,
-    Mass,
-    Range,
-    Speed,
-    Time,
-)
+from forcebound.quantities import POSITIVE, Force, Mass, Range, Ratio, Speed, Time
 
 
-@dataclass(frozen=True)
-class PhantomPremium15(StatedImperfections):
+@dataclass(frozen=True, kw_only=True)
+class PhantomPremium15(DeviceModel):
     """Parameters of the simulated PHANToM Premium 1.5.
 
     Every axis is alike and independent of the others, unless a number is given for each axis.
@@ -38,9 +24,6 @@ class PhantomPremium15(StatedImperfections):
     simulated device has exactly these, so a law that relies on them has no hidden reserve.
 
     Attributes:
-        presliding: Way over which friction yields elastically before it dissipates.
-        weight: Of the tip, positive against positive motion; the device compensates it.
-        weight_error: The weight may differ from that by so much.
         truth: What the simulated device really has, where that differs from what is stated.
     """
 
@@ -55,9 +38,9 @@ class PhantomPremium15(StatedImperfections):
     # Above the fastest reach of a hand across the 0.38 m of the real one's workspace: in 0.15 s a
     # minimum-jerk motion (Flash and Hogan 1985) peaks at 1.875 * 0.38 m / 0.15 s = 4.7 m/s.
     largest_speed: Annotated[Speed, POSITIVE] | None = 5.0
-    presliding: LengthOfAxes = 0.0
-    weight: ForceOfAxes = 0.0
-    weight_error: FrictionOfAxes = 0.0
+    watchdog: Watchdog = "guarding"
+    watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    guard_period: Annotated[Time, POSITIVE] = 50e-6
     truth: TrueAxes | None = None
     sources: Mapping[str, Source] = field(
         default_factory=lambda: {
@@ -72,10 +55,7 @@ class PhantomPremium15(StatedImperfections):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in PER_AXIS:
-            check_count(getattr(self, name), name, self.axes)
-            check_count(getattr(self.truth, name, None), f"truth: {name}", self.axes)
-        check_count(getattr(self.truth, "gain", None), "truth: gain", self.axes)
+        check_counts(self, PER_AXIS)
 
     @property
     def is_plain(self) -> bool:

@@ -1,12 +1,12 @@
 """A simulated device, and the hand on it: its time, its motor and its watchdog."""
 
 import math
-from collections.abc import Callable
 from typing import Any, Protocol
 
-from forcebound.devices import Kinematics
+from forcebound.bounding.dissipation import StatedNumbers
+from forcebound.devices import Device, Kinematics
 from forcebound.devices.motor import Motor
-from forcebound.devices.stated import StatedImperfections, per_axis
+from forcebound.devices.stated import per_axis
 from forcebound.devices.true_values import TrueMotor
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
@@ -51,7 +51,7 @@ class Body(Protocol):
 
 
 class BodyModel(Protocol):
-    """Parameters of a simulated device: a ``StatedImperfections``, and these."""
+    """Parameters of a simulated device: its ``StatedNumbers``, and these."""
 
     @property
     def axes(self) -> int:
@@ -73,31 +73,27 @@ class BodyModel(Protocol):
         ...
 
 
-class SimulatedDevice:
+class SimulatedDevice(Device):
     """A device with a hand on it, whose time is that of the reads and writes.
 
     It starts at rest at the hand's first target and rests there until :meth:`engage`. Every read
     and write first moves the body to the given time, under the force that was held meanwhile. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
-
-    Attributes:
-        buttons: Returns which ones the hand held down at the last read; None: it presses none.
     """
 
     def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
         operator = NoHand() if operator is None else operator
-        stated: StatedImperfections = model
+        stated: StatedNumbers = model
         parameters: BodyModel = model
         truth = parameters.truth or TrueMotor()
         self._operator = operator
-        has_buttons = bool(getattr(operator, "presses", ()))
-        self.buttons: Callable[[], int] | None = self._buttons if has_buttons else None
-        self._axes, self._saturation = parameters.axes, parameters.saturation
+        self._has_buttons = operator.buttons(0.0) is not None
+        self.axes, self._saturation = parameters.axes, parameters.saturation
         self._body = parameters.body(operator)
         self.kinematics = self._body.kinematics
         gain = 1.0 + stated.gain_error if truth.gain is None else truth.gain
-        self._gain = per_axis(gain, self._axes)
+        self._gain = per_axis(gain, self.axes)
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
         self._motor = Motor(stated, truth, hold_limit, self._told((0.0,) * self.axes))
@@ -107,12 +103,7 @@ class SimulatedDevice:
         self._engaged_ns: int | None = None
         self._read_ns = 0
         self._target = self._target_at(0.0)
-        self._pointer = operator.follow(self._axes) if isinstance(operator, PointerHand) else None
-
-    @property
-    def axes(self) -> int:
-        """Number of axes; see :class:`forcebound.devices.Device`."""
-        return self._axes
+        self._pointer = operator.follow(self.axes) if isinstance(operator, PointerHand) else None
 
     def engage(self, time_ns: int) -> None:
         """Let the hand begin its motion; see :class:`forcebound.devices.Device`."""
@@ -138,31 +129,28 @@ class SimulatedDevice:
         return force
 
     def set_hold_limit(self, seconds: float) -> float:
-        """Set the hold limit; see :class:`forcebound.devices.DeviceExtras`."""
+        """Set the hold limit; see :class:`forcebound.devices.Device`."""
         return self._motor.set_hold_limit(seconds)
 
     def cut(self) -> tuple[int, Vector] | None:
-        """Return the reported cut; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return the reported cut; see :class:`forcebound.devices.Device`."""
         cut_ns = self._motor.cut_ns if self._reports_cuts else None
         return None if cut_ns is None else (cut_ns, self._reading_at_cut)
 
     def stamps(self) -> tuple[int, int]:
-        """Return the last stamps; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return the last stamps; see :class:`forcebound.devices.Device`."""
         return self._read_ns, self._motor.effect_ns
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource; see :class:`forcebound.devices.Device`."""
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
         return self._body.truth()
 
     def kinetic_energy(self) -> float:
-        """Return what its motion holds; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return what its motion holds; see :class:`forcebound.devices.Device`."""
         return self._body.kinetic_energy()
 
     def point(self, place: Vector) -> Vector | None:
-        """Move the pointer of the hand; see :class:`forcebound.devices.DeviceExtras`."""
+        """Move the pointer of the hand; see :class:`forcebound.devices.Device`."""
         return None if self._pointer is None else self._pointer.point(place)
 
     def _told(self, force: Vector) -> Vector:
@@ -172,13 +160,17 @@ class SimulatedDevice:
         total = zip(self._gain, force, self._compensation, strict=True)
         return tuple([g * (f + c) for g, f, c in total])
 
-    def _buttons(self) -> int:
-        hand: Any = self._operator
+    def buttons(self) -> int | None:
+        """Return which ones the hand held at the last read; see ``Device``."""
+        if not self._has_buttons:
+            return None
         began_ns = self._engaged_ns
-        return 0 if began_ns is None else int(hand.buttons((self._read_ns - began_ns) * 1e-9))
+        if began_ns is None:
+            return 0
+        return self._operator.buttons((self._read_ns - began_ns) * 1e-9) or 0
 
     def _target_at(self, elapsed: float) -> Vector:
-        return pad(self._operator.target(elapsed), self._axes)
+        return pad(self._operator.target(elapsed), self.axes)
 
     def _advance_to(self, time_ns: int) -> None:
         if self._time_ns is None:

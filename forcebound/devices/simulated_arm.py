@@ -1,22 +1,28 @@
 """What simulated arms have in common: a body in a hand. Each kind adds its geometry."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from forcebound.bounding import Watchdog
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated_joints import StatedJoints
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
+from forcebound.quantities import POSITIVE, Range, Ratio, Time
 
 if TYPE_CHECKING:
     from forcebound.devices.arm import ArmBody
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatedArm(StatedJoints, ABC):
+class SimulatedArm(StatedJoints):
     """Parameters of a simulated arm."""
+
+    watchdog: Watchdog = "guarding"
+    watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
+    guard_period: Annotated[Time, POSITIVE] = 50e-6
 
     @abstractmethod
     def kinematics(self) -> ArmKinematics:

@@ -1,10 +1,10 @@
 """What an arm states: numbers of its joints."""
 
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
-from forcebound.devices.stated import StatedImperfections, check_count
-from forcebound.devices.true_values import TrueMotor
+from forcebound.devices import DeviceModel
+from forcebound.devices.true_values import TrueMotor, check_counts
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -48,8 +48,8 @@ class TrueJoints(TrueMotor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedJoints(StatedImperfections):
-    """What an arm states beside the numbers without a unit of their own.
+class StatedJoints(DeviceModel):
+    """What an arm states: the numbers of its joints.
 
     Attributes:
         inertia: Of each joint, with the links that it carries; it does not change with the pose.
@@ -63,6 +63,10 @@ class StatedJoints(StatedImperfections):
         substep: Longest integration step.
         truth: What the simulated arm really has, where that differs from what is stated.
     """
+
+    # Gravity pulls at a joint as the pose has it, so no constant of an arm describes it.
+    weight: ClassVar[float] = 0.0  # type: ignore[misc]
+    weight_error: ClassVar[float] = 0.0  # type: ignore[misc]
 
     inertia: Annotated[Inertia, POSITIVE]
     damping: DampingOfJoints
@@ -81,7 +85,4 @@ class StatedJoints(StatedImperfections):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in PER_JOINT:
-            check_count(getattr(self, name), name, self.axes)
-            check_count(getattr(self.truth, name, None), f"truth: {name}", self.axes)
-        check_count(getattr(self.truth, "gain", None), "truth: gain", self.axes)
+        check_counts(self, PER_JOINT)

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
-from forcebound.devices.stated import (
+from forcebound.bounding.dissipation import (
     DampingOfAxes,
     ForceOfAxes,
     FrictionOfAxes,
     LengthOfAxes,
-    per_axis,
 )
+from forcebound.devices.stated import check_count, per_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -105,10 +105,23 @@ class TrueAxes(TrueMotor):
 
 def true_value(model: Any, name: str) -> Any:
     """Return the true value of a number that a model states under ``name``."""
-    value = getattr(model.truth, name, None)
+    value = vars(model.truth or TrueMotor()).get(name)
     return getattr(model, name) if value is None else value
 
 
 def true_axes(model: Any, name: str) -> Vector:
     """Return the true values of a number of each axis."""
     return per_axis(true_value(model, name), model.axes)
+
+
+def check_counts(model: Any, names: Sequence[str]) -> None:
+    """Check that what a model states, and what is true of it, has a number for each axis, or one.
+
+    Raises:
+        ConfigError: If not; it names the field.
+    """
+    true = vars(model.truth or TrueMotor())
+    for name in names:
+        check_count(getattr(model, name), name, model.axes)
+    for name in (*names, "gain"):
+        check_count(true.get(name), f"truth: {name}", model.axes)

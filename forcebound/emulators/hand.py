@@ -7,7 +7,7 @@ from forcebound.operators import Operator
 CARRY = 1.0  # s, to bring the tip from one place to another
 
 
-class CarryingHand:
+class CarryingHand(Operator):
     """A hand that holds the tip in the pose of the set-up until it is told what to do.
 
     A real arm is held in a known pose while the board is set up, and only then brought to where

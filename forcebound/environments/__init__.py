@@ -1,105 +1,99 @@
 """Virtual environments: the force that answers a position.
 
-An environment is a frozen dataclass of its parameters, the *model*. One that keeps no state has a
-method ``force``. One that does has ``open(axes)``, which returns an :class:`Environment`.
-:func:`open_environment` opens either.
+An environment is a frozen dataclass of its parameters, the *model*, whose ``open`` returns the
+:class:`Environment` that the environment node asks. A model that keeps no state inherits
+:class:`StatelessEnvironment` and has a method ``force``; any other inherits
+:class:`EnvironmentModel` and has a method ``open``.
 
 To add an environment: copy ``wall.py`` to ``my_environment.py``, add one line to ``ENVIRONMENTS``;
 ``tests/test_environments.py`` tests it with all the others, and launch files know it as
 ``environment: {kind: my_environment}`` with the fields of its dataclass as parameters. Or name a
-file of one's own (docs/write-your-own-environment.md).
+file of your own (docs/write-your-own-environment.md).
 
 A force is positive when it resists motion in the positive direction, so a wall that the hand
 pushes into answers a positive force.
 """
 
-from typing import Protocol, TypeAlias, runtime_checkable
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
 
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Contact, SceneObject, Vector
-from forcebound.parts import Form, Table
+from forcebound.parts import Form, Table, overridden
 from forcebound.parts.user_module import describe_user_error
 
 
-class StatelessEnvironment(Protocol):
-    """A model whose force depends on nothing but the question: it is its own instance."""
+class Environment(ABC):
+    """An open environment, which may keep state from one query to the next.
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the force; see :meth:`Environment.force`."""
-        ...
-
-
-class Environment(StatelessEnvironment, Protocol):
-    """An open environment, which may keep state from one question to the next.
-
-    The same questions, in the same order from ``open`` on, have the same answers. It may have a
-    method ``change(model)`` too, which takes over other parameters while a graph runs and keeps
-    the state; without it, an environment whose parameters change is opened anew.
+    The same queries, in the same order from ``open`` on, have the same answers; ``contact`` and
+    ``scene`` change none of them. Only ``force`` has no default.
     """
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        """Return the force, in N, one entry per axis.
+    @abstractmethod
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the force on a hand, in N, one entry per axis.
 
         Args:
+            user: Name of the hand that asks; a graph with one hand has one, without a name: "".
             position: Of the device, in m, shape ``(axes,)``.
             velocity: Of the device, in m/s, same shape.
             elapsed: Time since the force engaged, in s; 0 before.
         """
-        ...
+
+    def contact(self, user: str) -> Contact | None:
+        """Return the contact of a hand at its last query; None: free motion, or unknown."""
+        return None
+
+    def scene(self) -> tuple[SceneObject, ...] | None:
+        """Return what there is to draw now; None: nothing, ever.
+
+        It is called at most 30 times a second, and may be called before the first query.
+        """
+        return None
+
+    def change(self, model: Any) -> bool:
+        """Take over the parameters of another model of the same kind, and keep the state.
+
+        Returns:
+            Whether it did; if not, the environment is closed, and ``model`` opened in its place.
+        """
+        return False
 
     def close(self) -> None:
         """Release what ``open`` took; called once."""
-        ...
 
 
-class EnvironmentExtras(Protocol):
-    """Optional methods of an open :class:`Environment`; one that is absent is not asked.
+class EnvironmentModel(ABC):
+    """Parameters of a kind of environment: a frozen dataclass."""
 
-    Both are asked between two calls of ``force`` and change none of its answers.
-    """
-
-    def contact(self) -> Contact | None:
-        """Return what the last question touched; None: free motion."""
-        ...
-
-    def scene(self) -> tuple[SceneObject, ...]:
-        """Return what there is to draw now; asked at most 30 times a second.
-
-        It may be asked before the first question.
-        """
-        ...
-
-
-@runtime_checkable
-class StatefulEnvironment(Protocol):
-    """A model whose instances keep state."""
-
+    @abstractmethod
     def open(self, axes: int) -> Environment:
         """Return a new instance in its initial state, for vectors of this many entries."""
-        ...
+
+    def check_files(self) -> None:
+        """Read the files that the parameters name, before anything starts.
+
+        Raises:
+            ConfigError: If one cannot be used.
+        """
 
 
-EnvironmentModel: TypeAlias = StatelessEnvironment | StatefulEnvironment
+class StatelessEnvironment(EnvironmentModel, Environment):
+    """A model whose force depends on nothing but the query: it is its own instance."""
+
+    def open(self, axes: int) -> Environment:
+        """Return itself."""
+        return self
 
 
-def may_tell_contacts(model: EnvironmentModel) -> bool:
-    """Return whether an instance of a model may have a method ``contact``; only it knows."""
-    return isinstance(model, StatefulEnvironment) or hasattr(model, "contact")
-
-
-class _Stateless:
-    """A model without state as an open environment."""
-
-    def __init__(self, model: StatelessEnvironment) -> None:
-        self.change(model)
-
-    def change(self, model: StatelessEnvironment) -> None:
-        self.force = model.force
-        self.contact = getattr(model, "contact", None)
-        self.scene = getattr(model, "scene", None)
-
-    def close(self) -> None:
-        pass
+def may_report_contacts(model: EnvironmentModel) -> bool:
+    """Return whether an instance of a model may report contacts; only the instance knows."""
+    return not isinstance(model, StatelessEnvironment) or "contact" in overridden(
+        model, Environment
+    )
 
 
 def open_environment(model: EnvironmentModel, axes: int) -> Environment:
@@ -112,8 +106,6 @@ def open_environment(model: EnvironmentModel, axes: int) -> Environment:
     Raises:
         ConfigError: If the model cannot be used, or its own code fails.
     """
-    if not isinstance(model, StatefulEnvironment):
-        return _Stateless(model)
     try:
         return model.open(axes)
     except ConfigError:
@@ -128,18 +120,16 @@ def change_environment(opened: Environment, model: EnvironmentModel, axes: int) 
     Raises:
         ConfigError: As :func:`open_environment`; ``opened`` is then as it was.
     """
-    change = getattr(opened, "change", None)
-    if change is None:
-        new = open_environment(model, axes)
-        opened.close()
-        return new
     try:
-        change(model)
+        if opened.change(model):
+            return opened
     except ConfigError:
         raise
     except Exception as error:
         raise ConfigError(f"environment: change: {describe_user_error(error)}") from error
-    return opened
+    new = open_environment(model, axes)
+    opened.close()
+    return new
 
 
 ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
@@ -165,5 +155,5 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "random_force": "forcebound.environments.adversary:RandomForce",
         "velocity_pusher": "forcebound.environments.adversary:VelocityPusher",
     },
-    Form(methods={"force": 3, "open": 1}),
+    Form("forcebound.environments:EnvironmentModel"),
 )

@@ -6,6 +6,7 @@ They serve audits (``forcebound.audit``) and demonstrations of the bounder.
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.damper import damper_force
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
@@ -37,14 +38,14 @@ def pushing_force(velocity: float, magnitude: float, threshold: float) -> float:
 
 
 @dataclass(frozen=True)
-class ActiveWall:
+class ActiveWall(StatelessEnvironment):
     """A stiff wall that pushes harder on the way out than on the way in (negative damping)."""
 
     stiffness: Stiffness = 10_000.0
     damping: Damping = -20.0
     position: Length = 0.010
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
         force = active_wall_force(
             position[0], velocity[0], self.stiffness, self.damping, self.position
@@ -53,30 +54,30 @@ class ActiveWall:
 
 
 @dataclass(frozen=True)
-class NegativeDamper:
+class NegativeDamper(StatelessEnvironment):
     """A medium that pushes along with every motion, ``b v`` with negative b."""
 
     damping: Damping = -5.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the medium's force; see :class:`forcebound.environments.Environment`."""
         return tuple(damper_force(v, self.damping) for v in velocity)
 
 
 @dataclass(frozen=True)
-class VelocityPusher:
+class VelocityPusher(StatelessEnvironment):
     """A force of constant magnitude along the direction of motion: the greediest giver."""
 
     magnitude: Force = 8.5
     threshold: Speed = 0.001  # below it the direction is not known
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the pushing force; see :class:`forcebound.environments.Environment`."""
         return tuple(pushing_force(v, self.magnitude, self.threshold) for v in velocity)
 
 
 @dataclass(frozen=True)
-class RandomForce:
+class RandomForce(StatelessEnvironment):
     """A force that jumps to a new random value every ``interval``, whatever the position.
 
     The value is a function of time and seed alone, so a run can be repeated.
@@ -89,7 +90,7 @@ class RandomForce:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the random force; see :class:`forcebound.environments.Environment`."""
         step = int(elapsed / self.interval)
         return tuple(

@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from forcebound.bounded_child import ChildError, in_bounded_child
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.errors import ConfigError
 from forcebound.files import open_file, reason
 from forcebound.geometry.vectors import Vector3, along, cut, norm, pad3, scale, sub
@@ -46,7 +47,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(EnvironmentModel):
     """Rigid bodies of an MJCF file; needs the extra ``mujoco``.
 
     ``F = k (x - p) + b (v - v_p)``, of the probe's position ``p`` and velocity ``v_p``; the probe
@@ -80,7 +81,7 @@ class Bodies:
             _compile(engine(), self)
 
     def open(self, axes: int) -> "_Scene":
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`.
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`.
 
         Raises:
             ConfigError: If MuJoCo is not installed, or cannot use the file.
@@ -88,7 +89,7 @@ class Bodies:
         return _Scene(self, axes)
 
 
-class _Scene:
+class _Scene(Environment):
     """An open scene."""
 
     def __init__(self, model: Bodies, axes: int) -> None:
@@ -110,7 +111,7 @@ class _Scene:
         self._elapsed = 0.0  # s, until which the scene has gone
         self._resets = 0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the coupling's force; see :class:`forcebound.environments.Environment`."""
         x, y, z = (min(max(entry, -FAR), FAR) for entry in pad3(position))
         speed = tuple(min(max(entry, -FAR), FAR) for entry in pad3(velocity))
@@ -160,7 +161,7 @@ class _Scene:
         self._resets = _resets(self._data)
         self._data.qpos[self._place] = self._hand
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return the probe if it touches a body, and where it is pushed to."""
         if self._hand is None or not (self._data.contact.geom == self._geom).any():
             return None
@@ -198,20 +199,18 @@ class _Scene:
             is_fixed=bool(scene.body_weldid[body] == 0),
         )
 
-    def change(self, model: Bodies) -> None:
+    def change(self, model: Bodies) -> bool:
         """Take over stiffness and damping of the coupling; anything else begins anew."""
         kept = replace(model, stiffness=self._model.stiffness, damping=self._model.damping)
         if kept != self._model:
             self._begin(model)
-            return
+            return True
         _check_coupling(model, self._scene.opt.timestep)
         joints = slice(*_range(self._probe.jntadr[0]))
         self._scene.jnt_stiffness[joints] = model.stiffness
         self._scene.dof_damping[self._motion] = model.damping
         self._model = model
-
-    def close(self) -> None:
-        """Do nothing: MuJoCo frees its memory by itself."""
+        return True
 
 
 def engine() -> Any:

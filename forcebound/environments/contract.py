@@ -12,12 +12,16 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any
 
-from forcebound.environments import Environment, EnvironmentModel, open_environment
+from forcebound.environments import (
+    Environment,
+    EnvironmentModel,
+    open_environment,
+)
 from forcebound.environments.strokes import strokes
 from forcebound.messages.codec import decode, encode
 from forcebound.messages.packets import MAX_AXES, MAX_LENGTH, Scene, SceneObject, Vector
+from forcebound.parts import overridden
 from forcebound.parts.contract import VALUE, Findings, Report, copy_of, is_unit, vector_fault
 
 FAR = 1e6  # m, m/s: within it a force must be finite
@@ -31,8 +35,8 @@ PROMISES: dict[str, str] = {
     "answers": f"gives an answer at every position and velocity, however far (to {FARTHEST:g} m)",
     "shape": "gives a tuple with one number per axis",
     "finite": f"a force is finite within {FAR:g} m, {FAR:g} m/s and {LONG:g} s",
-    "contact": "tells a finite proxy and a unit normal, one entry per axis, or None",
-    "scene": f"tells at most {MAX_LENGTH} objects with different names, all of them drawable",
+    "contact": "reports a finite proxy and a unit normal, one entry per axis, or None",
+    "scene": f"shows at most {MAX_LENGTH} objects with different names, all of them drawable",
     "pure": "the same questions, in the same order from open on, have the same answers",
     **VALUE,
     "rest": "shows at rest the force that was stated",
@@ -48,7 +52,7 @@ class Question:
     elapsed: float  # s
 
     def __str__(self) -> str:
-        return f"force({self.position}, {self.velocity}, {self.elapsed})"
+        return f"force('', {self.position}, {self.velocity}, {self.elapsed})"
 
 
 def check(
@@ -91,13 +95,13 @@ def check(
     found.check_value(model)
     numbers = itertools.count()
     has_answered = False
-    told: set[str] = set()
+    seen: set[str] = set()
 
     def report(question: Question) -> None:
         progress(str(question), next(numbers), 2 * total)
 
     for count, asked in questions.items():
-        before = _answers(model, count, asked, found, report, told)
+        before = _answers(model, count, asked, found, report, seen)
         after = _answers(copy_of(model), count, asked, Findings(), report)
         has_answered = has_answered or any(one is not None for one in before)
         for question, one, other in zip(asked, before, after, strict=False):  # none: not opened
@@ -111,7 +115,7 @@ def check(
             if force is None or not all(map(_is_close, force, expected)):
                 found.add("rest", f"{expected} N", repr(force), str(question))
     promises = {name: words for name, words in PROMISES.items() if name != "rest" or at_rest}
-    unseen = {"contact", "scene"} - told
+    unseen = {"contact", "scene"} - seen
     if not has_answered:
         unseen |= {"answers", "shape", "finite", "pure"}
     return found.report(promises, total, known - total, unseen)
@@ -126,26 +130,25 @@ def _answers(
     questions: Sequence[Question],
     found: Findings,
     report: Callable[[Question], None] = lambda question: None,
-    told: set[str] | None = None,
+    seen: set[str] | None = None,
 ) -> list[Vector | None]:
     """The answers of a new instance; None where there was none; empty if it does not open.
 
-    With ``told``, also asks for what else it tells, and notes there what that was.
+    With ``seen``, contacts and scenes are checked, too, and what the environment has is added.
     """
     answers: list[Vector | None] = []
     with found.noting("opens", "an instance that closes", f"open({axes}), close()"):
         environment = open_environment(model, axes)
-        contact = scene = None
-        if told is not None:
-            contact, scene = (getattr(environment, name, None) for name in ("contact", "scene"))
-            told |= {name for name in ("contact", "scene") if getattr(environment, name, None)}
-        _check_scene(scene, f"scene() before the first question, {axes} axes", found)
+        if seen is not None:
+            seen |= overridden(environment, Environment)
+            _check_scene(environment, f"scene() before the first query, {axes} axes", found)
         for question in questions:
             report(question)
             answers.append(_answer(environment, question, found))
-            if contact is not None and answers[-1] is not None:
-                _check_contact(contact, question, found)
-        _check_scene(scene, f"scene() after the last question, {axes} axes", found)
+            if seen is not None and answers[-1] is not None:
+                _check_contact(environment, question, found)
+        if seen is not None:
+            _check_scene(environment, f"scene() after the last query, {axes} axes", found)
         environment.close()
     return answers
 
@@ -153,7 +156,7 @@ def _answers(
 def _answer(environment: Environment, question: Question, found: Findings) -> Vector | None:
     where = str(question)
     with found.noting("answers", "an answer", where):
-        force = environment.force(question.position, question.velocity, question.elapsed)
+        force = environment.force("", question.position, question.velocity, question.elapsed)
         fault = vector_fault(force, len(question.position), "N")
         if fault is not None:
             found.add("shape", fault.expected, fault.got, where)
@@ -165,14 +168,14 @@ def _answer(environment: Environment, question: Question, found: Findings) -> Ve
     return None
 
 
-def _check_contact(contact: Callable[[], Any], question: Question, found: Findings) -> None:
+def _check_contact(environment: Environment, question: Question, found: Findings) -> None:
     where = f"contact() after {question}"
     axes = len(question.position)
     with found.noting("contact", "a contact, or None", where):
-        told = contact()
-        if told is None:
+        contact = environment.contact("")
+        if contact is None:
             return
-        proxy, normal = told
+        proxy, normal = contact
         for vector, unit in ((proxy, "m"), (normal, "1")):
             fault = vector_fault(vector, axes, unit)
             if fault is not None:
@@ -181,17 +184,15 @@ def _check_contact(contact: Callable[[], Any], question: Question, found: Findin
         if _is_far(question):
             return
         if not all(map(math.isfinite, (*proxy, *normal))):
-            found.add("contact", "finite numbers", repr(told), where)
+            found.add("contact", "finite numbers", repr(contact), where)
         # Of fewer axes than three, it is the part of a unit normal along them.
         elif not is_unit(normal) and not (axes < 3 and math.hypot(*normal) <= 1.0):
             found.add("contact", "a normal of length 1", repr(normal), where)
 
 
-def _check_scene(scene: Callable[[], Any] | None, where: str, found: Findings) -> None:
-    if scene is None:
-        return
+def _check_scene(environment: Environment, where: str, found: Findings) -> None:
     with found.noting("scene", "a tuple of SceneObject", where):
-        objects = tuple(scene())
+        objects = tuple(environment.scene() or ())
         decode(encode(Scene(0, 0, objects, None)), Scene)
         names = [each.name for each in objects]
         for each in objects:
@@ -234,8 +235,7 @@ def _objects(model: EnvironmentModel, axes: int) -> tuple[SceneObject, ...]:
     try:
         environment = open_environment(model, axes)
         try:
-            scene = getattr(environment, "scene", None)
-            objects = () if scene is None else tuple(scene())
+            objects = tuple(environment.scene() or ())
         finally:
             environment.close()
         decode(encode(Scene(0, 0, objects[:MAX_LENGTH], None)), Scene)
@@ -257,7 +257,7 @@ def _edges(model: EnvironmentModel) -> list[float]:
     """Parameters that may be positions, and the floats beside them."""
     if not dataclasses.is_dataclass(model):
         return []
-    values = [getattr(model, field.name, None) for field in dataclasses.fields(model)]
+    values = [getattr(model, field.name) for field in dataclasses.fields(model)]
     lengths = [float(v) for v in values if isinstance(v, int | float) and abs(v) <= 1.0]
     beside = [(math.nextafter(v, -math.inf), v, math.nextafter(v, math.inf)) for v in lengths]
     return [edge for triple in beside for edge in triple]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Damping, Length, Stiffness, check_ranges
@@ -17,7 +18,7 @@ def damped_wall_force(
 
 
 @dataclass(frozen=True)
-class DampedWall:
+class DampedWall(StatelessEnvironment):
     """A flat wall of spring and damper across the first axis, the standard test of a Z-width.
 
     The velocity is the device's own estimate, a filtered backward difference of its readings.
@@ -33,7 +34,7 @@ class DampedWall:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
         force = damped_wall_force(
             position[0], velocity[0], self.stiffness, self.damping, self.position

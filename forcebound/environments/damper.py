@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import Damping
 
@@ -12,11 +13,11 @@ def damper_force(velocity: float, damping: float) -> float:
 
 
 @dataclass(frozen=True)
-class Damper:
+class Damper(StatelessEnvironment):
     """A force ``b v`` along every axis, everywhere."""
 
     damping: Damping = 5.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the damper's force; see :class:`forcebound.environments.Environment`."""
         return tuple(damper_force(v, self.damping) for v in velocity)

@@ -33,7 +33,7 @@ from forcebound.geometry.vectors import (
     sub,
     z_onto,
 )
-from forcebound.messages.packets import SceneObject, Vector
+from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -292,44 +292,44 @@ class Fixtures:
 
 
 @dataclass(frozen=True)
-class WithFixtures:
+class WithFixtures(EnvironmentModel):
     """An environment with fixtures beside it."""
 
     model: EnvironmentModel
     fixtures: Fixtures
 
     def open(self, axes: int) -> Environment:
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _Guided(self, axes)
 
 
-class _Guided:
-    """An open environment with fixtures; it tells a contact if the environment does."""
+class _Guided(Environment):
+    """An open environment with fixtures."""
 
     def __init__(self, model: WithFixtures, axes: int) -> None:
         self._model, self._axes = model, axes
-        self._take(open_environment(model.model, axes))
+        self._opened = open_environment(model.model, axes)
 
-    def _take(self, opened: Environment) -> None:
-        self._opened = opened
-        self.contact = getattr(opened, "contact", None)
-
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force of both; see :class:`forcebound.environments.Environment`."""
-        force = self._opened.force(position, velocity, elapsed)
+        force = self._opened.force(user, position, velocity, elapsed)
         more = cut(self._model.fixtures.force(pad3(position), pad3(velocity)), self._axes)
         return tuple([one + other for one, other in zip(force, more, strict=True)])
 
+    def contact(self, user: str) -> Contact | None:
+        """Return the contact of the environment; fixtures have none."""
+        return self._opened.contact(user)
+
     def scene(self) -> tuple[SceneObject, ...]:
         """Return what both have to draw."""
-        scene = getattr(self._opened, "scene", None)
-        return (*(scene() if scene is not None else ()), *self._model.fixtures.scene())
+        return (*(self._opened.scene() or ()), *self._model.fixtures.scene())
 
-    def change(self, model: WithFixtures) -> None:
+    def change(self, model: WithFixtures) -> bool:
         """Take over other parameters; the environment keeps its state if it can."""
         if model.model != self._model.model:
-            self._take(change_environment(self._opened, model.model, self._axes))
+            self._opened = change_environment(self._opened, model.model, self._axes)
         self._model = model
+        return True
 
     def close(self) -> None:
         """Close the environment."""

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.quantities import (
@@ -25,7 +26,7 @@ WIDTH = 0.060  # m, as drawn
 
 
 @dataclass(frozen=True)
-class MassSpring:
+class MassSpring(EnvironmentModel):
     """A slab on a spring and a damper across the first axis; free motion before it.
 
     The hand touches its face with an elastic contact and can only push. With the deflection ``q``
@@ -61,11 +62,11 @@ class MassSpring:
         return self.mass / self.damping if self.damping > 0.0 else math.inf
 
     def open(self, axes: int) -> "_Slab":
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _Slab(self, axes)
 
 
-class _Slab:
+class _Slab(Environment):
     """An open mass on a spring, integrated by the symplectic Euler rule."""
 
     def __init__(self, model: MassSpring, axes: int) -> None:
@@ -74,7 +75,7 @@ class _Slab:
         self._hand: Vector | None = None  # m, as asked last
         self._elapsed = 0.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the contact's force; see :class:`forcebound.environments.Environment`."""
         before = position[0] if self._hand is None else self._hand[0]
         self._advance(before, position[0], min(max(elapsed - self._elapsed, 0.0), LONGEST))
@@ -99,7 +100,7 @@ class _Slab:
             self._speed += h * (push - pull) / model.mass
             self._deflection += h * self._speed
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return the touched point of the face."""
         if self._hand is None or self._depth <= 0.0:
             return None
@@ -111,9 +112,7 @@ class _Slab:
         size = (THICKNESS, WIDTH, WIDTH)
         return (SceneObject("slab", "box", position=centre, size=size, is_fixed=False),)
 
-    def change(self, model: MassSpring) -> None:
+    def change(self, model: MassSpring) -> bool:
         """Take over other parameters; the slab goes on from where it is."""
         self._model = model
-
-    def close(self) -> None:
-        """Do nothing: it holds no resource."""
+        return True

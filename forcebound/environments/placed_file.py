@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+from forcebound.environments import EnvironmentModel
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
 from forcebound.files import version_of
@@ -29,7 +30,7 @@ Scale: TypeAlias = Annotated[Ratio, POSITIVE] | Literal["metres"]
 
 
 @dataclass(frozen=True)
-class PlacedFile(ABC):
+class PlacedFile(EnvironmentModel, ABC):
     """A solid from a file that the hand touches.
 
     Attributes:
@@ -100,7 +101,7 @@ class PlacedFile(ABC):
         )
 
     def open(self, axes: int) -> OpenTouchable:
-        """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return OpenTouchable(self, axes)
 
     @property

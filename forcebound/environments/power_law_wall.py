@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.wall import on_first_axis
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, Length, Ratio, Stiffness, check_ranges
@@ -19,7 +20,7 @@ def power_law_force(
 
 
 @dataclass(frozen=True)
-class PowerLawWall:
+class PowerLawWall(StatelessEnvironment):
     """A wall ``F = k d_0 (d / d_0)^p`` across the first axis, with d the penetration.
 
     Written with a reference penetration d_0 so that ``stiffness`` keeps the unit N/m: at d = d_0
@@ -35,7 +36,7 @@ class PowerLawWall:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
         try:
             force = power_law_force(

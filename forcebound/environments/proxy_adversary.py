@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.environments.adversary import uniform
 from forcebound.messages.packets import Contact, Vector
 from forcebound.quantities import (
@@ -25,19 +26,16 @@ LONGEST = 0.1  # s, of a step of the exploding body
 NEAREST = 1e-12  # m; a proxy that is nearer to the hand has no direction
 
 
-class _Touching:
+class _Touching(Environment):
     """What the open worlds of this file have in common: a spring to their proxy."""
 
     def __init__(self, stiffness: float) -> None:
         self._stiffness = stiffness
         self._touched: Contact | None = None
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return what the last question touched; None: free motion."""
         return self._touched
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def _pull(self, position: Vector, proxy: Vector | None) -> Vector:
         """Return the force of the spring to a proxy; None: free motion."""
@@ -52,7 +50,7 @@ class _Touching:
 
 
 @dataclass(frozen=True)
-class JumpingProxy:
+class JumpingProxy(EnvironmentModel):
     """A wall across the first axis whose proxy jumps to another place every ``interval``.
 
     Attributes:
@@ -73,7 +71,7 @@ class JumpingProxy:
         check_ranges(self)
 
     def open(self, axes: int) -> "_OpenJumpingProxy":
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _OpenJumpingProxy(self)
 
 
@@ -82,7 +80,7 @@ class _OpenJumpingProxy(_Touching):
         super().__init__(model.stiffness)
         self._model = model
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the spring's force; see :class:`forcebound.environments.Environment`."""
         model = self._model
         step = int(elapsed / model.interval)
@@ -97,7 +95,7 @@ class _OpenJumpingProxy(_Touching):
 
 
 @dataclass(frozen=True)
-class HoledWall:
+class HoledWall(EnvironmentModel):
     """A wall across the first axis, made of square tiles, some of which are missing.
 
     Through a hole the hand gets behind the wall without a force; beside the hole the wall then
@@ -121,7 +119,7 @@ class HoledWall:
         check_ranges(self)
 
     def open(self, axes: int) -> "_OpenHoledWall":
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _OpenHoledWall(self)
 
 
@@ -130,7 +128,7 @@ class _OpenHoledWall(_Touching):
         super().__init__(model.stiffness)
         self._model = model
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
         model = self._model
         if position[0] <= model.position or self._is_hole(position[1:3]):
@@ -143,7 +141,7 @@ class _OpenHoledWall(_Touching):
 
 
 @dataclass(frozen=True)
-class ExplodingBody:
+class ExplodingBody(EnvironmentModel):
     """A body on a spring to the hand, integrated with steps that are too long: it swings up.
 
     Once it is farther than ``reach`` from the hand it is put back there, at rest, as by an engine
@@ -163,7 +161,7 @@ class ExplodingBody:
         check_ranges(self)
 
     def open(self, axes: int) -> "_OpenExplodingBody":
-        """Return an instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return an instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _OpenExplodingBody(self, axes)
 
 
@@ -176,7 +174,7 @@ class _OpenExplodingBody(_Touching):
         self._velocity = self._rest
         self._elapsed = 0.0
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the spring's force; see :class:`forcebound.environments.Environment`."""
         model, h = self._model, min(max(elapsed - self._elapsed, 0.0), LONGEST)
         self._elapsed = elapsed

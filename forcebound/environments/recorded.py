@@ -9,13 +9,14 @@ from typing import NamedTuple, cast
 import msgspec
 
 from forcebound import mcap_file
+from forcebound.environments import Environment, EnvironmentModel
 from forcebound.errors import ConfigError
 from forcebound.files import content_of, version_of
 from forcebound.messages.packets import TOPIC_OF, Contact, DeviceState, EnvironmentReply, Vector
 
 
 @dataclass(frozen=True)
-class RecordedEnvironment:
+class RecordedEnvironment(EnvironmentModel):
     """Answers again what an environment in a recording answered, wherever the hand is now.
 
     It looks at the time alone, which counts from when the force engaged, or from the recording's
@@ -41,7 +42,7 @@ class RecordedEnvironment:
         _read(self.file, version_of(self.file))
 
     def open(self, axes: int) -> "_OpenRecorded":
-        """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return _OpenRecorded(*_read(self.file, version_of(self.file)), axes)
 
 
@@ -52,7 +53,7 @@ class _Answer(NamedTuple):
     contact: Contact | None  # None: free motion
 
 
-class _OpenRecorded:
+class _OpenRecorded(Environment):
     """An :class:`forcebound.environments.Environment` of recorded answers."""
 
     def __init__(self, times: tuple[float, ...], answers: tuple[_Answer, ...], axes: int) -> None:
@@ -61,7 +62,7 @@ class _OpenRecorded:
         self._nothing = _Answer((0.0,) * axes, None)
         self._answer = self._nothing
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the force; see :meth:`forcebound.environments.Environment.force`."""
         times = self._times
         self._answer = self._nothing
@@ -71,12 +72,9 @@ class _OpenRecorded:
             self._answer = self._answers[after - is_before_nearer]
         return self._answer.force
 
-    def contact(self) -> Contact | None:
+    def contact(self, user: str) -> Contact | None:
         """Return what the recorded environment touched then; None: free motion."""
         return self._answer.contact
-
-    def close(self) -> None:
-        """Nothing is open."""
 
 
 def _fitted(answer: _Answer, axes: int) -> _Answer:

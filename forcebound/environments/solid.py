@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from forcebound.environments import EnvironmentModel
 from forcebound.environments.touching import OpenTouchable
 from forcebound.errors import ConfigError
 from forcebound.geometry import shapes
@@ -93,7 +94,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Solid:
+class Solid(EnvironmentModel):
     """Shapes that the hand touches: spring, damper and surface around all of them together.
 
     Attributes:
@@ -174,7 +175,7 @@ class Solid:
         )
 
     def open(self, axes: int) -> OpenTouchable:
-        """Return a new instance; see :class:`forcebound.environments.StatefulEnvironment`."""
+        """Return a new instance; see :class:`forcebound.environments.EnvironmentModel`."""
         return OpenTouchable(self, axes)
 
 

@@ -120,8 +120,8 @@ def feel(environment: Any, objects: Sequence[SceneObject], axes: int, count: int
     for stroke in strokes(objects, axes, Random(1), count):
         contacts = 0
         for tip in stroke:
-            force = pad3(environment.force(tip.position, (0.0,) * axes, tip.elapsed))
-            contact = environment.contact()
+            force = pad3(environment.force("", tip.position, (0.0,) * axes, tip.elapsed))
+            contact = environment.contact("")
             if contact is None:
                 continue
             contacts += 1

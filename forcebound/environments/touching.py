@@ -2,9 +2,10 @@
 
 from typing import Protocol
 
+from forcebound.environments import Environment
 from forcebound.geometry.proxy import HapticSurface, Solid, Surface
 from forcebound.geometry.vectors import cut
-from forcebound.messages.packets import Contact, SceneObject
+from forcebound.messages.packets import Contact, SceneObject, Vector
 
 
 class Touchable(Protocol):
@@ -37,7 +38,7 @@ class Touchable(Protocol):
         ...
 
 
-class OpenTouchable:
+class OpenTouchable(Environment):
     """An :class:`forcebound.environments.Environment` of a model with a surface."""
 
     def __init__(self, model: Touchable, axes: int) -> None:
@@ -46,9 +47,12 @@ class OpenTouchable:
         self._surface = HapticSurface(
             model.solid(), model.surface, model.stiffness, model.damping, axes
         )
-        self.force = self._surface.touch
 
-    def contact(self) -> Contact | None:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+        """Return the surface's force; see :class:`forcebound.environments.Environment`."""
+        return self._surface.touch(position, velocity, elapsed)
+
+    def contact(self, user: str) -> Contact | None:
         """Return what the last question touched; None: free motion."""
         touched = self._surface.touched
         if touched is None:
@@ -59,10 +63,8 @@ class OpenTouchable:
         """Return what there is to draw."""
         return self._model.scene()
 
-    def change(self, model: Touchable) -> None:
+    def change(self, model: Touchable) -> bool:
         """Take over other parameters; the proxy stays where it is, unless it is inside now."""
         self._surface.change(model.solid(), model.surface, model.stiffness, model.damping)
         self._model = model
-
-    def close(self) -> None:
-        """Nothing is open."""
+        return True

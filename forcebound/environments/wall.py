@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.environments import StatelessEnvironment
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, Length, Stiffness, check_ranges
 
@@ -21,7 +22,7 @@ def on_first_axis(force: float, axes: int) -> Vector:
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(StatelessEnvironment):
     """A flat elastic wall across the first axis; free motion before it."""
 
     stiffness: Annotated[Stiffness, NOT_NEGATIVE] = 10_000.0  # paper 4.2: k = 10 N/mm
@@ -30,6 +31,6 @@ class Wall:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def force(self, position: Vector, velocity: Vector, elapsed: float) -> Vector:
+    def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
         """Return the wall's force; see :class:`forcebound.environments.Environment`."""
         return on_first_axis(wall_force(position[0], self.stiffness, self.position), len(position))

@@ -70,4 +70,5 @@ def read_points(file: Path, scale: float | None) -> Cloud:
 def _corners(data: bytes) -> Any:
     import trimesh  # takes a while
 
-    return getattr(trimesh.load(io.BytesIO(data), file_type="ply", process=False), "vertices", ())
+    loaded: Any = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
+    return loaded.vertices if isinstance(loaded, trimesh.Trimesh | trimesh.PointCloud) else ()

@@ -158,7 +158,7 @@ class OpenHaply(SerialDevice):
         self._torque: Vector = (0.0, 0.0)  # on the wire
         five_bar = model.five_bar()
         self._proximal = five_bar.proximal
-        self.kinematics: ArmKinematics = five_bar.kinematics()
+        self.axes, self.kinematics = 2, five_bar.kinematics()
         line.send(setup_message(model.address, self._wiring), has_force=False)
         home = [math.radians(angle) for angle in self._wiring.home]
         self._angles = self._exchange(FIRST)[2]
@@ -176,11 +176,6 @@ class OpenHaply(SerialDevice):
         self.replies.restart()
         tip = ", ".join(f"{1e3 * x:.1f} mm" for x in self.kinematics.position(self._angles))
         _logger.info("the present pose of the arm is now its home pose, its tip at %s", tip)
-
-    @property
-    def axes(self) -> int:
-        """Number of joints."""
-        return 2
 
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""

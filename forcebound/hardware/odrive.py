@@ -45,9 +45,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
+from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
-from forcebound.devices.stated import Source, per_axis
+from forcebound.devices.stated import per_axis
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
@@ -185,7 +186,7 @@ class OpenODrive(SerialDevice):
         self._check_rate(hold_limit, self._seconds_on_wire())
         self._requests = Requests(line, self.replies)
         self._switch = Switch(self._requests, model.joints, model.longest_force)
-        self.kinematics: ArmKinematics = model.kinematics()
+        self.axes, self.kinematics = model.joints, model.kinematics()
         self._requests.begin(b"\n" + zero_torque(model.joints))
         check_firmware(self._requests)
         for axis in joints:
@@ -195,11 +196,6 @@ class OpenODrive(SerialDevice):
         self._check_rate(hold_limit, tick_ns * 1e-9)
         self._requests.patience = line.silence
         self.replies.restart()
-
-    @property
-    def axes(self) -> int:
-        """Number of motors."""
-        return self._model.joints
 
     def read(self, time_ns: int) -> Vector:
         """Return the angles, in rad; see :class:`forcebound.devices.Device`."""

@@ -142,7 +142,7 @@ class Port:
 
 def _describe_opening(path: str, error: Exception) -> str:
     """Return why a port cannot be opened, and what to try."""
-    number = getattr(error, "errno", None)
+    number = error.errno if isinstance(error, OSError) else None
     if number == errno.ENOENT and os.path.islink(path):
         return (
             f"{path} leads to {os.readlink(path)}, which is not there: plug the device in, or start"
@@ -154,7 +154,7 @@ def _describe_opening(path: str, error: Exception) -> str:
         return f"{path} may not be opened by this user; `forcebound doctor` says how to permit it"
     if number in (errno.EBUSY, errno.EAGAIN):
         return f"{path} is in use by another program; end it (`fuser -v {path}` names it)"
-    if number == errno.EISDIR or isinstance(getattr(error, "__context__", None), termios.error):
+    if number == errno.EISDIR or isinstance(error.__context__, termios.error):
         return (
             f"expected a serial port, got {_kind(path)}: {path}; `forcebound device list` says"
             " which ports there are"

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 
+from forcebound.devices import Device
+from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.truth import Truth
 from forcebound.hardware.line import Line
 from forcebound.hardware.ports import serial_number
@@ -10,7 +12,7 @@ from forcebound.hardware.replies import Replies
 from forcebound.messages.packets import Vector
 
 
-class SerialDevice:
+class SerialDevice(Device):
     """An open device on a line; its driver adds reading and writing.
 
     Args:
@@ -21,6 +23,9 @@ class SerialDevice:
     Attributes:
         replies: That have come since it was opened.
     """
+
+    is_exchange = True
+    kinematics: ArmKinematics
 
     def __init__(
         self, line: Line, reply_within: float, clock: Callable[[], int] = time.monotonic_ns
@@ -53,16 +58,16 @@ class SerialDevice:
         return self._line.truth is not None
 
     def stamps(self) -> tuple[int, int]:
-        """Return when reading and force were; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return when reading and force were; see :class:`forcebound.devices.Device`."""
         return self._read_ns, max(self._effect_ns, self._read_ns)
 
     def fresh_reading(self) -> Vector | None:
-        """Return the angles of the last write; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return the angles of the last write; see :class:`forcebound.devices.Device`."""
         is_fresh = self._clock() - self._came_ns <= self._fresh_ns
         return self._angles if is_fresh else None
 
     def latch_jitter(self) -> int:
-        """Return how late the reading may be; see :class:`forcebound.devices.DeviceExtras`."""
+        """Return how late the reading may be; see :class:`forcebound.devices.Device`."""
         return self._jitter_ns
 
     def truth(self) -> Truth | None:

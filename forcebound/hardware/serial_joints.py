@@ -46,11 +46,6 @@ class SerialJoints(StatedJoints):
     on_loss: Literal["end", "wait"] = "end"
     reply_within: Annotated[Time, POSITIVE] = 3e-4
 
-    @property
-    def auto_watchdog_limit(self) -> float:
-        """What ``auto`` means, in s; see :func:`forcebound.nodes.servo.dissipation_of`."""
-        return EMULATED_LIMIT if self.port == EMULATED else LIMIT
-
     def check_here(self) -> None:
         """Check, before anything starts, that the port can be opened, and is the right one.
 
@@ -68,5 +63,7 @@ class SerialJoints(StatedJoints):
 
     @property
     def longest_force(self) -> float:
-        """The watchdog limit, in s."""
-        return self.auto_watchdog_limit if self.watchdog_limit == "auto" else self.watchdog_limit
+        """The watchdog limit, in s; see the class."""
+        if self.watchdog_limit != "auto":
+            return self.watchdog_limit
+        return EMULATED_LIMIT if self.port == EMULATED else LIMIT

@@ -18,7 +18,7 @@ from forcebound.config.document import find
 from forcebound.config.loader import load_tried
 from forcebound.config.parts import device_of, member_of
 from forcebound.config.resolved import kind_of
-from forcebound.devices import DEVICES, DeviceModel
+from forcebound.devices import DEVICES, Device, DeviceModel
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.truth_file import SUFFIX
 from forcebound.errors import ConfigError
@@ -171,8 +171,8 @@ def measure(
     model: DeviceModel = target.model
     device = _patient(model).open(None, HOLD / target.rate)
     try:
-        kinematics = getattr(device, "kinematics", None)
-        serial = str(getattr(device, "serial_number", "")) or _serial_number(model)
+        kinematics = device.kinematics
+        serial = device.serial_number or _serial_number(model)
         accept(serial)
         chosen = plan(kinematics is not None)
         is_virtual = isinstance(device, SimulatedDevice)
@@ -189,31 +189,28 @@ def measure(
     return Session(found, start, kinematics, serial, is_virtual)
 
 
-def _bring_back(device: Any, ready: Callable[[str], None]) -> None:
+def _bring_back(device: Device, ready: Callable[[str], None]) -> None:
     """Let the emulated hand, or the user, bring a device back to where it began."""
-    hand_over: Callable[[], bool] | None = getattr(device, "hand_over", None)
-    if hand_over is None or not hand_over():
+    if not device.hand_over():
         ready(THROWN)
 
 
-def _patient(model: Any) -> Any:
+def _patient(model: DeviceModel) -> DeviceModel:
     """Return the model, patient with an emulator, whose stalls are those of a busy machine.
 
     No law runs, so no force is planned for that time, and nobody holds the device.
     """
-    port = getattr(model, "port", "")
-    is_emulated = port == EMULATED or Path(f"{port}{SUFFIX}").exists()
+    is_emulated = model.port == EMULATED or Path(f"{model.port}{SUFFIX}").exists()
     if not is_emulated or model.watchdog_limit != "auto":
         return model
     return replace(model, watchdog_limit=PATIENCE)
 
 
-def _serial_number(model: Any) -> str:
+def _serial_number(model: DeviceModel) -> str:
     """Return the serial number of the USB device at a model's port; empty if there is none."""
-    name = getattr(model, "port", EMULATED)
-    if name == EMULATED:
+    if model.port in ("", EMULATED):
         return ""
-    return ports.serial_number(ports.find(name, kind_of("device", model)))
+    return ports.serial_number(ports.find(model.port, kind_of("device", model)))
 
 
 @contextmanager
@@ -229,10 +226,9 @@ def _punctual() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def _middle_of(model: Any) -> Vector | None:
+def _middle_of(model: DeviceModel) -> Vector | None:
     """Return the readings for which the tip is at 0 m; None if the model cannot say."""
-    angles: Callable[[Vector], Vector | None] | None = getattr(model, "angles", None)
-    return None if angles is None else angles((0.0,) * model.axes)
+    return model.angles((0.0,) * model.axes)
 
 
 def units(kinematics: Any) -> tuple[str, str]:

@@ -126,7 +126,7 @@ def identified_model(model: Any, found: Found) -> Any:
 def _axis_numbers(model: Any, found: Found) -> dict[str, list[Bounded]]:
     names = {"damping", "friction", "presliding", "resolution"}
     numbers = {name: [getattr(axis, name) for axis in found.axes] for name in sorted(names)}
-    if hasattr(model, "weight_error"):
+    if "weight_error" in {each.name for each in dataclasses.fields(model)}:  # no joint has one
         numbers["weight_error"] = [axis.load for axis in found.axes]
     return numbers
 

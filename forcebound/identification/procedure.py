@@ -144,7 +144,7 @@ def identify(
     Raises:
         DeviceError: If the device fails, does not move, moves the wrong way, too fast or too far.
     """
-    holds = getattr(model, "watchdog", "silent") == "none"
+    holds = model.watchdog == "none"
     wide = Limits(plan.force, math.inf, BEYOND * plan.reach)
     rig = Rig(device, clock, 1.0 / plan.rate, wide, holds, bring_back)
     say("at rest: noise of the encoders")

@@ -97,7 +97,7 @@ class Rig:
         self.bring_back = bring_back
         self._device, self._clock, self._holds = device, clock, holds
         self._period_ns = round(period * 1e9)
-        self._stamps: Callable[[], tuple[int, int]] | None = getattr(device, "stamps", None)
+        self._stamps = device.stamps
         self._zero: Vector = (0.0,) * self.axes
         self._begun_ns = self._next_ns = clock.now()
         self.engage()
@@ -169,8 +169,9 @@ class Rig:
         self._written_ns = clock.now()
         self._held = device.write(self._written_ns, force)
         effect_ns = clock.now()
-        if self._stamps is not None:
-            read_ns, effect_ns = self._stamps()
+        stamps = self._stamps()
+        if stamps is not None:
+            read_ns, effect_ns = stamps
         self.delays.append((effect_ns - read_ns) * 1e-9)
         self._next_ns = max(self._next_ns + self._period_ns, clock.now())
         return read_ns, effect_ns, reading, self._held

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from forcebound.devices import DeviceModel, Kinematics
+from forcebound.devices import Device, DeviceModel, Kinematics
 from forcebound.messages.packets import Vector
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.servo import ServoSettings, dissipation_of
@@ -34,16 +34,13 @@ BETTER = {
 }
 
 
-class _Prescribed:
+class _Prescribed(Device):
     """A device whose readings go along a way of their own, whatever the force."""
 
     def __init__(self, start: Vector, end: Vector, step: Vector, kinematics: Any) -> None:
         self.kinematics = kinematics
         self.axes = len(start)
         self._start, self._end, self._step = start, end, step
-
-    def engage(self, time_ns: int) -> None:
-        """Do nothing."""
 
     def read(self, time_ns: int) -> Vector:
         """Return where the way is now, in steps of the encoder."""
@@ -55,13 +52,6 @@ class _Prescribed:
     def write(self, time_ns: int, force: Vector) -> Vector:
         """Take any force."""
         return force
-
-    def truth(self) -> None:
-        """Return None: nothing moves."""
-        return
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 def displayed_stiffness(
@@ -153,7 +143,7 @@ def verdict(
     base = now or math.inf
     gains: dict[str, dict[str, float]] = {}
     for name, (factor, _) in BETTER.items():
-        value = getattr(model, name, None)
+        value = getattr(model, name)
         if value is None or not np.any(value):
             continue
         gains[name] = {"built": shown({name: _times(value, factor)}) / base}

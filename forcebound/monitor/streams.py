@@ -17,7 +17,7 @@ from msgspec import Struct
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
-from forcebound.messages.packets import TOPICS, Packet, field_types
+from forcebound.messages.packets import TOPICS, Event, Packet, field_types
 from forcebound.monitor.runs import while_running
 from forcebound.process import Reader, Received
 
@@ -95,7 +95,7 @@ class Stream:
 
     def add(self, packet: Packet, size: int) -> None:
         """Add a packet."""
-        sender = getattr(packet, "node", "")
+        sender = packet.node if isinstance(packet, Event) else ""
         self.seqs.setdefault(sender, []).append(packet.seq)
         self.times_ns.setdefault(sender, []).append(packet.time_ns)
         self.sizes.append(size)

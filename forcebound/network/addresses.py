@@ -58,8 +58,9 @@ def resolve(address: str) -> Host:
     try:
         found = socket.getaddrinfo(_bare(address), None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else None
         raise ConfigError(
-            f"cannot find the address {address!r}: {getattr(error, 'strerror', None) or error}; "
+            f"cannot find the address {address!r}: {reason or error}; "
             "check the spelling (IPv6: [fd00::20]), /etc/hosts and the name server, or write the "
             "number"
         ) from None

@@ -4,41 +4,40 @@ A hand is a mass that is fixed to the device's handle and pulled by a spring and
 target that moves along a path. Such a hand is passive around its target, which is what the
 passivity argument asks of a human (``docs/theory.md``, section 1).
 
-An operator is a frozen dataclass of its parameters that fulfils :class:`Operator`. To add one:
+An operator is a frozen dataclass of its parameters that inherits :class:`Operator`. To add one:
 write ``my_operator.py`` and one line in ``OPERATORS``; ``tests/test_operators.py`` tests it with
-all the others. Or name a file of one's own (docs/write-your-own-device.md).
+all the others. Or name a file of your own (docs/write-your-own-device.md).
 """
 
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 from forcebound.messages.packets import Vector
 from forcebound.parts import Form, Table
 
 
-class Operator(Protocol):
-    """What a simulated device asks of the hand on its handle."""
+class Operator(ABC):
+    """The hand on a simulated device; ``target`` alone has no default.
 
-    @property
-    def mass(self) -> float:
-        """Mass that moves with the handle, in kg."""
-        ...
+    Attributes:
+        mass: Mass that moves with the handle, in kg.
+        stiffness: Stiffness of the spring from handle to target, in N/m.
+        damping: Damping between handle and target, in N s/m.
+    """
 
-    @property
-    def stiffness(self) -> float:
-        """Stiffness of the spring from handle to target, in N/m."""
-        ...
+    mass: float
+    stiffness: float
+    damping: float
 
-    @property
-    def damping(self) -> float:
-        """Damping between handle and target, in N s/m."""
-        ...
-
+    @abstractmethod
     def target(self, elapsed: float) -> Vector:
-        """Return where the hand wants to be, in m, ``elapsed`` s after the force engaged.
+        """Return the target of the hand, in m, ``elapsed`` s after the force engaged.
 
         A path of fewer axes than the device leaves the hand at 0 in the remaining ones.
         """
-        ...
+
+    def buttons(self, elapsed: float) -> int | None:
+        """Return which buttons are down, bit i for button i; None: the device has none."""
+        return None
 
 
 OPERATORS: Table[type[Operator]] = Table(
@@ -54,5 +53,5 @@ OPERATORS: Table[type[Operator]] = Table(
         "trajectory": "forcebound.operators.trajectory:TrajectoryHand",
         "trembling": "forcebound.operators.trembling:TremblingHand",
     },
-    Form(methods={"target": 1}),
+    Form("forcebound.operators:Operator"),
 )

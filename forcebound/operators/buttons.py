@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.errors import ConfigError
+from forcebound.operators import Operator
 from forcebound.quantities import NOT_NEGATIVE, Range, Time, check_ranges
 
 MOST_BUTTONS = 8
@@ -31,7 +32,7 @@ class Press:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PressingButtons:
+class PressingButtons(Operator):
     """Part of a hand that presses buttons.
 
     Attributes:
@@ -41,8 +42,10 @@ class PressingButtons:
 
     presses: tuple[Press, ...] = ()
 
-    def buttons(self, elapsed: float) -> int:
-        """Return which buttons are down, bit i for button i, ``elapsed`` s after engagement."""
+    def buttons(self, elapsed: float) -> int | None:
+        """Return which buttons are down; see :class:`forcebound.operators.Operator`."""
+        if not self.presses:
+            return None
         down = 0
         for press in self.presses:
             if press.start <= elapsed < press.end:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
 from forcebound.quantities import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -19,7 +20,7 @@ from forcebound.quantities import (
 
 
 @dataclass(frozen=True)
-class ChirpHand:
+class ChirpHand(Operator):
     """Mass, spring and damper whose target is a sine of rising frequency along the first axis.
 
     The frequency rises by the same factor in the same time, from ``lowest`` to ``highest``

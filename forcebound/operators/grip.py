@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from forcebound.operators import Operator
 from forcebound.quantities import NOT_NEGATIVE, Damping, Mass, Stiffness, check_ranges
 
 
 @dataclass(frozen=True, kw_only=True)
-class SoftGrip:
+class SoftGrip(Operator):
     """Part of a hand: a mass at the handle, and spring and damper to the target.
 
     The defaults are close to the soft grip of the paper's experiments (section 4.1).

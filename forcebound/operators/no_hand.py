@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
 
 
 @dataclass(frozen=True)
-class NoHand:
+class NoHand(Operator):
     """No mass, no spring, no damper: only motor and friction move the device, from 0 m on."""
 
     mass: float = 0.0

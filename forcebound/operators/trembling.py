@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Annotated
 
 from forcebound.messages.packets import Vector
+from forcebound.operators import Operator
 from forcebound.operators.places import (
     Place,
     StraightWay,
@@ -37,7 +38,7 @@ def trembling_target(
 
 
 @dataclass(frozen=True)
-class TremblingHand:
+class TremblingHand(Operator):
     """Mass, spring and damper whose target moves from ``start`` to ``end`` and trembles.
 
     With a soft spring and a target far behind the surface the hand pushes with a force that hardly

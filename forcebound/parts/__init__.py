@@ -4,6 +4,6 @@
 of the user's own, :mod:`~forcebound.parts.contract` is what the checks of all of them share.
 """
 
-from forcebound.parts.table import Form, Table
+from forcebound.parts.table import Form, Table, overridden
 
-__all__ = ["Form", "Table"]
+__all__ = ["Form", "Table", "overridden"]

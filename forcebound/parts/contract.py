@@ -103,8 +103,7 @@ class Findings:
 
     def check_value(self, model: Any) -> None:
         """Check that a model is a frozen dataclass that can be copied and pickled."""
-        parameters = getattr(model, "__dataclass_params__", None)
-        if parameters is None or not parameters.frozen:
+        if not is_frozen(type(model)):
             kind = type(model).__name__
             self.add("value", "@dataclass(frozen=True)", f"class {kind} without it", kind)
             return
@@ -120,7 +119,7 @@ class Findings:
 
     def check_number(self, promise: str, model: Any, name: str, unit: str, above: bool) -> None:
         """Check an attribute: finite, and at least 0, or ``above`` 0."""
-        value = getattr(model, name, None)
+        value = getattr(model, name)
         lowest = math.ulp(0.0) if above else 0.0
         if not isinstance(value, int | float) or not lowest <= value < math.inf:
             self.add(promise, f"{'>' if above else '>='} 0 {unit}, finite", repr(value), name)
@@ -162,6 +161,12 @@ class Findings:
             if name not in unseen or self.is_broken(name)
         }
         return Report(named, violations, questions, left_out)
+
+
+def is_frozen(kind: type) -> bool:
+    """Return whether a class is a frozen dataclass itself, whatever it inherits."""
+    parameters = vars(kind).get("__dataclass_params__")
+    return parameters is not None and parameters.frozen
 
 
 def is_unit(numbers: Sequence[float]) -> bool:

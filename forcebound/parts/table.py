@@ -12,7 +12,7 @@ A part has one of three origins:
 import inspect
 import logging
 from collections.abc import Iterator, Mapping, MutableMapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from forcebound.errors import ConfigError
 from forcebound.parts import user_module
+from forcebound.parts.contract import is_frozen
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -31,46 +32,50 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Form:
-    """What a part of a table must be: a frozen dataclass, or an object of one class.
+    """What a part of a table must be.
 
     Attributes:
-        methods: Of the dataclass, with their numbers of arguments besides ``self``: it needs one.
-        instance_of: ``"module:NAME"`` of the class that the part is an object of.
+        base: ``"module:NAME"`` of the class that a part inherits, as a frozen dataclass.
+        is_object: Whether a part is an object of that class instead.
     """
 
-    methods: Mapping[str, int] = field(default_factory=dict)
-    instance_of: str | None = None
+    base: str
+    is_object: bool = False
 
     @property
     def expected(self) -> str:
         """The form in words."""
-        if self.instance_of is not None:
-            return f"a {self.instance_of.rpartition(':')[2]}"
-        return f"a frozen dataclass with a method {' or '.join(self.methods)}"
+        module, _, name = self.base.partition(":")
+        if self.is_object:
+            return f"a {name}"
+        return f"a frozen dataclass that inherits {module}.{name}"
 
     def fits(self, part: object) -> bool:
         """Return whether this is meant to be the part, well formed or not."""
-        if self.instance_of is not None:
-            return isinstance(part, _import(self.instance_of))
-        return isinstance(part, type) and any(hasattr(part, name) for name in self.methods)
+        base = _import(self.base)
+        if self.is_object:
+            return isinstance(part, base)
+        return isinstance(part, type) and issubclass(part, base)
 
     def check(self, part: object, name: str) -> None:
         """Raise ConfigError, with ``name``, if ``part`` does not have this form."""
-        if self.instance_of is not None or not isinstance(part, type):
-            if not self.fits(part):
-                got = type(part).__name__
-                raise ConfigError(f"{name} must be {self.expected}, got an object of type {got}")
+        if not self.fits(part):
+            got = "" if isinstance(part, type) else f", got an object of type {type(part).__name__}"
+            raise ConfigError(f"{name} must be {self.expected}{got}")
+        if self.is_object or not isinstance(part, type):
             return
-        parameters = part.__dict__.get("__dataclass_params__")
-        if parameters is None or not parameters.frozen:
+        if not is_frozen(part):
             raise ConfigError(
                 f"class {name} must be a frozen dataclass: write @dataclass(frozen=True) above"
             )
-        found = [method for method in self.methods if callable(getattr(part, method, None))]
-        if not found:
-            raise ConfigError(f"class {name} has no method {' or '.join(self.methods)}")
-        for method in found:
-            _check_arguments(part, method, self.methods[method], name)
+        missing = sorted(vars(part)["__abstractmethods__"])
+        if missing:
+            raise ConfigError(f"class {name} has no method {' and '.join(missing)}")
+        for base in part.__mro__:
+            if base.__module__.startswith("forcebound."):
+                for method in vars(base):
+                    if not method.startswith("_"):
+                        _check_arguments(part, base, method, name)
 
 
 class Table(MutableMapping[str, Part], Generic[Part]):
@@ -146,7 +151,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
 
     def kind_of(self, part: object) -> str | None:
         """Return the kind under which the table has a part; None if it does not have it."""
-        path = f"{getattr(part, '__module__', '')}:{getattr(part, '__qualname__', '')}"
+        path = f"{part.__module__}:{part.__qualname__}" if isinstance(part, type) else ""
         for kind, entry in self._shipped.items():
             if entry == path or self._loaded.get(kind) is part:
                 return kind
@@ -203,16 +208,28 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         return part
 
 
+def overridden(part: object, base: type) -> frozenset[str]:
+    """Return the names of the methods of a base class that a part has of its own."""
+    return frozenset(
+        name
+        for name, default in vars(base).items()
+        if inspect.isfunction(default) and inspect.getattr_static(part, name) is not default
+    )
+
+
 def _import(entry: str) -> Any:
     module, _, name = entry.partition(":")
     return getattr(import_module(module), name)
 
 
-def _check_arguments(part: type, method: str, count: int, name: str) -> None:
-    static = inspect.getattr_static(part, method, None)
-    given = count if isinstance(static, staticmethod | classmethod) else count + 1  # with self
+def _check_arguments(part: type, base: type, method: str, name: str) -> None:
+    """Raise ConfigError if a method does not take the arguments that the base class promises."""
+    promised, own = vars(base)[method], inspect.getattr_static(part, method)
+    if own is promised or not inspect.isfunction(promised) or not inspect.isfunction(own):
+        return
+    count = len(inspect.signature(promised).parameters)
     try:
-        inspect.signature(getattr(part, method)).bind(*range(given))
-    except (TypeError, ValueError) as error:
-        message = f"class {name}: {method} must take {count} arguments besides self: {error}"
+        inspect.signature(own).bind(*range(count))
+    except TypeError as error:
+        message = f"class {name}: {method} must take {count - 1} arguments besides self: {error}"
         raise ConfigError(message) from None

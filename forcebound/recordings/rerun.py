@@ -69,7 +69,7 @@ def graph_of(
         raise ConfigError("environment:=KIND and --environment exclude each other: give one")
     _check_code(recording, document, named, KINDS)
     config = from_document(document)
-    if "device" not in named and hasattr(config.device.model, "simulated_in"):
+    if "device" not in named and config.device.model.simulated_in is not None:
         raise ConfigError(
             f"{recording.path} was recorded on a device at a serial port; name a simulated one,"
             " such as device:=five_bar, or this one: device:=KIND device.port:=PORT"

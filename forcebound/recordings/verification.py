@@ -17,9 +17,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, cast
+from typing import cast
 
 from forcebound.config.graph import DeviceConfig
+from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPIC_OF, Event, ForceCommand, Telemetry, Vector
 from forcebound.nodes.bounded_device import BoundedDevice
@@ -73,8 +74,8 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
         known[follows] += 1
     # Whether a device of the user's own can be told how long to hold, only it knew.
     found = [
-        _Rerun(device, laws, can_be_told).run(packets)
-        for can_be_told in ((True,) if _is_simulated(device) else (False, True))
+        _Rerun(device, laws, takes_limit).run(packets)
+        for takes_limit in ((True,) if _is_simulated(device) else (False, True))
     ]
     best = min(found, key=lambda each: each.differing)
     return Verified(
@@ -142,17 +143,19 @@ def _follow(packets: Sequence[Telemetry], commands: Sequence[ForceCommand]) -> I
             yield any(ramped(f, packet.engagement) == packet.commanded_force for f in sent)
 
 
-class _RecordedDevice:
+class _RecordedDevice(Device):
     """A device that answers as a recorded one did; see :class:`forcebound.devices.Device`.
 
     Attributes:
         packet: Of the tick that is under way.
     """
 
-    def __init__(self, model: Any, packet: Telemetry, has_steps: bool) -> None:
-        self.axes: int = len(packet.joints or packet.position)
+    def __init__(
+        self, model: DeviceModel, packet: Telemetry, has_steps: bool, takes_limit: bool
+    ) -> None:
+        self.axes = len(packet.joints or packet.position)
         self.packet = packet
-        self._has_steps = has_steps
+        self._has_steps, self._takes_limit = has_steps, takes_limit
         self._ahead_ns = 0
         self.kinematics = None if packet.joints is None else model.kinematics()
 
@@ -175,22 +178,9 @@ class _RecordedDevice:
         at, position = self.packet.cut_ns, self.packet.cut_position
         return None if at is None or position is None else (at, position)
 
-    def engage(self, time_ns: int) -> None:
-        """Do nothing."""
-
-    def truth(self) -> None:
-        """Return nothing: no law may know it."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class _ToldDevice(_RecordedDevice):
-    """The same, that can be told how long to hold a force."""
-
-    def set_hold_limit(self, seconds: float) -> float:
-        """Return ``seconds``: what came of it is recorded."""
-        return seconds
+    def set_hold_limit(self, seconds: float) -> float | None:
+        """Return ``seconds``, what came of it is recorded; None if it took no other limit."""
+        return seconds if self._takes_limit else None
 
 
 class _Rerun:
@@ -203,17 +193,18 @@ class _Rerun:
         difference: The first, in words.
     """
 
-    def __init__(self, device: DeviceConfig, laws: Mapping[int, str], can_be_told: bool) -> None:
+    def __init__(self, device: DeviceConfig, laws: Mapping[int, str], takes_limit: bool) -> None:
         self._config, self._laws = device, laws
         self._law = device.servo.law
-        self._kind = _ToldDevice if can_be_told else _RecordedDevice
+        self._takes_limit = takes_limit
         self.verified = self.unknown = self.differing = 0
         self.difference = ""
 
     def run(self, packets: Sequence[Telemetry]) -> "_Rerun":
         for life in _lives(packets):
             model = self._config.model
-            self._device = self._kind(model, life[0], not _is_simulated(self._config))
+            has_steps = not _is_simulated(self._config)
+            self._device = _RecordedDevice(model, life[0], has_steps, self._takes_limit)
             self._begin()
             if not self._live(life):
                 break

@@ -148,7 +148,7 @@ def _run_block(configs: Sequence[GraphConfig], timings: Sequence[Timing]) -> lis
 
 def _is_too_fast(config: GraphConfig, trace: NDArray[np.float64]) -> bool:
     """Return whether the bounder would refuse a reading, which the kernel takes."""
-    fastest = getattr(config.device.model, "largest_speed", None) or math.inf
+    fastest = config.device.model.largest_speed or math.inf
     steps = np.abs(np.diff(trace[lanes.TRACES.index("reading")]))
     return bool((steps > fastest * config.device.servo.period_ns * 1e-9).any())
 

@@ -10,7 +10,7 @@ import msgspec
 from forcebound.config.graph import GraphConfig
 from forcebound.config.names import LAW
 from forcebound.config.parameters import takeable_laws
-from forcebound.environments import StatefulEnvironment
+from forcebound.environments import StatelessEnvironment
 from forcebound.environments.fixtures import WithFixtures
 from forcebound.errors import ConfigError, ForceboundError
 from forcebound.launch.run_directory import RunDocument
@@ -190,7 +190,7 @@ def _wall(config: GraphConfig) -> float | None:
     model = config.environment.model
     if isinstance(model, WithFixtures):
         model = model.model
-    place = None if isinstance(model, StatefulEnvironment) else getattr(model, "position", None)
+    place = getattr(model, "position", None) if isinstance(model, StatelessEnvironment) else None
     return place if isinstance(place, float) else None
 
 

@@ -366,7 +366,7 @@ class _Page(tornado.websocket.WebSocketHandler):
 
     def tell(self, text: str) -> None:
         """Send a message unless the page has stopped reading."""
-        stream = getattr(self.ws_connection, "stream", None)
+        stream = None if self.ws_connection is None else self.ws_connection.stream
         if stream is None or stream.closed():
             return
         if len(getattr(stream, "_write_buffer", ())) > MOST_WAITING:
