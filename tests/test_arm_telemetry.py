@@ -23,7 +23,7 @@ def shipped_arms() -> list[str]:
     return [
         name
         for name, model in models.items()
-        if getattr(model, "kinematics", None) and not hasattr(model, "simulated_in")
+        if model.kinematics() is not None and model.simulated_in is None
     ]
 
 

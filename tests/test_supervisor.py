@@ -65,9 +65,10 @@ PATIENT = Limits(*[round(PATIENCE * 1e9)] * 5)
 
 SILENT = """import sys
 from dataclasses import dataclass
+from forcebound.environments import StatelessEnvironment
 
 @dataclass(frozen=True)
-class Silent:
+class Silent(StatelessEnvironment):
     def force(self, user, position, velocity, elapsed):
         if "node" in sys.argv:
             raise ValueError("not in a graph")

@@ -26,14 +26,15 @@ from forcebound.launch.check import check_here, lines
 SOURCE = """\
 import ctypes, os, subprocess, sys, time
 from dataclasses import dataclass
+from forcebound.environments import StatelessEnvironment
 from forcebound.quantities import Stiffness
 
 
 @dataclass(frozen=True)
-class Mine:
+class Mine(StatelessEnvironment):
     stiffness: Stiffness = 500.0
 
-    def force(self, position, velocity, elapsed):
+    def force(self, user, position, velocity, elapsed):
         return tuple(self.stiffness * x for x in position)
 """
 ANSWER = "        return tuple"
@@ -66,9 +67,12 @@ def test_the_line_of_code_that_never_ends_is_named(tmp_path: Path, code: str) ->
         ("os._exit(3)", "exit status 3"),
         ("os._exit(0)", "exit status 0"),
         ("os.kill(os.getpid(), 9)", "signal 9, Killed"),
-        ("ctypes.string_at(0)", "mine.py:11: ctypes.string_at(0)"),
-        ("sys.exit(3)", "graph.yaml:13:9: environment: force((0.0,), (0.0,), 0.0): SystemExit: 3"),
-        ("1 / 0", "mine.py:11: 1 / 0"),
+        ("ctypes.string_at(0)", "mine.py:12: ctypes.string_at(0)"),
+        (
+            "sys.exit(3)",
+            "graph.yaml:13:9: environment: force('', (0.0,), (0.0,), 0.0): SystemExit: 3",
+        ),
+        ("1 / 0", "mine.py:12: 1 / 0"),
         ("input()", "EOFError"),
     ],
 )
@@ -136,7 +140,7 @@ def test_the_check_of_a_part_names_the_line_that_ends_its_process(tmp_path: Path
     _, file = own(tmp_path, "position[0] == 1e6 and ctypes.string_at(0)")
     result = invoke("check", "environment", file)
     assert result.exit_code == 2
-    assert "mine.py:11" in result.stderr
+    assert "mine.py:12" in result.stderr
 
 
 def test_a_slow_environment_is_asked_fewer_questions(
