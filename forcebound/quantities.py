@@ -143,8 +143,9 @@ def _ranges_of(kind: type) -> list[tuple[str, Range, str]]:
     """Name, range and unit of each field that has a range."""
     found = []
     for name, hint in get_type_hints(kind, include_extras=True).items():
-        choices = get_args(hint) if isinstance(hint, UnionType) or get_origin(hint) is Union else ()
-        for choice in choices or (hint,):
+        is_union = isinstance(hint, UnionType) or get_origin(hint) is Union
+        choices: tuple[Any, ...] = get_args(hint) if is_union else (hint,)
+        for choice in choices:
             notes = choice.__metadata__ if get_origin(choice) is Annotated else ()
             symbols = [note.symbol for note in notes if isinstance(note, Unit)]
             found += [(name, note, "".join(symbols)) for note in notes if isinstance(note, Range)]

@@ -39,7 +39,7 @@ SIMULATED = [kind for kind in sorted(DEVICES) if "devices" in DEVICES[kind].__mo
 
 @pytest.fixture(params=SIMULATED)
 def model(request: pytest.FixtureRequest) -> DeviceModel:
-    make: Callable[[], DeviceModel] = DEVICES[request.param]
+    make: Callable[..., DeviceModel] = DEVICES[request.param]
     return make()
 
 
@@ -249,7 +249,7 @@ def test_a_device_has_one_to_six_axes(axes: int) -> None:
 def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_measured(
     kind: str,
 ) -> None:
-    make: Callable[[], DeviceModel] = DEVICES[kind]
+    make: Callable[..., DeviceModel] = DEVICES[kind]
     model = make()
     assert 0.0 < dissipation_of(model, ServoSettings()).largest_speed < math.inf
     assert model.sources["largest_speed"] == "assumed"

@@ -177,7 +177,7 @@ def stated_by(kind: str) -> Dissipation:
     """
     if kind not in DEVICES:
         raise ConfigError(f"no device {kind!r}; known are {', '.join(sorted(DEVICES))}")
-    make: Callable[[], DeviceModel] = DEVICES[kind]
+    make: Callable[..., DeviceModel] = DEVICES[kind]
     model = make()
     all_axes = Dissipation(
         damping=model.damping,

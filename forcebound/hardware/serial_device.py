@@ -25,7 +25,7 @@ class SerialDevice(Device):
     """
 
     is_exchange = True
-    kinematics: ArmKinematics
+    kinematics: ArmKinematics  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(
         self, line: Line, reply_within: float, clock: Callable[[], int] = time.monotonic_ns
