@@ -40,7 +40,7 @@ SIMULATED = [kind for kind in sorted(DEVICES) if "devices" in DEVICES[kind].__mo
 @pytest.fixture(params=SIMULATED)
 def model(request: pytest.FixtureRequest) -> DeviceModel:
     make: Callable[..., DeviceModel] = DEVICES[request.param]
-    return make()
+    return make()  # pyright: ignore[reportCallIssue]
 
 
 def test_a_device_reads_and_applies_one_value_per_axis(model: DeviceModel) -> None:
@@ -250,7 +250,7 @@ def test_a_device_that_ships_states_a_largest_speed_and_says_whether_it_was_meas
     kind: str,
 ) -> None:
     make: Callable[..., DeviceModel] = DEVICES[kind]
-    model = make()
+    model = make()  # pyright: ignore[reportCallIssue]
     assert 0.0 < dissipation_of(model, ServoSettings()).largest_speed < math.inf
     assert model.sources["largest_speed"] == "assumed"
 

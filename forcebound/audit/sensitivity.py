@@ -178,7 +178,7 @@ def stated_by(kind: str) -> Dissipation:
     if kind not in DEVICES:
         raise ConfigError(f"no device {kind!r}; known are {', '.join(sorted(DEVICES))}")
     make: Callable[..., DeviceModel] = DEVICES[kind]
-    model = make()
+    model = make()  # pyright: ignore[reportCallIssue]
     all_axes = Dissipation(
         damping=model.damping,
         friction=model.friction,
