@@ -90,7 +90,7 @@ class DeviceNode(Node):
         self._orientation, self._buttons = device.orientation, device.buttons
         self._is_dragged = False
         self._period_ns = servo.period_ns
-        self._reply_wait_ns = round(servo.reply_wait * servo.period_ns)
+        self._reply_wait_ns = servo.reply_wait_ns
         least_ns = round(LEAST_WAIT * servo.period_ns) if device.is_exchange else 0
         self._least_wait_ns = min(least_ns, self._reply_wait_ns)
         learns = servo.hold_limit == "auto"
@@ -99,11 +99,7 @@ class DeviceNode(Node):
         self._energy_before = 0.0  # J, ground truth when the law of now began, without its motion
         if clock is not None:  # live: a short run in virtual time, or one of a sweep, needs no log
             _logger.info("%s", self._bounded.describe())
-        self._chain = SafetyChain(
-            axes=device.axes,
-            age_limit_ns=round(servo.age_limit * 1e9),
-            engage_time_ns=round(servo.engage_time * 1e9),
-        )
+        self._chain = SafetyChain(device.axes, servo)
         self._zero: Vector = (0.0,) * device.axes
         self._start_ns: int | None = None  # of tick 0
         self._tick = 0
@@ -119,7 +115,7 @@ class DeviceNode(Node):
         self._lateness = lateness
         self.deadline_misses = 0
         self.events = EventLog("device")
-        self._tells = DeviceEvents(self.events, servo.age_limit, servo.period_ns)
+        self._tells = DeviceEvents(self.events, servo)
 
     @property
     def wake_ns(self) -> int:
@@ -216,7 +212,7 @@ class DeviceNode(Node):
         if self._writes_next:
             packets: list[Packet] = [self._write(time_ns)]
             if self.is_engaged:
-                is_answered = self._chain.answered_tick is not None
+                is_answered = self._chain.command is not None
                 refused = self._bounded.refused_readings
                 packets += self._tells.look(time_ns, is_answered, refused, self.deadline_misses)
             if self._next_law is not None and not self._bounded.holds_force:
@@ -260,12 +256,12 @@ class DeviceNode(Node):
     def _write(self, time_ns: int) -> Telemetry:
         chain = self._chain
         gives = self.is_engaged and self._next_law is None
-        commanded = chain.force(time_ns) if gives else self._zero
-        written = self._bounded.write(time_ns, commanded, chain.engagement)
+        demand = chain.demand(time_ns) if gives else chain.no_force
+        command = chain.command if gives else None
+        written = self._bounded.write(time_ns, demand.force, demand.engagement)
         self._applied = written.applied
         cut_ns, cut_position = written.cut or (None, None)
-        answered = chain.answered_tick if gives else None
-        reply_ns = None if answered is None else chain.reply_ns
+        reply_ns = None if command is None else command.reply_time_ns
         if reply_ns is not None and reply_ns > time_ns:  # a controller may say anything
             reply_ns = None
         truth = self._device.truth() or _UNKNOWN
@@ -274,16 +270,16 @@ class DeviceNode(Node):
             time_ns,
             self._elapsed(time_ns),
             written.position,
-            commanded,
+            demand.force,
             written.applied,
             written.limit,
             self._bounded.bounder.estimated_energy,
             truth.energy,
             truth.position,
             truth.hand_force,
-            chain.engagement,
-            answered,
-            None if answered is None else (time_ns - chain.answered_ns) * 1e-9,
+            demand.engagement,
+            None if command is None else command.device_seq,
+            None if command is None else (time_ns - command.device_time_ns) * 1e-9,
             self.deadline_misses,
             chain.rejected,
             written.read_ns,

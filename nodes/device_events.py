@@ -4,6 +4,7 @@ from forcebound.messages.control import BounderReport
 from forcebound.messages.packets import Event, Packet
 from forcebound.nodes.events import BOUNDER_REPORTED, LAW_CHANGED, STATE_INTERVAL_NS, EventLog
 from forcebound.nodes.overload import Overload
+from forcebound.nodes.servo import ServoSettings
 
 REFUSAL_INTERVAL_NS = 1_000_000_000  # between two events about refused readings
 
@@ -13,17 +14,16 @@ class DeviceEvents:
 
     Args:
         log: Of the node.
-        age_limit: Of an answer, in s.
-        period_ns: Sampling period, in ns.
+        servo: Its settings.
     """
 
-    def __init__(self, log: EventLog, age_limit: float, period_ns: int) -> None:
-        self._log, self._age_limit, self._period_ns = log, age_limit, period_ns
+    def __init__(self, log: EventLog, servo: ServoSettings) -> None:
+        self._log, self._servo = log, servo
         self._is_answered = False
         self._next_answer_ns = 0
         self._refused = 0
         self._next_refusal_ns = 0
-        self._overload = Overload(period_ns)
+        self._overload = Overload(servo.period_ns)
 
     def look(self, time_ns: int, is_answered: bool, refused: int, missed: int) -> list[Packet]:
         """Return the events after a tick with an engaged force.
@@ -57,7 +57,7 @@ class DeviceEvents:
             before: Of a simulated device: the law before, the true energy under it, and
                 ``energy_before`` of the status, in J.
         """
-        self._overload = Overload(self._period_ns)
+        self._overload = Overload(self._servo.period_ns)
         message, data = f"law: {law} from now on", {"law": law}
         if before is not None:
             former, given, energy = before
@@ -68,7 +68,7 @@ class DeviceEvents:
 
     def tell_bounder(self, time_ns: int, report: BounderReport) -> Event:
         """Return the event of a report."""
-        periods = report.hold_limit / (self._period_ns * 1e-9)
+        periods = report.hold_limit / (self._servo.period_ns * 1e-9)
         message = (
             f"hold limit {periods:.3g} periods on average, {report.overruns} overruns,"
             f" {report.refused_readings} refused readings"
@@ -81,7 +81,7 @@ class DeviceEvents:
     def _tell_answers(self, time_ns: int) -> Event:
         if self._is_answered:
             return self._log.emit(time_ns, "force_engages", "replies received; ramping force up")
-        limit = self._age_limit * 1e3
+        limit = self._servo.age_limit * 1e3
         message = f"no answer younger than the age limit of {limit:g} ms: zero force"
         return self._log.emit(time_ns, "force_released", message, is_fault=True)
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Annotated, Literal
 
 from forcebound.bounding import Dissipation
@@ -55,10 +56,25 @@ class ServoSettings:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    @property
+    @cached_property
     def period_ns(self) -> int:
         """Sampling period, in ns."""
         return round(1e9 / self.rate)
+
+    @cached_property
+    def reply_wait_ns(self) -> int:
+        """Time from reading to writing, in ns."""
+        return round(self.reply_wait * self.period_ns)
+
+    @cached_property
+    def age_limit_ns(self) -> int:
+        """Age limit, in ns."""
+        return round(self.age_limit * 1e9)
+
+    @cached_property
+    def engage_time_ns(self) -> int:
+        """Time from no force to full force, in ns."""
+        return round(self.engage_time * 1e9)
 
     @property
     def longest_hold(self) -> float:

@@ -5,8 +5,8 @@ times of reading and writing, what the watchdog did. A :class:`BoundedDevice` of
 file hears the same again, from a device that answers as the recorded one did, and what comes out is
 compared: position, limit force, applied force, the ledger. A difference of one bit is one.
 
-* *Commands.* Each commanded force must follow from a force command in the recording that answers
-  the tick that the telemetry names.
+* *Commands.* Each commanded force must be what the stages of the safety chain make of a force
+  command in the recording that answers the tick that the telemetry names.
 * *Motors with steps.* Hardware may apply less than the law let through. The recorded force then
   goes on into the ledger; more than the law let through is a difference.
 * *The beginning.* The recorder of a live run may miss the first ticks, which have no force. If it
@@ -17,15 +17,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import cast
+from typing import Any, cast
 
 from forcebound.config.graph import DeviceConfig
 from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPIC_OF, Event, ForceCommand, Telemetry, Vector
+from forcebound.nodes import safety
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.events import LAW_CHANGED
-from forcebound.nodes.safety import ramped
 from forcebound.nodes.servo import dissipation_of
 from forcebound.recording import Recording
 
@@ -69,12 +69,9 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
     commands = cast("list[ForceCommand]", recording.packets(TOPIC_OF[ForceCommand]))
     events = cast("list[Event]", recording.packets(TOPIC_OF[Event]))
     laws = {event.time_ns: event.data["law"] for event in events if event.event == LAW_CHANGED}
-    known = [0, 0]
-    for follows in _follow(packets, commands):
-        known[follows] += 1
     # Whether a device of the user's own can be told how long to hold, only it knew.
     found = [
-        _Rerun(device, laws, takes_limit).run(packets)
+        _Rerun(device, laws, commands, takes_limit).run(packets)
         for takes_limit in ((True,) if _is_simulated(device) else (False, True))
     ]
     best = min(found, key=lambda each: each.differing)
@@ -84,8 +81,8 @@ def verify(recording: Recording, device: DeviceConfig) -> Verified:
         best.unknown,
         best.differing,
         best.difference,
-        commands=known[1],
-        unknown_commands=known[0],
+        best.commands,
+        best.unknown_commands,
     )
 
 
@@ -130,17 +127,6 @@ def _is_next(packet: Telemetry, before: Telemetry) -> bool:
     """Whether the ticks between two packets were skipped, and none is missing."""
     skipped = packet.deadline_misses - before.deadline_misses
     return packet.seq - before.seq - 1 == skipped
-
-
-def _follow(packets: Sequence[Telemetry], commands: Sequence[ForceCommand]) -> Iterator[bool]:
-    """Yield for each commanded force whether it follows from a command."""
-    forces: dict[int, list[Vector]] = {}
-    for command in commands:
-        forces.setdefault(command.device_seq, []).append(command.force)
-    for packet in packets:
-        if packet.device_seq is not None:
-            sent = forces.get(packet.device_seq, ())
-            yield any(ramped(f, packet.engagement) == packet.commanded_force for f in sent)
 
 
 class _RecordedDevice(Device):
@@ -191,12 +177,26 @@ class _Rerun:
         unknown: Ticks before a ledger that could be known.
         differing: Of them.
         difference: The first, in words.
+        commands: Forces that follow from a recorded command.
+        unknown_commands: Forces that do not.
     """
 
-    def __init__(self, device: DeviceConfig, laws: Mapping[int, str], takes_limit: bool) -> None:
+    def __init__(
+        self,
+        device: DeviceConfig,
+        laws: Mapping[int, str],
+        commands: Sequence[ForceCommand],
+        takes_limit: bool,
+    ) -> None:
         self._config, self._laws = device, laws
         self._law = device.servo.law
         self._takes_limit = takes_limit
+        self._stages = safety.stages_of(device.servo)
+        self._demands: dict[int, list[safety.Demand]] = {}  # by the tick that they answer
+        for command in commands:
+            demand = safety.Demand(command.force, command.device_time_ns)
+            self._demands.setdefault(command.device_seq, []).append(demand)
+        self.commands = self.unknown_commands = 0
         self.verified = self.unknown = self.differing = 0
         self.difference = ""
 
@@ -215,6 +215,7 @@ class _Rerun:
         servo = self._config.servo
         dissipation = dissipation_of(self._config.model, servo)
         learns = servo.hold_limit == "auto"
+        self._states: list[Any] = [None] * len(self._stages)
         self._bounded = BoundedDevice(self._device, self._law, dissipation, learns)
 
     def _live(self, life: Sequence[Telemetry]) -> bool:
@@ -241,6 +242,7 @@ class _Rerun:
     def _tick(self, packet: Telemetry) -> None:
         device, bounded = self._device, self._bounded
         device.packet = packet
+        self._follow(packet)
         written = bounded.write(packet.time_ns, packet.commanded_force, packet.engagement)
         pairs = {
             "position": (written.position, packet.position),
@@ -258,6 +260,24 @@ class _Rerun:
             name = differing[0]
             new, old = pairs[name]
             self.difference = f"tick {packet.seq}: {name} is {new}, recorded {old}"
+
+    def _follow(self, packet: Telemetry) -> None:
+        """Count whether the commanded force is what the stages make of a recorded command."""
+        if packet.device_seq is None:
+            self._states = [None] * len(self._stages)
+            return
+        before, servo = self._states, self._config.servo
+        missing = safety.Demand(packet.commanded_force, packet.time_ns)  # for the states
+        for demand in (*self._demands.get(packet.device_seq, ()), missing):
+            self._states = list(before)
+            given = safety.fold(self._stages, self._states, demand, packet.time_ns, servo)
+            recorded = packet.commanded_force, packet.engagement
+            if given is not None and (given.force, given.engagement) == recorded:
+                break
+        if demand is missing:
+            self.unknown_commands += 1
+        else:
+            self.commands += 1
 
 
 def _are_same(new: Vector, old: Vector) -> bool:

@@ -9,8 +9,8 @@ same random numbers, the same rules as in :mod:`forcebound.network.link`,
 Two things that happen in the same nanosecond are ordered by the runner's heap. The rules for the
 ties that round delays make are written out below; a tie beyond them makes the timing
 ``is_exact = False``, and the run goes through the graph. So does every run with an impairment other
-than delay, uniform jitter and independent loss, or with computations that do not all take the same
-time.
+than delay, uniform jitter and independent loss, with computations that do not all take the same
+time, or with another stage in the safety chain.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,13 @@ from forcebound.messages.packets import LINKS
 from forcebound.network.chances import plain_fates
 from forcebound.network.impairment import Impairment
 from forcebound.network.link import RESTART_NS, link_seed
-from forcebound.nodes.safety import REMEMBERED
+from forcebound.nodes import safety
+
+#: The safety chain that the arrays here stand for.
+SAFETY = (
+    (safety.finite, safety.answers_fresh_tick, safety.newest),
+    (safety.fresh, safety.ramp),
+)
 
 Times: TypeAlias = NDArray[np.int64]
 
@@ -51,15 +57,17 @@ class Timing:
 def timing_of(config: GraphConfig, ticks: int) -> Timing:
     """Return the timing of the first ``ticks`` ticks of a run."""
     servo = config.device.servo
+    if (safety.CHECKS, safety.stages_of(servo)) != SAFETY:
+        return _unknown(ticks)
     links = tuple(config.links.get(topic, Impairment()) for topic in LINKS)
     computation = config.environment.computation
     is_random = any(link.jitter > 0.0 or link.loss > 0.0 for link in links)
     return _timing(
         ticks,
         servo.period_ns,
-        round(servo.reply_wait * servo.period_ns),
-        round(servo.age_limit * 1e9),
-        round(servo.engage_time * 1e9),
+        servo.reply_wait_ns,
+        servo.age_limit_ns,
+        servo.engage_time_ns,
         computation,
         links,
         config.seed if is_random else 0,
@@ -103,12 +111,15 @@ def _timing(
         through, answers = _travel(*replies, links[3], link_seed(seed, LINKS[3]))
         held, too_old = _accept(through, answers, ticks, period_ns, wait_ns, age_limit_ns)
     except _Inexact:
-        nothing = np.full(ticks, -1, dtype=np.int64)
-        return Timing(nothing, np.zeros(ticks), {}, is_exact=False)
+        return _unknown(ticks)
     fresh = (held >= 0) & (writes - held * period_ns <= age_limit_ns)
     answered = np.where(fresh, held, -1)
     rejected = {"too_old": too_old} if too_old else {}
     return Timing(answered, _ramp(fresh, writes, engage_ns), rejected, is_exact=True)
+
+
+def _unknown(ticks: int) -> Timing:
+    return Timing(np.full(ticks, -1, dtype=np.int64), np.zeros(ticks), {}, is_exact=False)
 
 
 def _check_limits(
@@ -117,7 +128,7 @@ def _check_limits(
     if not all(link.is_plain for link in links):
         raise _Inexact  # only the graph knows the other impairments
     longest = compute_ns + sum(round((link.delay + link.jitter) * 1e9) for link in links)
-    if longest >= RESTART_NS or age_limit_ns >= period_ns * (REMEMBERED - 1):
+    if longest >= RESTART_NS or age_limit_ns >= period_ns * (safety.REMEMBERED - 1):
         raise _Inexact
 
 
