@@ -1,6 +1,6 @@
 """The bounder of any number of axes as compiled functions.
 
-They work on one array (:mod:`forcebound.bounding.timeline`), so that a call from Python costs
+They work on one record (:mod:`forcebound.bounding.ledger`), so that a call from Python costs
 little: a tick runs once a millisecond, with cold caches, and there interpreted arithmetic costs
 several times more than compiled.
 
@@ -13,90 +13,40 @@ gain.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TypeAlias
 
 from forcebound.bounding.allowance import gain_at, largest_force, surplus
 from forcebound.bounding.hold_cost import hold_cost
 from forcebound.bounding.law import BoundingLaw
+from forcebound.bounding.ledger import (
+    SILENT,
+    Ledger,
+    store_axis,
+    store_force,
+    store_memory,
+    store_motor,
+)
 from forcebound.bounding.sample import (
     NO_MEMORY,
     NO_MOTION,
-    Floats,
-    Memory,
     Motion,
     Sample,
     Write,
-    load_axis,
-    load_device,
-    load_memory,
     observe,
     observe_axis,
     start_axis,
-    store_axis,
-    store_memory,
 )
-from forcebound.bounding.timeline import (
-    AGE,
-    AVAILABLE,
-    AXES,
-    BLOCK,
-    BUDGET,
-    DEVICE,
-    ENDS,
-    FORCE,
-    GAIN,
-    GIVEN,
-    HELD_LIMIT,
-    HELD_PRICE,
-    IS_ALONG_PATH,
-    IS_DROPPED,
-    IS_UNSURE,
-    LAG,
-    LARGEST_LEAK,
-    MEMORY,
-    MOTOR,
-    ORIGIN,
-    PATH_FRICTION,
-    PENDING,
-    PENDING_BUDGET,
-    PENDING_LIMIT,
-    PLANNED_LIMIT,
-    RESOLUTION,
-    SATURATION,
-    SILENT,
-    SINCE,
-    SPENT,
-    STATE,
-    TOLERANCE,
-    UNTIL_CUT,
-    UNTIL_WRITE,
-    WANTED,
-    WATCHDOG,
-    WORK,
-    WRITE_DELAY,
-    acting_cost,
-    advance,
-    load_constants,
-    may_be_dropped,
-    take_effect,
-)
-from forcebound.bounding.waveform import (
-    NO_FORCE,
-    begin_interval,
-    load_motor,
-    mean_force,
-    penalty,
-    store_motor,
-)
+from forcebound.bounding.timeline import acting_cost, advance, drop, may_be_dropped, take_effect
+from forcebound.bounding.waveform import NO_FORCE, begin_interval, mean_force, penalty
 from forcebound.compiled import allow_in_kernels, jit
 
-Start: TypeAlias = Callable[[Floats, Floats], float]
-Limit: TypeAlias = Callable[
-    [Floats, Floats, Floats, float, float, float, int], tuple[float, float, int]
-]
-Settle: TypeAlias = Callable[[Floats, Floats, float], float]
+#: An array of one ledger.
+Ledgers: TypeAlias = Sequence[Ledger]
+Start: TypeAlias = Callable[[Ledgers], float]
+Limit: TypeAlias = Callable[[Ledgers, float, float, float, int], tuple[float, float, int]]
+Settle: TypeAlias = Callable[[Ledgers, float], float]
 
 #: What becomes of a reading: it is refused, taken in, or the ledger starts anew from it.
 REFUSED, TAKEN, RESTART = 0, 1, 2
@@ -105,150 +55,155 @@ _UNSURE = 3  # taken in, after a hold that was cut at an unknown time
 
 @cache
 def compiled(law: BoundingLaw) -> tuple[Start, Limit, Settle]:
-    """Return what a bounder does with its array, compiled.
+    """Return what a bounder does with its ledger, compiled.
 
-    ``start(rows, position) -> estimated energy``;
-    ``limit(rows, position, commanded, magnitude, duration, dt, closing) -> (largest force, added
-    damping, closing)``, with ``duration`` since the last call and ``dt`` since the last reading
-    that was taken in; and ``settle(rows, applied, delay) -> estimated energy``, with ``delay``
-    until the force takes effect.
+    ``start(ledgers) -> estimated energy``, with the first ``reading``;
+    ``limit(ledgers, magnitude, duration, dt, closing) -> (largest force, added damping, closing)``,
+    with the ``reading`` and the commanded ``force``, its ``magnitude``, ``duration`` since the last
+    call and ``dt`` since the last reading that was taken in;
+    and ``settle(ledgers, delay) -> estimated energy``, with the applied ``force`` and ``delay``
+    until it takes effect.
     """
-    start_law, limit_force, settle_law, energy = law.start, law.limit, law.settle, law.energy
-    limits_holds = law.limits_holds
+    allow_in_kernels([law.start, law.limit, law.settle, law.energy])
+    return jit(_start(law)), jit(_limit(law)), jit(_settle(law))
 
-    def start(rows: Floats, position: Floats) -> float:
-        device = load_device(rows, DEVICE, 1)
-        store_memory(rows, MEMORY, 1, NO_MEMORY)
-        begin(rows, position)
-        rows[STATE] = rows[STATE + 1] = start_law(device)
-        return energy(rows[STATE], Write(0.0, 0.0, 0.0), device)
+
+def _start(law: BoundingLaw) -> Start:
+    start_law, energy = law.start, law.energy
+
+    def start(ledgers: Ledgers) -> float:
+        ledger = ledgers[0]
+        begin(ledger)
+        ledger.state[0] = ledger.state[1] = start_law(ledger.constants)
+        return energy(ledger.state[0], Write(0.0, 0.0, 0.0), ledger.constants)
+
+    return start
+
+
+def _limit(law: BoundingLaw) -> Limit:
+    limit_force, energy, limits_holds = law.limit, law.energy, law.limits_holds
 
     def limit(
-        rows: Floats,
-        position: Floats,
-        commanded: Floats,
-        magnitude: float,
-        duration: float,
-        dt: float,
-        closing: int,
+        ledgers: Ledgers, magnitude: float, duration: float, dt: float, closing: int
     ) -> tuple[float, float, int]:
-        device = load_device(rows, DEVICE, 1)
-        axes = position.size
-        advance(rows, axes, duration)
+        ledger = ledgers[0]
+        device = ledger.constants
+        advance(ledger, duration)
         if limits_holds and closing != REFUSED:
-            closing = closing_of(rows, axes, closing)
+            closing = closing_of(ledger, closing)
         largest, added_damping = math.inf if limits_holds else 0.0, 0.0
         if closing == RESTART:
-            restart(rows, position)
-            for end in range(int(rows[ENDS])):
-                price = rows[SPENT] + gain_at(rows, end) * rows[HELD_PRICE]
-                rows[STATE + end] -= price + device.start_price
-            rows[HELD_PRICE] = 0.0
-            store_memory(rows, MEMORY, 1, NO_MEMORY)
+            restart(ledger)
         elif closing != REFUSED:
-            memory = load_memory(rows, MEMORY, 1)
-            is_unsure = closing == _UNSURE
-            motion = observe_axes(rows, position, memory, dt, is_unsure)
-            saturated = min(magnitude, rows[SATURATION])
-            memory, sample = observe(memory, motion, saturated, dt, device)
-            store_memory(rows, MEMORY, 1, memory)
-            rows[HELD_PRICE] = sample.held_price + drift_price(rows, position)
-            for end in range(int(rows[ENDS])):
-                seen = scaled(sample, gain_at(rows, end), rows[HELD_PRICE])
-                state, largest, added_damping = limit_force(rows[STATE + end], seen, device)
-                rows[STATE + end] = state
+            motion = observe_axes(ledger, dt, closing == _UNSURE)
+            saturated = min(magnitude, ledger.saturation)
+            memory, sample = observe(ledger.memory, motion, saturated, dt, device)
+            store_memory(ledger.memory, memory)
+            ledger.held_price = sample.held_price + drift_price(ledger)
+            for end in range(ledger.ends):
+                seen = scaled(sample, gain_at(ledger, end), ledger.held_price)
+                state, largest, added_damping = limit_force(ledger.state[end], seen, device)
+                ledger.state[end] = state
         if closing != REFUSED:
-            rows[SPENT] = rows[SINCE] = rows[IS_UNSURE] = 0.0
+            ledger.spent = ledger.since = 0.0
+            ledger.is_unsure = False
         if limits_holds:
-            plan = min(rows[WRITE_DELAY], rows[UNTIL_CUT])
-            for end in range(int(rows[ENDS])):
-                gain = gain_at(rows, end)
-                held = Write(0.0, gain * rows[HELD_PRICE], 0.0)
-                available = energy(rows[STATE + end], held, device) - rows[SPENT]
+            plan = min(ledger.write_delay, ledger.until_cut)
+            for end in range(ledger.ends):
+                gain = gain_at(ledger, end)
+                held = Write(0.0, gain * ledger.held_price, 0.0)
+                available = energy(ledger.state[end], held, device) - ledger.spent
                 if plan > 0.0:
-                    available -= acting_cost(rows, axes, plan, gain)
-                rows[AVAILABLE + end] = available
-            if axes > 1 and rows[GAIN] > 0.0:
-                least = min(rows[AVAILABLE], rows[AVAILABLE + 1]) - spread_price(rows, axes)
-                rows[AVAILABLE] = rows[AVAILABLE + 1] = least
-            want_direction(rows, commanded, magnitude)
-            largest = min(largest, largest_force(rows, axes))
-        return min(largest, rows[SATURATION]), added_damping, closing
+                    available -= acting_cost(ledger, plan, gain)
+                ledger.available[end] = available
+            if ledger.axes > 1 and ledger.gain > 0.0:
+                least = min(ledger.available[0], ledger.available[1]) - spread_price(ledger)
+                ledger.available[0] = ledger.available[1] = least
+            want_direction(ledger, magnitude)
+            largest = min(largest, largest_force(ledger))
+        return min(largest, ledger.saturation), added_damping, closing
 
-    def settle(rows: Floats, applied: Floats, delay: float) -> float:
-        device = load_device(rows, DEVICE, 1)
-        axes = applied.size
+    return limit
+
+
+def _settle(law: BoundingLaw) -> Settle:
+    settle_law, energy, limits_holds = law.settle, law.energy, law.limits_holds
+
+    def settle(ledgers: Ledgers, delay: float) -> float:
+        ledger = ledgers[0]
         square = 0.0
-        for axis in range(axes):
-            block = AXES + axis * BLOCK
-            rows[block + PENDING] = rows[block + WANTED] = applied[axis]
-            rows[block + FORCE] = applied[axis]
-            square += applied[axis] * applied[axis]
-        rows[PENDING_LIMIT] = rows[PLANNED_LIMIT]
-        rows[PENDING_BUDGET] = rows[AVAILABLE]
+        for k in range(ledger.axes):
+            axis, force = ledger.axis[k], ledger.force[k]
+            axis.pending = axis.wanted = force
+            store_force(axis.memory, force)
+            square += force * force
+        ledger.pending_limit = ledger.planned_limit
+        ledger.pending_budget = ledger.available[0]
         least = math.inf
-        for end in range(int(rows[ENDS])):
-            price = gain_at(rows, end) * rows[HELD_PRICE]
-            left = surplus(rows, axes, end) if limits_holds else 0.0
+        for end in range(ledger.ends):
+            price = gain_at(ledger, end) * ledger.held_price
+            left = surplus(ledger, end) if limits_holds else 0.0
             write = Write(square, price, left)
-            rows[STATE + end] = settle_law(rows[STATE + end], write, device)
-            rows[PENDING_BUDGET] = min(rows[PENDING_BUDGET], rows[AVAILABLE + end])
-            least = min(least, energy(rows[STATE + end], write, device))
-        rows[UNTIL_WRITE] = delay
+            ledger.state[end] = settle_law(ledger.state[end], write, ledger.constants)
+            ledger.pending_budget = min(ledger.pending_budget, ledger.available[end])
+            least = min(least, energy(ledger.state[end], write, ledger.constants))
+        ledger.until_write = delay
         if delay <= 0.0:
-            take_effect(rows, axes)
-        if limits_holds and axes > 1 and rows[GAIN] > 0.0:
-            least -= spread_price(rows, axes)
+            take_effect(ledger)
+        if limits_holds and ledger.axes > 1 and ledger.gain > 0.0:
+            least -= spread_price(ledger)
         return least
 
-    allow_in_kernels([start_law, limit_force, settle_law, energy])
-    return jit(start), jit(limit), jit(settle)
+    return settle
 
 
-def begin(rows: Floats, position: Floats) -> None:
+def cut(ledgers: Ledgers) -> None:
+    """Let the watchdog drop the force."""
+    drop(ledgers[0])
+
+
+def begin(ledger: Ledger) -> None:
     """Put every axis at its first reading, without force."""
-    for axis in range(position.size):
-        block = AXES + axis * BLOCK
-        store_axis(rows, block, 1, start_axis(position[axis]))
-        store_motor(rows, block + MOTOR, NO_FORCE)
-        rows[block + PENDING] = rows[block + WANTED] = rows[block + WORK] = 0.0
-        rows[block + ORIGIN] = position[axis]
-    rows[HELD_PRICE] = rows[SPENT] = rows[SINCE] = rows[IS_UNSURE] = 0.0
-    rows[AVAILABLE] = rows[AVAILABLE + 1] = rows[LARGEST_LEAK] = 0.0
-    rows[AGE] = rows[GIVEN] = rows[BUDGET] = rows[PENDING_BUDGET] = 0.0
-    rows[HELD_LIMIT] = rows[PENDING_LIMIT] = rows[PLANNED_LIMIT]
-    rows[UNTIL_CUT], rows[UNTIL_WRITE], rows[IS_DROPPED] = math.inf, -1.0, 1.0
+    store_memory(ledger.memory, NO_MEMORY)
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        store_axis(axis.memory, start_axis(reading))
+        store_motor(axis.motor, NO_FORCE)
+        axis.pending = axis.wanted = axis.work = 0.0
+        axis.origin = reading
+    ledger.held_price = ledger.spent = ledger.since = 0.0
+    ledger.available[0] = ledger.available[1] = ledger.largest_leak = 0.0
+    ledger.age = ledger.given = ledger.budget = ledger.pending_budget = 0.0
+    ledger.held_limit = ledger.pending_limit = ledger.planned_limit
+    ledger.until_cut, ledger.until_write = math.inf, -1.0
+    ledger.is_unsure, ledger.is_dropped = False, True
 
 
-def closing_of(rows: Floats, axes: int, closing: int) -> int:
+def closing_of(ledger: Ledger, closing: int) -> int:
     """Return what becomes of a reading, given what the watchdog may have done before it."""
-    if rows[IS_UNSURE] == 0.0:
+    if not ledger.is_unsure:
         return closing
-    if may_be_dropped(rows) and rows[WRITE_DELAY] > 0.0:
+    if may_be_dropped(ledger) and ledger.write_delay > 0.0:
         return REFUSED  # when it was dropped is known only once the next force acts
-    is_one_hold = rows[AGE] == rows[SINCE] and rows[LAG] == 0.0
-    for axis in range(axes):
-        is_one_hold = is_one_hold and load_constants(rows, axis).dropped == 0.0
+    is_one_hold = ledger.age == ledger.since and ledger.lag == 0.0
+    for k in range(ledger.axes):
+        is_one_hold = is_one_hold and ledger.axis[k].constants.dropped == 0.0
     return _UNSURE if is_one_hold and closing == TAKEN else RESTART
 
 
-def observe_axes(
-    rows: Floats, position: Floats, memory: Memory, dt: float, is_unsure: bool
-) -> Motion:
+def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> Motion:
     """Take in the new reading of every axis, ``dt`` after the last, in s.
 
     If the force was cut at an unknown time, see :func:`unsure_cost`.
     """
     motion = NO_MOTION
-    lag, gain = rows[LAG], 1.0 + rows[GAIN]
+    lag, gain = ledger.lag, 1.0 + ledger.gain
     capability = work = uncertain = price = 0.0
     step = deviation = most_steps = 0.0
-    for axis in range(position.size):
-        block = AXES + axis * BLOCK
-        one = load_constants(rows, axis)
-        before = load_axis(rows, block, 1)
-        motor = load_motor(rows, block + MOTOR)
-        move = position[axis] - before.reading
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        one, before, motor = axis.constants, axis.memory, axis.motor
+        move, former = reading - before.reading, before.mean_force
         mean, cost = mean_force(motor, dt, lag), penalty(motor, dt, lag, gain, move, one)
         step += motor.step * motor.step
         deviation += cost
@@ -257,40 +212,40 @@ def observe_axes(
             mean = cost = 0.0
             capability += before.force * before.force * dt / (4.0 * one.damping)
             work += before.force * move
-        after, motion = observe_axis(before, memory, position[axis], mean, cost, motion, one)
-        change = abs(mean - before.mean)
+        after, motion = observe_axis(before, ledger.memory, reading, mean, cost, motion, one)
+        change = abs(mean - former)
         if is_unsure:
-            change = unsure_change(before.mean, before.force)
-            uncertain += rows[GAIN] * abs(before.force * move)
+            change = unsure_change(former, before.force)
+            uncertain += ledger.gain * abs(before.force * move)
             price += one.half_resolution * change
-        rows[block + WORK] += mean * move - one.half_resolution * change
-        store_axis(rows, block, 1, after)
-        store_motor(rows, block + MOTOR, begin_interval(motor))
+        axis.work += mean * move - one.half_resolution * change
+        store_axis(before, after)
+        store_motor(motor, begin_interval(motor))
     if is_unsure:
-        cost = unsure_cost(rows, gain * gain * capability, work - uncertain, dt)
+        cost = unsure_cost(ledger, gain * gain * capability, work - uncertain, dt)
         return with_prices(motion, cost, price)
-    if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and rows[IS_ALONG_PATH] == 1.0:
-        way = math.sqrt(motion.distance_square) + rows[RESOLUTION]
-        cost = path_penalty(rows, gain * math.sqrt(step), deviation, way)
+    if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and ledger.is_along_path:
+        way = math.sqrt(motion.distance_square) + ledger.resolution
+        cost = path_penalty(ledger, gain * math.sqrt(step), deviation, way)
         return with_prices(motion, cost, motion.change_price)
     return motion
 
 
-def path_penalty(rows: Floats, step: float, penalty: float, way: float) -> float:
+def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
     """Return the penalty of a step of all axes together, with friction along the path, in J.
 
     Args:
-        rows: Of the bounder.
+        ledger: Of the bounder.
         step: Length of the step, in N.
         penalty: Of the axes without friction, in J.
         way: Longest way from reading to reading, in m.
     """
-    damping = load_constants(rows, 0).damping
+    damping = ledger.axis[0].constants.damping
     duration = 4.0 * damping * penalty / (step * step)
-    return hold_cost(step, 2.0 * rows[PATH_FRICTION], way, damping, duration)
+    return hold_cost(step, 2.0 * ledger.constants.path_friction, way, damping, duration)
 
 
-def unsure_cost(rows: Floats, capability: float, work: float, dt: float) -> float:
+def unsure_cost(ledger: Ledger, capability: float, work: float, dt: float) -> float:
     r"""Return the most that a hold can have cost that was cut at an unknown time, in J.
 
     For a cut at the share :math:`\bar s` of the interval, mean force and penalty give
@@ -300,15 +255,15 @@ def unsure_cost(rows: Floats, capability: float, work: float, dt: float) -> floa
     which is concave in :math:`\bar s`, so the worst share of those possible is known.
 
     Args:
-        rows: Of the bounder, at the end of the hold.
+        ledger: Of the bounder, at the end of the hold.
         capability: :math:`|F|^2 dt / (4b)`, the most that it can be, in J.
         work: :math:`F \cdot \Delta q`, the least that it can be, in J.
         dt: Length of the interval, in s.
     """
-    earliest: float = rows[HELD_LIMIT] * (1.0 - rows[TOLERANCE]) / dt
+    earliest: float = ledger.held_limit * (1.0 - ledger.tolerance) / dt
     latest: float = 1.0
-    if rows[WATCHDOG] == SILENT:
-        latest = min(rows[HELD_LIMIT] * (1.0 + rows[TOLERANCE]) / dt, 1.0)
+    if ledger.watchdog == SILENT:
+        latest = min(ledger.held_limit * (1.0 + ledger.tolerance) / dt, 1.0)
     share = 0.5 - 0.5 * work / capability if capability > 0.0 else latest
     share = min(max(share, earliest), latest)
     return capability * share * (1.0 - share) - work * share
@@ -322,36 +277,40 @@ def unsure_change(mean: float, force: float) -> float:
     return max(abs(mean), abs(mean - force) + abs(force))
 
 
-def restart(rows: Floats, position: Floats) -> None:
-    """Forget what was measured before ``position``; the forces stay."""
-    for axis in range(position.size):
-        block = AXES + axis * BLOCK
-        before = load_axis(rows, block, 1)
-        store_axis(rows, block, 1, start_axis(position[axis]))
-        rows[block + FORCE] = before.force
-        rows[block + WORK] -= load_constants(rows, axis).half_resolution * abs(before.mean)
-        rows[block + ORIGIN] = position[axis]
-        store_motor(rows, block + MOTOR, begin_interval(load_motor(rows, block + MOTOR)))
+def restart(ledger: Ledger) -> None:
+    """Forget what was measured before this reading, at its price; the forces stay."""
+    for k in range(ledger.axes):
+        axis, reading = ledger.axis[k], ledger.reading[k]
+        force, mean = axis.memory.force, axis.memory.mean_force
+        store_axis(axis.memory, start_axis(reading))
+        store_force(axis.memory, force)
+        axis.work -= axis.constants.half_resolution * abs(mean)
+        axis.origin = reading
+        store_motor(axis.motor, begin_interval(axis.motor))
+    for end in range(ledger.ends):
+        price = ledger.spent + gain_at(ledger, end) * ledger.held_price
+        ledger.state[end] -= price + ledger.constants.start_price
+    ledger.held_price = 0.0
+    store_memory(ledger.memory, NO_MEMORY)
 
 
-def spread_price(rows: Floats, axes: int) -> float:
+def spread_price(ledger: Ledger) -> float:
     """Return what motors with different gains can give beyond motors with the same gain, in J."""
     total = magnitudes = 0.0
-    for axis in range(axes):
-        block = AXES + axis * BLOCK
-        held = load_constants(rows, axis).half_resolution * abs(load_axis(rows, block, 1).mean)
-        work = rows[block + WORK] - held
+    for k in range(ledger.axes):
+        axis = ledger.axis[k]
+        work = axis.work - axis.constants.half_resolution * abs(axis.memory.mean_force)
         total += work
         magnitudes += abs(work)
-    return float(rows[GAIN] * (magnitudes - abs(total)))
+    return ledger.gain * (magnitudes - abs(total))
 
 
-def drift_price(rows: Floats, position: Floats) -> float:
+def drift_price(ledger: Ledger) -> float:
     """Return what an error of the weights can have given since the start, in J."""
     price = 0.0
-    for axis in range(position.size):
-        one = load_constants(rows, axis)
-        way = abs(position[axis] - rows[AXES + axis * BLOCK + ORIGIN])
+    for k in range(ledger.axes):
+        one = ledger.axis[k].constants
+        way = abs(ledger.reading[k] - ledger.axis[k].origin)
         price += one.weight_error * (way + 2.0 * one.half_resolution)
     return price
 
@@ -389,8 +348,8 @@ def with_prices(motion: Motion, penalty: float, change_price: float) -> Motion:
     )
 
 
-def want_direction(rows: Floats, commanded: Floats, magnitude: float) -> None:
-    """Put the direction of the commanded force into ``WANTED``; without one the first axis."""
-    for axis in range(commanded.size):
-        share = commanded[axis] / magnitude if magnitude > 0.0 else 1.0 - min(axis, 1)
-        rows[AXES + axis * BLOCK + WANTED] = share
+def want_direction(ledger: Ledger, magnitude: float) -> None:
+    """Set ``wanted`` to the direction of the commanded force; without one the first axis."""
+    for k in range(ledger.axes):
+        share = ledger.force[k] / magnitude if magnitude > 0.0 else 1.0 - min(k, 1)
+        ledger.axis[k].wanted = share

@@ -11,54 +11,30 @@ one as long as the force can stay on may cost the allowance more.
 import math
 
 from forcebound.bounding.hold_cost import lagging_cost, rigid_force
-from forcebound.bounding.sample import Floats
-from forcebound.bounding.timeline import (
-    ALLOWANCE,
-    AVAILABLE,
-    AXES,
-    BLOCK,
-    ENDS,
-    GAIN,
-    IS_ALONG_PATH,
-    IS_RIGID,
-    LAG,
-    MOTOR,
-    NONE,
-    PATH_ERROR,
-    PATH_FRICTION,
-    PLANNED_LIMIT,
-    SATURATION,
-    TOLERANCE,
-    WANTED,
-    WATCHDOG,
-    WATCHDOG_LIMIT,
-    WRITE_DELAY,
-    axis_cost,
-    load_constants,
-    path_cost,
-)
-from forcebound.bounding.waveform import load_motor
+from forcebound.bounding.ledger import NONE, Ledger
+from forcebound.bounding.timeline import axis_cost, path_cost
+from forcebound.bounding.waveform import Motor
 
 HALVINGS = 40  # of the saturation: 8 pN
 
 
-def gain_at(rows: Floats, end: int) -> float:
+def gain_at(ledger: Ledger, end: int) -> float:
     """Return the gain at one end of its range, 0 or 1; 1 if it has no error."""
-    return float(1.0 + (2.0 * end - 1.0) * rows[GAIN])
+    return 1.0 + (2.0 * end - 1.0) * ledger.gain
 
 
-def largest_force(rows: Floats, axes: int) -> float:
-    """Return the largest force in the direction in ``WANTED`` that may be held, in N."""
-    low, high = 0.0, float(rows[SATURATION])
-    if rows[IS_RIGID] == 1.0:
-        for end in range(int(rows[ENDS])):
-            for level in range(_levels(rows)):
-                most = _largest_rigid(rows, end, _most(rows, end, level), _duration(rows, level))
-                high = min(high, most)
+def largest_force(ledger: Ledger) -> float:
+    """Return the largest force in the direction ``wanted`` that may be held, in N."""
+    low, high = 0.0, ledger.saturation
+    if ledger.is_rigid:
+        for end in range(ledger.ends):
+            for level in range(_levels(ledger)):
+                most, duration = _most(ledger, end, level), _duration(ledger, level)
+                high = min(high, _largest_rigid(ledger, end, most, duration))
         return high
     force = high
     for _ in range(HALVINGS):  # the saturation itself comes first
-        if _may_be_held(rows, axes, force):
+        if _may_be_held(ledger, force):
             low = force
         else:
             high = force
@@ -66,94 +42,93 @@ def largest_force(rows: Floats, axes: int) -> float:
     return low
 
 
-def surplus(rows: Floats, axes: int, end: int) -> float:
-    """Return what the force in ``WANTED`` leaves of the energy available, in J."""
-    gain, left = gain_at(rows, end), math.inf
-    for level in range(_levels(rows)):
-        most = _most(rows, end, level)
-        left = min(left, most - cost(rows, axes, gain, _duration(rows, level)))
+def surplus(ledger: Ledger, end: int) -> float:
+    """Return what the force ``wanted`` leaves of the energy available, in J."""
+    gain, left = gain_at(ledger, end), math.inf
+    for level in range(_levels(ledger)):
+        most = _most(ledger, end, level)
+        left = min(left, most - cost(ledger, gain, _duration(ledger, level)))
     return left
 
 
-def _levels(rows: Floats) -> int:
+def _levels(ledger: Ledger) -> int:
     """Conditions that a force meets: for a punctual hold and, without a watchdog, a late one."""
-    return 2 if rows[WATCHDOG] == NONE else 1
+    return 2 if ledger.watchdog == NONE else 1
 
 
-def _most(rows: Floats, end: int, level: int) -> float:
+def _most(ledger: Ledger, end: int, level: int) -> float:
     """Most that a hold may cost, in J."""
-    return float(rows[AVAILABLE + end] + level * rows[ALLOWANCE])
+    return ledger.available[end] + level * ledger.allowance
 
 
-def _duration(rows: Floats, level: int) -> float:
+def _duration(ledger: Ledger, level: int) -> float:
     """How long it can last, in s."""
-    return float(rows[WATCHDOG_LIMIT]) if level == 1 else planned_hold(rows)
+    return ledger.watchdog_limit if level == 1 else planned_hold(ledger)
 
 
-def planned_hold(rows: Floats) -> float:
+def planned_hold(ledger: Ledger) -> float:
     """Return how long the next force must be expected to last, in s, if it is punctual."""
-    if rows[WATCHDOG] == NONE:
-        return float(rows[PLANNED_LIMIT])
-    return float(rows[PLANNED_LIMIT] * (1.0 + rows[TOLERANCE]))
+    if ledger.watchdog == NONE:
+        return ledger.planned_limit
+    return ledger.planned_limit * (1.0 + ledger.tolerance)
 
 
-def _largest_rigid(rows: Floats, end: int, available: float, duration: float) -> float:
-    one = load_constants(rows, 0)
+def _largest_rigid(ledger: Ledger, end: int, available: float, duration: float) -> float:
+    one = ledger.axis[0].constants
     friction, error = one.friction, one.weight_error
-    if rows[IS_ALONG_PATH] == 1.0:
-        friction, error = rows[PATH_FRICTION], rows[PATH_ERROR]
+    if ledger.is_along_path:
+        friction, error = ledger.constants.path_friction, ledger.path_error
     force = rigid_force(available, friction, one.damping, duration) - error
-    return max(force, 0.0) / gain_at(rows, end)
+    return max(force, 0.0) / gain_at(ledger, end)
 
 
-def _may_be_held(rows: Floats, axes: int, force: float) -> bool:
-    """Whether ``force`` in the direction in ``WANTED`` costs at most what there is.
+def _may_be_held(ledger: Ledger, force: float) -> bool:
+    """Whether ``force`` in the direction ``wanted`` costs at most what there is.
 
     In deficit it may cost what no force at all does: the rest of the old one, paid for before.
     """
-    for end in range(int(rows[ENDS])):
-        scale = force * gain_at(rows, end)
-        for level in range(_levels(rows)):
-            duration = _duration(rows, level)
-            most = max(_most(rows, end, level), cost(rows, axes, 0.0, duration))
-            if cost(rows, axes, scale, duration) > most:
+    for end in range(ledger.ends):
+        scale = force * gain_at(ledger, end)
+        for level in range(_levels(ledger)):
+            duration = _duration(ledger, level)
+            most = max(_most(ledger, end, level), cost(ledger, 0.0, duration))
+            if cost(ledger, scale, duration) > most:
                 return False
     return True
 
 
-def cost(rows: Floats, axes: int, scale: float, duration: float) -> float:
-    """Return what a hold of ``scale`` times the force in ``WANTED`` can cost, in J."""
-    lag = rows[LAG]
+def cost(ledger: Ledger, scale: float, duration: float) -> float:
+    """Return what a hold of ``scale`` times the force ``wanted`` can cost, in J."""
+    lag = ledger.lag
     total = square = before_square = 0.0
-    for axis in range(axes):
-        block = AXES + axis * BLOCK
-        one = load_constants(rows, axis)
-        force = abs(scale * rows[block + WANTED])
-        if rows[IS_ALONG_PATH] == 1.0:
+    for k in range(ledger.axes):
+        axis = ledger.axis[k]
+        one = axis.constants
+        force = abs(scale * axis.wanted)
+        if ledger.is_along_path:
             square += force * force
-            before = _strongest(rows, block)
+            before = _strongest(ledger, axis.motor)
             before_square += before * before
         elif lag > 0.0:
             error = one.weight_error - (one.friction if one.presliding == 0.0 else 0.0)
-            before = max(_strongest(rows, block) + error, 0.0)
+            before = max(_strongest(ledger, axis.motor) + error, 0.0)
             after = max(force + error, 0.0)
             total += lagging_cost(before, after, one.damping, duration, lag)
         else:
             total += axis_cost(one, force, duration)
-    if rows[IS_ALONG_PATH] == 0.0:
+    if not ledger.is_along_path:
         return total
     if lag == 0.0:
-        return path_cost(rows, math.sqrt(square), duration)
-    error = rows[PATH_ERROR] - rows[PATH_FRICTION]
+        return path_cost(ledger, math.sqrt(square), duration)
+    error = ledger.path_error - ledger.constants.path_friction
     before = max(math.sqrt(before_square) + error, 0.0)
     after = max(math.sqrt(square) + error, 0.0)
-    return lagging_cost(before, after, load_constants(rows, 0).damping, duration, lag)
+    return lagging_cost(before, after, ledger.axis[0].constants.damping, duration, lag)
 
 
-def _strongest(rows: Floats, block: int) -> float:
+def _strongest(ledger: Ledger, motor: Motor) -> float:
     """Return the largest force of the motor, in N, when the next takes effect."""
-    motor = load_motor(rows, block + MOTOR)
     force = abs(motor.actual)
-    if rows[WRITE_DELAY] > 0.0:
+    if ledger.write_delay > 0.0:
         force = max(force, abs(motor.target))
-    return float(force * (1.0 + rows[GAIN]))
+    return force * (1.0 + ledger.gain)

@@ -4,42 +4,15 @@ import math
 from struct import Struct
 from typing import Any, TypeAlias
 
-from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled
+from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.bounding.constants import acts_along_path, axis_constants, energy_cap
 from forcebound.bounding.dissipation import Dissipation
+from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS, check_law
-from forcebound.bounding.sample import DeviceConstants
-from forcebound.bounding.timeline import (
-    ALLOWANCE,
-    AXES,
-    BLOCK,
-    CONSTANT_ROWS,
-    CONSTANTS,
-    DEVICE,
-    ENDS,
-    GAIN,
-    GUARDING,
-    IS_ALONG_PATH,
-    IS_RIGID,
-    IS_UNSURE,
-    LAG,
-    LARGEST_LEAK,
-    MEMORY,
-    NONE,
-    PATH_ERROR,
-    PLANNED_LIMIT,
-    REPORTING,
-    RESOLUTION,
-    SATURATION,
-    SILENT,
-    TOLERANCE,
-    WATCHDOG,
-    WATCHDOG_LIMIT,
-    WRITE_DELAY,
-    drop,
-)
+from forcebound.bounding.ledger import WATCHDOGS, new_ledgers
 from forcebound.compiled import jit
 from forcebound.errors import ConfigError
+from forcebound.messages.packets import MAX_AXES
 
 Vector: TypeAlias = tuple[float, ...]
 
@@ -47,15 +20,6 @@ SHORTEST_NS = 1000  # a reading sooner after the last proves nothing
 LARGEST_READING = 1e6  # m; a reading beyond is none
 ROUNDING = 1e-15  # more than the relative error of scaling a vector and taking its length
 SMALLEST_LIMIT = 1e-290  # N; below it numbers lose the precision that ROUNDING relies on
-
-_WATCHDOG_ROWS = {
-    "silent": SILENT,
-    "reporting": REPORTING,
-    "none": NONE,
-    "guarding": GUARDING,
-}
-_CAP = DEVICE + DeviceConstants._fields.index("energy_cap")
-_LIMIT = DEVICE + DeviceConstants._fields.index("hold_limit")
 
 
 class ForceBounder:
@@ -67,7 +31,7 @@ class ForceBounder:
     Args:
         law: A key of :data:`forcebound.bounding.LAWS`.
         dissipation: What the law may rely on.
-        axes: Length of the vectors, at least 1.
+        axes: Length of the vectors, 1 to ``MAX_AXES``.
 
     Attributes:
         limit: Largest magnitude allowed at the last sample, in the direction of the commanded
@@ -86,26 +50,23 @@ class ForceBounder:
 
     def __init__(self, law: str, dissipation: Dissipation, axes: int = 1) -> None:
         check_law(law)
-        if axes < 1:
-            raise ConfigError(f"axes must be >= 1, got {axes}")
-        import numpy as np  # not in the launcher
-
+        if not 1 <= axes <= MAX_AXES:
+            raise ConfigError(f"axes must be 1 to {MAX_AXES}, got {axes}")
         self._start_law, self._limit_force, self._settle_force = compiled(LAWS[law])
-        self._drop = jit(drop)
+        self._cut = jit(cut)
         self._axes = axes
         self._dissipation = dissipation
-        self._rows = np.zeros(AXES + BLOCK * axes)
-        self._numbers: Any = self._rows.data  # numpy takes longer to get or set a number
-        self._positions, self._forces = np.zeros(axes), np.zeros(axes)
-        self._position_view, self._force_view = self._positions.data, self._forces.data
+        self._ledgers: Any = new_ledgers()
+        self._ledger = self._ledgers[0]
+        self._readings = self._ledger.reading.data
+        self._forces = self._ledger.force.data
         self._set_vector = Struct(f"{axes}d").pack_into
         self._is_gated = dissipation.largest_speed < math.inf
-        self._rows[DEVICE:MEMORY] = LAWS[law].device(dissipation, axes)
-        self._fill_settings(LAWS[law].limits_holds)
+        self._fill_settings(LAWS[law])
         self._longest_limit = self._limit_s = dissipation.hold_limit
         self._limit_ns = round(dissipation.hold_limit * 1e9)
         self._write_delay_ns = round(dissipation.write_delay * 1e9)
-        self._slack = self._rows[RESOLUTION] = math.hypot(*dissipation.of_axes("resolution", axes))
+        self._slack = float(self._ledger.resolution)
         # Compile, or load from the cache, before time matters.
         rest = (0.0,) * axes
         self.start(0, rest)
@@ -113,28 +74,30 @@ class ForceBounder:
         self.report_cut(2_000_000, rest)
         self.start(0, rest)
 
-    def _fill_settings(self, limits_holds: bool) -> None:
-        d, rows, axes = self._dissipation, self._rows, self._axes
+    def _fill_settings(self, law: BoundingLaw) -> None:
+        d, ledger, axes = self._dissipation, self._ledger, self._axes
         constants = axis_constants(d, axes)
         along_path = acts_along_path(d, axes)
         has_presliding = any(one.presliding > 0.0 for one in constants)
-        rows[SATURATION], rows[LAG], rows[WRITE_DELAY] = d.saturation, d.lag, d.write_delay
-        rows[GAIN] = d.gain_error if limits_holds else 0.0
-        rows[ENDS] = 2.0 if rows[GAIN] > 0.0 else 1.0
-        rows[WATCHDOG], rows[TOLERANCE] = _WATCHDOG_ROWS[d.watchdog], d.watchdog_tolerance
-        rows[WATCHDOG_LIMIT], rows[ALLOWANCE] = d.watchdog_limit, d.allowance
-        rows[IS_ALONG_PATH] = float(along_path)
-        rows[IS_RIGID] = float((axes == 1 or along_path) and not has_presliding and d.lag == 0.0)
-        rows[PLANNED_LIMIT] = d.hold_limit
-        rows[PATH_ERROR] = math.hypot(*[one.weight_error for one in constants])
-        for axis, one in enumerate(constants):
-            first = AXES + axis * BLOCK + CONSTANTS
-            rows[first : first + CONSTANT_ROWS] = one
+        ledger.constants = law.device(d, axes)
+        ledger.axes = axes
+        ledger.saturation, ledger.lag, ledger.write_delay = d.saturation, d.lag, d.write_delay
+        ledger.gain = d.gain_error if law.limits_holds else 0.0
+        ledger.ends = 2 if ledger.gain > 0.0 else 1
+        ledger.watchdog, ledger.tolerance = WATCHDOGS.index(d.watchdog), d.watchdog_tolerance
+        ledger.watchdog_limit, ledger.allowance = d.watchdog_limit, d.allowance
+        ledger.is_along_path = along_path
+        ledger.is_rigid = (axes == 1 or along_path) and not has_presliding and d.lag == 0.0
+        ledger.planned_limit = d.hold_limit
+        ledger.path_error = math.hypot(*[one.weight_error for one in constants])
+        ledger.resolution = math.hypot(*d.of_axes("resolution", axes))
+        for k, one in enumerate(constants):
+            ledger.axis[k].constants = one
 
     @property
     def largest_allowance(self) -> float:
         """Most energy that a late hold can have given the hand, in J."""
-        return float(self._numbers[LARGEST_LEAK])
+        return float(self._ledger.largest_leak)
 
     @property
     def allowance_repaid(self) -> bool:
@@ -158,10 +121,10 @@ class ForceBounder:
         self._candidate: tuple[int, Vector] | None = None
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
-        self._fill(self._position_view, position, "positions")
+        self._fill(self._readings, position, "positions")
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
-        self.estimated_energy: float = self._start_law(self._rows, self._positions)
+        self.estimated_energy: float = self._start_law(self._ledgers)
 
     def bound(self, read_ns: int, position: Vector, commanded: Vector) -> Vector:
         """Return the force to write at this sample.
@@ -182,7 +145,7 @@ class ForceBounder:
             ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
                 caller, since the safety chain has rejected such forces before.
         """
-        self._fill(self._force_view, commanded, "forces")
+        self._fill(self._forces, commanded, "forces")
         magnitude = math.hypot(*commanded)
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
@@ -214,8 +177,8 @@ class ForceBounder:
         if write_ns - now > self._write_delay_ns:
             self.late_writes += 1
         self._written_ns, self._held_limit_ns = write_ns, self._limit_ns
-        self._fill(self._force_view, applied, "forces")
-        self.estimated_energy = self._settle_force(self._rows, self._forces, (write_ns - now) / 1e9)
+        self._fill(self._forces, applied, "forces")
+        self.estimated_energy = self._settle_force(self._ledgers, (write_ns - now) / 1e9)
 
     def set_hold_limit(self, seconds: float) -> None:
         """Plan the forces from the next :meth:`bound` on for this hold limit, in s.
@@ -225,10 +188,11 @@ class ForceBounder:
         if seconds == self._limit_s:
             return
         self._limit_s, self._limit_ns = seconds, round(seconds * 1e9)
-        self._numbers[PLANNED_LIMIT] = self._numbers[_LIMIT] = seconds
+        self._ledger.planned_limit = self._ledger.constants.hold_limit = seconds
         if seconds > self._longest_limit:
             self._longest_limit = seconds
-            self._numbers[_CAP] = energy_cap(self._dissipation, self._axes, seconds)
+            cap = energy_cap(self._dissipation, self._axes, seconds)
+            self._ledger.constants.energy_cap = cap
 
     def report_cut(self, time_ns: int, position: Vector) -> None:
         """Take in where and when the watchdog dropped the force; before the next :meth:`bound`.
@@ -240,13 +204,13 @@ class ForceBounder:
         self._cut_ns = time_ns
         if time_ns >= self._now_ns:
             self._sample(time_ns, position, 0.0, is_cut=True)
-        self._drop(self._rows, self._axes)
+        self._cut(self._ledgers)
 
     def _sample(
         self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
     ) -> tuple[float, float, float]:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
-        self._fill(self._position_view, position, "positions")
+        self._fill(self._readings, position, "positions")
         since_ns = read_ns - self._taken_ns
         closing = TAKEN
         if (
@@ -261,19 +225,13 @@ class ForceBounder:
         if closing == REFUSED and not is_cut and read_ns - self._cut_ns >= SHORTEST_NS:
             self.refused_readings += 1
         if is_cut:
-            self._numbers[IS_UNSURE] = 0.0
+            self._ledger.is_unsure = False
         passed_ns = read_ns - self._now_ns
         if passed_ns > 0:
             self._now_ns = read_ns
         dt = since_ns / 1e9
         limit, damping, closing = self._limit_force(
-            self._rows,
-            self._positions,
-            self._forces,
-            magnitude,
-            passed_ns / 1e9,
-            dt,
-            closing,
+            self._ledgers, magnitude, passed_ns / 1e9, dt, closing
         )
         if closing != REFUSED:
             self._taken_ns, self._position = read_ns, position

@@ -75,7 +75,9 @@ def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
         largest = min(largest, saturation)
         wanted = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
         force = min(max(wanted, -largest), largest)
-        axis = AxisMemory(reading, force, axis.mean, axis.play, axis.path, axis.older, axis.younger)
+        axis = AxisMemory(
+            reading, force, axis.mean_force, axis.play, axis.path, axis.older, axis.younger
+        )
         surplus = available
         if limits_holds:
             surplus -= rigid_cost(abs(force), friction, device.damping, device.hold_limit)

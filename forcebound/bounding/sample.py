@@ -71,7 +71,7 @@ class AxisMemory(NamedTuple):
 
     reading: float  # q(n-1), m
     force: float  # F(n-1), N, written last
-    mean: float  # N, mean force of the interval before the last reading
+    mean_force: float  # N, of the interval before the last reading
     play: float  # position of the play operator, m
     path: float  # way of the play operator, m
     older: float  # reading at the older anchor, m
@@ -176,7 +176,7 @@ def observe_axis(
         motion.slid + constants.friction * way,
         motion.work + mean * move,
         motion.penalty + penalty,
-        motion.change_price + r * abs(mean - axis.mean),
+        motion.change_price + r * abs(mean - axis.mean_force),
         motion.held_price + r * abs(mean),
     )
     moves_anchors = memory.samples + 1.0 == ANCHOR_SAMPLES
@@ -262,72 +262,4 @@ def viscous_loss(memory: Memory, motion: Motion, dt: float) -> float:
         memory.loss + motion.step / dt,
         motion.older / (memory.older_age + dt),
         memory.between + motion.younger / (memory.younger_age + dt),
-    )
-
-
-# NamedTuples as rows of numbers, ``stride`` apart: how arrays keep them between compiled calls.
-
-AXIS_ROWS = len(AxisMemory._fields)
-MEMORY_ROWS = len(Memory._fields)
-DEVICE_ROWS = len(DeviceConstants._fields)
-
-
-def load_axis(rows: Floats, first: int, stride: int) -> AxisMemory:
-    """Return the memory of an axis from ``rows``."""
-    return AxisMemory(
-        rows[first],
-        rows[first + stride],
-        rows[first + 2 * stride],
-        rows[first + 3 * stride],
-        rows[first + 4 * stride],
-        rows[first + 5 * stride],
-        rows[first + 6 * stride],
-    )
-
-
-def store_axis(rows: Floats, first: int, stride: int, axis: AxisMemory) -> None:
-    """Put the memory of an axis into ``rows``."""
-    rows[first] = axis.reading
-    rows[first + stride] = axis.force
-    rows[first + 2 * stride] = axis.mean
-    rows[first + 3 * stride] = axis.play
-    rows[first + 4 * stride] = axis.path
-    rows[first + 5 * stride] = axis.older
-    rows[first + 6 * stride] = axis.younger
-
-
-def load_memory(rows: Floats, first: int, stride: int) -> Memory:
-    """Return the memory of all axes from ``rows``."""
-    return Memory(
-        rows[first],
-        rows[first + stride],
-        rows[first + 2 * stride],
-        rows[first + 3 * stride],
-        rows[first + 4 * stride],
-        rows[first + 5 * stride],
-    )
-
-
-def store_memory(rows: Floats, first: int, stride: int, memory: Memory) -> None:
-    """Put the memory of all axes into ``rows``."""
-    rows[first] = memory.path
-    rows[first + stride] = memory.loss
-    rows[first + 2 * stride] = memory.between
-    rows[first + 3 * stride] = memory.older_age
-    rows[first + 4 * stride] = memory.younger_age
-    rows[first + 5 * stride] = memory.samples
-
-
-def load_device(rows: Floats, first: int, stride: int) -> DeviceConstants:
-    """Return the constants of a device from ``rows``."""
-    return DeviceConstants(
-        rows[first],
-        rows[first + stride],
-        rows[first + 2 * stride],
-        rows[first + 3 * stride],
-        rows[first + 4 * stride],
-        rows[first + 5 * stride],
-        rows[first + 6 * stride],
-        rows[first + 7 * stride],
-        rows[first + 8 * stride],
     )

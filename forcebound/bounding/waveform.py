@@ -23,7 +23,7 @@ import math
 from typing import NamedTuple
 
 from forcebound.bounding.hold_cost import hold_cost
-from forcebound.bounding.sample import AxisConstants, Floats
+from forcebound.bounding.sample import AxisConstants
 
 
 class Motor(NamedTuple):
@@ -38,7 +38,6 @@ class Motor(NamedTuple):
 
 
 NO_FORCE = Motor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-MOTOR_ROWS = len(Motor._fields)
 
 
 def run(motor: Motor, duration: float, lag: float) -> Motor:
@@ -102,25 +101,3 @@ def penalty(
     way = abs(move) + 2.0 * constants.half_resolution
     share = deviation / (step * step)
     return hold_cost(gain * step, 2.0 * constants.friction, way, damping, share)
-
-
-def load_motor(rows: Floats, first: int) -> Motor:
-    """Return the motor of an axis from ``rows``."""
-    return Motor(
-        rows[first],
-        rows[first + 1],
-        rows[first + 2],
-        rows[first + 3],
-        rows[first + 4],
-        rows[first + 5],
-    )
-
-
-def store_motor(rows: Floats, first: int, motor: Motor) -> None:
-    """Put the motor of an axis into ``rows``."""
-    rows[first] = motor.target
-    rows[first + 1] = motor.actual
-    rows[first + 2] = motor.first
-    rows[first + 3] = motor.second
-    rows[first + 4] = motor.steps
-    rows[first + 5] = motor.step

@@ -23,19 +23,7 @@ from numpy.typing import NDArray
 
 from forcebound.bounding import LAWS
 from forcebound.bounding.one_axis import one_axis
-from forcebound.bounding.sample import (
-    AXIS_ROWS,
-    DEVICE_ROWS,
-    MEMORY_ROWS,
-    NO_MEMORY,
-    NO_WRITE,
-    load_axis,
-    load_device,
-    load_memory,
-    start_axis,
-    store_axis,
-    store_memory,
-)
+from forcebound.bounding.sample import NO_MEMORY, NO_WRITE, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.plant import count_steps, quantise, step, step_impedance
 from forcebound.environments.damped_wall import damped_wall_force
@@ -46,6 +34,16 @@ from forcebound.environments.wall import wall_force
 from forcebound.nodes.velocity import low_pass, low_pass_gain
 from forcebound.operators.pressing import pressing_target
 from forcebound.operators.sinusoidal import sinusoidal_target
+from forcebound.sweep.lanes import (
+    AXIS_ROWS,
+    DEVICE_ROWS,
+    MEMORY_ROWS,
+    load_axis,
+    load_device,
+    load_memory,
+    store_axis,
+    store_memory,
+)
 
 WIDTH = 32  # lanes: rows of one tick stay in the nearest cache; a multiple of any vector register
 
