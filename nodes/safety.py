@@ -3,11 +3,10 @@
 A packet that arrives takes the place of the command in use, or is rejected and counted::
 
     decode and validate   the runner and the codec; their rejections are counted here
-    expected              a force command
-    CHECKS                finite, answers a fresh tick, newest; each may name a reason to reject it
+    rejection             a force command, finite, that answers a fresh tick, newer than the last
 
-At each write, the command in use passes the stages, each of which makes the force smaller, leaves
-it, or ends it::
+At each write, the command in use passes a list of stages, each of which makes the force smaller,
+leaves it, or ends it::
 
     fresh                 an answer to a state older than the age limit is no answer
     ramp                  from 0 to 1 after the start, a fault, a silence
@@ -17,8 +16,8 @@ bounder. The largest force grows with the ramp, too: else an absurd force would 
 first tick.
 
 To add a stage, write a :data:`Stage` and name it in :func:`stages_of`; ``docs/device-safety.md``
-has an example. ``replay --verify`` folds the same stages; a sweep runs a case with stages that it
-does not know in the graph.
+has an example. ``replay --verify`` passes recorded commands through the same stages; a sweep runs a
+case with stages that it does not know in the graph.
 
 A command is ordered and aged by the tick that it answers, not by its sender's clock or counter: the
 device knows when it measured that tick, so neither a restarted or malicious sender nor one with
@@ -79,47 +78,24 @@ def ramp(
     return begun_ns, Demand(force, demand.measured_ns, share * demand.engagement)
 
 
-def fold(
-    stages: tuple[Stage, ...], states: list[Any], demand: Demand, time_ns: int, servo: ServoSettings
-) -> Demand | None:
-    """Return the force that the stages give.
-
-    Args:
-        stages: Of :func:`stages_of`.
-        states: Of each, after the write before; changed to those after this one.
-        demand: What the command in use asks for.
-        time_ns: Now, in ns.
-        servo: Settings.
-    """
-    for k, stage in enumerate(stages):
-        states[k], given = stage(states[k], demand, time_ns, servo)
-        if given is None:
-            states[:] = [None] * len(stages)
-            return None
-        demand = given
-    return demand
-
-
 class SafetyChain:
     """The newest acceptable command, and the force that follows from it.
 
     Attributes:
-        axes: Length of a force.
-        servo: Settings.
         command: In use; None: there is none.
         rejected: Packets refused so far, by reason; replaced when it changes, never mutated.
-        newest_tick: Last tick that was measured; -1: none.
-        tick_times: When the last ``REMEMBERED`` ticks were measured, in ns; by the remainder.
+        states: Of the stages, after the write before.
+        no_force: The demand without a command.
     """
 
     def __init__(self, axes: int, servo: ServoSettings) -> None:
-        self.axes, self.servo = axes, servo
-        self.no_force = Demand((0.0,) * axes, 0, 0.0)
+        self._axes, self._servo, self._stages = axes, servo, stages_of(servo)
+        self._tick_times: list[int] = [-1] * REMEMBERED
+        self._newest_tick = -1
         self.command: ForceCommand | None = None
         self.rejected: dict[str, int] = {}
-        self.newest_tick = -1
-        self.tick_times: list[int] = [-1] * REMEMBERED
-        self._stages = stages_of(servo)
+        self.no_force = self._demand = Demand((0.0,) * axes, 0, 0.0)
+        self.states: list[Any] = []
         self.disengage()
 
     def reject(self, reason: str) -> None:
@@ -128,67 +104,60 @@ class SafetyChain:
 
     def remember(self, state: DeviceState) -> None:
         """Note when a tick was measured."""
-        self.newest_tick = state.seq
-        self.tick_times[state.seq % REMEMBERED] = state.time_ns
+        self._newest_tick = state.seq
+        self._tick_times[state.seq % REMEMBERED] = state.time_ns
 
     def accept(self, packet: Packet, time_ns: int) -> None:
-        """Accept a packet that passes every check; count the reason if not."""
+        """Use a packet, or reject it and count the reason."""
         if type(packet) is not ForceCommand:
             self.reject("unexpected")
             return
-        for check in CHECKS:
-            reason = check(packet, self, time_ns)
-            if reason is not None:
-                self.reject(reason)
-                return
-        self.command = packet
-        self._demand = Demand(packet.force, packet.device_time_ns)
+        reason = self._rejection(packet, time_ns)
+        if reason is None:
+            self.use(packet)
+        else:
+            self.reject(reason)
+
+    def use(self, command: ForceCommand) -> None:
+        """Let a command give the force from now on."""
+        self.command = command
+        self._demand = Demand(command.force, command.device_time_ns)
 
     def demand(self, time_ns: int) -> Demand:
         """Return the force that the command in use gives at ``time_ns``."""
-        if self.command is None:
-            self.disengage()
-            return self.no_force
-        demand = fold(self._stages, self._states, self._demand, time_ns, self.servo)
-        if demand is None:
+        if self.command is not None:
+            demand, states, servo = self._demand, self.states, self._servo
+            for k, stage in enumerate(self._stages):
+                states[k], given = stage(states[k], demand, time_ns, servo)
+                if given is None:
+                    break
+                demand = given
+            else:
+                return demand
             self.command = None
-            return self.no_force
-        return demand
+        self.disengage()
+        return self.no_force
 
     def disengage(self) -> None:
-        """Begin every stage again with the next demand."""
-        self._states: list[Any] = [None] * len(self._stages)
+        """Begin every stage again at the next demand."""
+        self.states = [None] * len(self._stages)
 
-
-#: ``(command, chain, time_ns) -> reason to reject the command, or None``; the chain is only read.
-Check: TypeAlias = Callable[[ForceCommand, SafetyChain, int], str | None]
-
-
-def finite(command: ForceCommand, chain: SafetyChain, time_ns: int) -> str | None:
-    """Reject a force without one finite number for each axis."""
-    if len(command.force) != chain.axes:
-        return "wrong_length"
-    return None if all(map(math.isfinite, command.force)) else "not_finite"
-
-
-def answers_fresh_tick(command: ForceCommand, chain: SafetyChain, time_ns: int) -> str | None:
-    """Reject an answer to a state that this device did not send, or before the age limit."""
-    tick, measured_ns = command.device_seq, command.device_time_ns
-    if tick > chain.newest_tick:
-        return "from_the_future"
-    if chain.newest_tick - tick >= REMEMBERED:
-        return "too_old"
-    if measured_ns != chain.tick_times[tick % REMEMBERED]:
-        return "wrong_echo"
-    return "too_old" if time_ns - measured_ns > chain.servo.age_limit_ns else None
-
-
-def newest(command: ForceCommand, chain: SafetyChain, time_ns: int) -> str | None:
-    """Reject what is not newer than the command in use."""
-    used = chain.command
-    if used is None or (command.device_seq, command.seq) > (used.device_seq, used.seq):
+    def _rejection(self, command: ForceCommand, time_ns: int) -> str | None:
+        """Return the reason to reject a command."""
+        if len(command.force) != self._axes:
+            return "wrong_length"
+        if not all(map(math.isfinite, command.force)):
+            return "not_finite"
+        tick, measured_ns = command.device_seq, command.device_time_ns
+        if tick > self._newest_tick:
+            return "from_the_future"
+        if self._newest_tick - tick >= REMEMBERED:
+            return "too_old"
+        if measured_ns != self._tick_times[tick % REMEMBERED]:
+            return "wrong_echo"
+        if time_ns - measured_ns > self._servo.age_limit_ns:
+            return "too_old"
+        used = self.command
+        if used is not None and (tick, command.seq) <= (used.device_seq, used.seq):
+            return "not_newer"
         return None
-    return "not_newer"
-
-
-CHECKS: tuple[Check, ...] = (finite, answers_fresh_tick, newest)

@@ -17,15 +17,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, cast
+from typing import cast
 
 from forcebound.config.graph import DeviceConfig
 from forcebound.devices import Device, DeviceModel
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import TOPIC_OF, Event, ForceCommand, Telemetry, Vector
-from forcebound.nodes import safety
 from forcebound.nodes.bounded_device import BoundedDevice
 from forcebound.nodes.events import LAW_CHANGED
+from forcebound.nodes.safety import SafetyChain
 from forcebound.nodes.servo import dissipation_of
 from forcebound.recording import Recording
 
@@ -191,11 +191,9 @@ class _Rerun:
         self._config, self._laws = device, laws
         self._law = device.servo.law
         self._takes_limit = takes_limit
-        self._stages = safety.stages_of(device.servo)
-        self._demands: dict[int, list[safety.Demand]] = {}  # by the tick that they answer
+        self._commands: dict[int, list[ForceCommand]] = {}  # by the tick that they answer
         for command in commands:
-            demand = safety.Demand(command.force, command.device_time_ns)
-            self._demands.setdefault(command.device_seq, []).append(demand)
+            self._commands.setdefault(command.device_seq, []).append(command)
         self.commands = self.unknown_commands = 0
         self.verified = self.unknown = self.differing = 0
         self.difference = ""
@@ -215,7 +213,7 @@ class _Rerun:
         servo = self._config.servo
         dissipation = dissipation_of(self._config.model, servo)
         learns = servo.hold_limit == "auto"
-        self._states: list[Any] = [None] * len(self._stages)
+        self._chain = SafetyChain(self._device.axes, servo)
         self._bounded = BoundedDevice(self._device, self._law, dissipation, learns)
 
     def _live(self, life: Sequence[Telemetry]) -> bool:
@@ -264,17 +262,17 @@ class _Rerun:
     def _follow(self, packet: Telemetry) -> None:
         """Count whether the commanded force is what the stages make of a recorded command."""
         if packet.device_seq is None:
-            self._states = [None] * len(self._stages)
+            self._chain.disengage()
             return
-        before, servo = self._states, self._config.servo
-        missing = safety.Demand(packet.commanded_force, packet.time_ns)  # for the states
-        for demand in (*self._demands.get(packet.device_seq, ()), missing):
-            self._states = list(before)
-            given = safety.fold(self._stages, self._states, demand, packet.time_ns, servo)
-            recorded = packet.commanded_force, packet.engagement
-            if given is not None and (given.force, given.engagement) == recorded:
+        before = self._chain.states
+        missing = ForceCommand(0, 0, 0, packet.time_ns, packet.commanded_force)  # the stages go on
+        for command in (*self._commands.get(packet.device_seq, ()), missing):
+            self._chain.states = list(before)
+            self._chain.use(command)
+            demand = self._chain.demand(packet.time_ns)
+            if (demand.force, demand.engagement) == (packet.commanded_force, packet.engagement):
                 break
-        if demand is missing:
+        if command is missing:
             self.unknown_commands += 1
         else:
             self.commands += 1

@@ -28,11 +28,8 @@ from forcebound.network.impairment import Impairment
 from forcebound.network.link import RESTART_NS, link_seed
 from forcebound.nodes import safety
 
-#: The safety chain that the arrays here stand for.
-SAFETY = (
-    (safety.finite, safety.answers_fresh_tick, safety.newest),
-    (safety.fresh, safety.ramp),
-)
+#: The stages of the safety chain that the arrays here stand for.
+STAGES = (safety.fresh, safety.ramp)
 
 Times: TypeAlias = NDArray[np.int64]
 
@@ -57,7 +54,7 @@ class Timing:
 def timing_of(config: GraphConfig, ticks: int) -> Timing:
     """Return the timing of the first ``ticks`` ticks of a run."""
     servo = config.device.servo
-    if (safety.CHECKS, safety.stages_of(servo)) != SAFETY:
+    if safety.stages_of(servo) != STAGES:
         return _unknown(ticks)
     links = tuple(config.links.get(topic, Impairment()) for topic in LINKS)
     computation = config.environment.computation
