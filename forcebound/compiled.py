@@ -17,9 +17,22 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, ParamSpec, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ParamSpec,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from forcebound.folders import cache_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -107,6 +120,33 @@ def _modules(function: Callable[..., Any]) -> frozenset[str]:
         waiting += new
     modules = enclosed | {one.__module__ for one in reached}
     return frozenset(m for m in modules if getattr(sys.modules.get(m), "__file__", None))
+
+
+@cache
+def record_type(kind: type) -> "np.dtype[Any]":
+    """Return the record with the annotated fields of a class: numbers, records, arrays of them.
+
+    Compiled functions read and write its fields by attribute. A field must not have the name of an
+    attribute of numpy's scalars: interpreted functions do not see it then.
+    """
+    import numpy as np
+
+    fields: list[Any] = []
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        shape: tuple[int, ...] = ()
+        if get_origin(hint) is Annotated:  # Annotated[list[float], 6]: an array of six
+            entries, *shape_of = get_args(hint)
+            (hint,), shape = get_args(entries), tuple(shape_of)
+        is_number = hint in (float, int, bool)
+        fields.append((name, np.dtype(hint) if is_number else record_type(hint), shape))
+    return np.dtype((np.record, fields))
+
+
+def new_records(kind: type) -> "NDArray[Any]":
+    """Return an array of one record, all zero: numba takes it over faster than a record."""
+    import numpy as np
+
+    return np.zeros(1, record_type(kind))
 
 
 _allowed: set[Callable[..., object]] = set()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from forcebound.config.loader import from_document
 from forcebound.config.resolved import restore, to_document, with_parts
-from forcebound.devices.extended import advance_extended
+from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance
 from forcebound.devices.simulated import SimulatedDevice
@@ -22,6 +22,7 @@ from forcebound.messages.packets import Vector
 from forcebound.sweep.engine import run_all
 
 H = 5e-5  # s
+AT_REST = Moving(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def friction_work(bristle: float, end: float, dx: float, friction: float, z: float) -> float:
@@ -51,12 +52,12 @@ def test_the_energy_balance_holds_to_rounding(
 ) -> None:
     """What hand, motor and weight give is kinetic, stored or lost, in each step."""
     mass, x, v, bristle, motor = 0.3, 0.0, 0.1, 0.0, 0.0
+    axis = Axis(mass, damping, friction, presliding, weight, lag, stiffness, 1.0)
     for told in forces:
         x0, v0, bristle0, motor0 = x, v, bristle, motor
-        x, v, work, bristle, motor, _ = advance_extended(
-            *(x, v, 0.0, bristle, motor, 0.01, 0.012, H, H, told, weight, lag, presliding),
-            *(mass, damping, friction, stiffness, 1.0),
-        )
+        before = Moving(x, v, 0.0, bristle, motor)
+        after, _ = advance_extended(before, axis, 0.01, 0.012, H, H, told)
+        x, v, work, bristle, motor = after
         dx = x - x0
         # The motor's own law: lag times its change is the force that it was short of.
         given_force = told + lag * (motor0 - motor) / H
@@ -72,12 +73,10 @@ def slide(positions: list[float], friction: float, presliding: float) -> tuple[f
     for end in positions:
         mass = 1e9
         v = (end - x) / H
-        reached, _, _, after, _, _ = advance_extended(
-            *(x, v, 0.0, bristle, 0.0, 0.0, 0.0, H, H, 0.0, 0.0, 0.0, presliding),
-            *(mass, 0.0, friction, 0.0, 0.0),
-        )
-        loss += friction_work(bristle, after, reached - x, friction, presliding)
-        x, bristle = reached, after
+        axis = Axis(mass, 0.0, friction, presliding, 0.0, 0.0, 0.0, 0.0)
+        end_of, _ = advance_extended(Moving(x, v, 0.0, bristle, 0.0), axis, 0.0, 0.0, H, H, 0.0)
+        loss += friction_work(bristle, end_of.bristle, end_of.x - x, friction, presliding)
+        x, bristle = end_of.x, end_of.bristle
     return loss, 0.5 * friction / presliding * bristle**2
 
 
@@ -105,35 +104,27 @@ def test_friction_that_yields_never_gives_more_than_it_stores(
 
 
 def test_a_push_below_the_friction_moves_by_force_over_the_bristles_stiffness() -> None:
-    x, v, work, bristle, motor = 0.0, 0.0, 0.0, 0.0, 0.0
+    moving, axis = AT_REST, Axis(0.1, 2.0, 0.12, 2e-5, 0.0, 0.0, 0.0, 0.0)
     for _ in range(4000):
-        x, v, work, bristle, motor, _ = advance_extended(
-            *(x, v, work, bristle, motor, 0.0, 0.0, 1e-3, H, -0.06, 0.0, 0.0, 2e-5),
-            *(0.1, 2.0, 0.12, 0.0, 0.0),
-        )
-    assert x == pytest.approx(1e-5)  # half the friction: half of 20 um
-    assert abs(v) < 1e-9
+        moving, _ = advance_extended(moving, axis, 0.0, 0.0, 1e-3, H, -0.06)
+    assert moving.x == pytest.approx(1e-5)  # half the friction: half of 20 um
+    assert abs(moving.v) < 1e-9
 
 
 def test_a_push_above_the_friction_slides_as_without_presliding() -> None:
-    x, v, work, bristle, motor = 0.0, 0.0, 0.0, 0.0, 0.0
+    moving, axis = AT_REST, Axis(0.1, 2.0, 0.5, 2e-5, 0.0, 0.0, 0.0, 0.0)
     for _ in range(2000):
-        x, v, work, bristle, motor, _ = advance_extended(
-            *(x, v, work, bristle, motor, 0.0, 0.0, 1e-3, H, -2.0, 0.0, 0.0, 2e-5),
-            *(0.1, 2.0, 0.5, 0.0, 0.0),
-        )
-    assert v == pytest.approx((2.0 - 0.5) / 2.0, rel=1e-6)
+        moving, _ = advance_extended(moving, axis, 0.0, 0.0, 1e-3, H, -2.0)
+    assert moving.v == pytest.approx((2.0 - 0.5) / 2.0, rel=1e-6)
 
 
 def test_a_smaller_presliding_comes_ever_closer_to_rigid_friction() -> None:
     def end(presliding: float) -> float:
-        x, v, bristle = 0.0, 0.0, 0.0
+        moving, axis = AT_REST, Axis(0.3, 0.27, 0.12, presliding, 0.0, 0.0, 0.0, 0.0)
         for k in range(300):
-            x, v, _, bristle, _, _ = advance_extended(
-                *(x, v, 0.0, bristle, 0.0, 0.0, 0.0, 1e-3, 1e-5, -math.sin(0.02 * k), 0.0, 0.0),
-                *(presliding, 0.3, 0.27, 0.12, 0.0, 0.0),
-            )
-        return x
+            told = -math.sin(0.02 * k)
+            moving, _ = advance_extended(moving, axis, 0.0, 0.0, 1e-3, 1e-5, told)
+        return moving.x
 
     rigid = end(0.0)
     errors = [abs(end(z) - rigid) for z in (1e-4, 1e-5, 1e-6)]
@@ -143,33 +134,29 @@ def test_a_smaller_presliding_comes_ever_closer_to_rigid_friction() -> None:
 
 def test_the_motor_lags_by_its_time_constant() -> None:
     lag, seconds, mass = 3e-4, 1e-3, 0.2
-    _, v, _, _, motor, _ = advance_extended(
-        *(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, seconds, H, -2.0, 0.0, lag, 0.0),
-        *(mass, 0.0, 0.0, 0.0, 0.0),
-    )
+    axis = Axis(mass, 0.0, 0.0, 0.0, 0.0, lag, 0.0, 0.0)
+    end, _ = advance_extended(AT_REST, axis, 0.0, 0.0, seconds, H, -2.0)
     decay = math.exp(-seconds / lag)
-    assert motor == pytest.approx(-2.0 * (1 - decay))
-    assert v == pytest.approx(2.0 / mass * (seconds - lag * (1 - decay)))
+    assert end.motor_force == pytest.approx(-2.0 * (1 - decay))
+    assert end.v == pytest.approx(2.0 / mass * (seconds - lag * (1 - decay)))
 
 
 def test_a_weight_falls_with_the_acceleration_of_gravity() -> None:
     mass, seconds = 0.2, 0.1
-    x, v, _, _, _, _ = advance_extended(
-        *(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, seconds, H, 0.0, -9.81 * mass, 0.0, 0.0),
-        *(mass, 0.0, 0.0, 0.0, 0.0),
-    )
-    assert v == pytest.approx(9.81 * seconds)
-    assert x == pytest.approx(0.5 * 9.81 * seconds**2)
+    axis = Axis(mass, 0.0, 0.0, 0.0, -9.81 * mass, 0.0, 0.0, 0.0)
+    end, _ = advance_extended(AT_REST, axis, 0.0, 0.0, seconds, H, 0.0)
+    assert end.v == pytest.approx(9.81 * seconds)
+    assert end.x == pytest.approx(0.5 * 9.81 * seconds**2)
 
 
 def test_without_extras_it_is_the_plain_plant_to_the_bit() -> None:
     rng = np.random.default_rng(1)
-    plain, extended = (0.0, 0.1, 0.0), (0.0, 0.1, 0.0, 0.0, 0.0)
+    plain, extended = (0.0, 0.1, 0.0), Moving(0.0, 0.1, 0.0, 0.0, 0.0)
+    axis = Axis(0.3, 0.27, 0.12, 0.0, 0.0, 0.0, 950.0, 2.8)
     for force in rng.uniform(-3, 3, 200):
         rest = (0.3, 0.27, 0.12, 950.0, 2.8)
         plain = advance(*plain, 0.01, 0.011, 1e-3, H, force, *rest)[:3]
-        ahead = advance_extended(*extended, 0.01, 0.011, 1e-3, H, force, 0.0, 0.0, 0.0, *rest)
-        extended = ahead[:5]
+        extended, _ = advance_extended(extended, axis, 0.01, 0.011, 1e-3, H, force)
         assert extended[:3] == plain
 
 

@@ -9,8 +9,8 @@ from forcebound.bounding.constants import acts_along_path, axis_constants, energ
 from forcebound.bounding.dissipation import Dissipation
 from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS, check_law
-from forcebound.bounding.ledger import WATCHDOGS, new_ledgers
-from forcebound.compiled import jit
+from forcebound.bounding.ledger import WATCHDOGS, Ledger
+from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES
 
@@ -56,7 +56,7 @@ class ForceBounder:
         self._cut = jit(cut)
         self._axes = axes
         self._dissipation = dissipation
-        self._ledgers: Any = new_ledgers()
+        self._ledgers: Any = new_records(Ledger)
         self._ledger = self._ledgers[0]
         self._readings = self._ledger.reading.data
         self._forces = self._ledger.force.data

@@ -3,16 +3,11 @@
 Compiled functions read and write it by attribute, without copying; interpreted ones do the same.
 """
 
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any
 
 from forcebound.bounding.sample import AxisConstants, AxisMemory, DeviceConstants, Memory
 from forcebound.bounding.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
-
-if TYPE_CHECKING:  # a launcher reads the laws' names, and starts without numpy
-    import numpy as np
-    from numpy.typing import NDArray
 
 #: Values of ``Ledger.watchdog``, in the order of their numbers.
 SILENT, REPORTING, NONE, GUARDING = range(4)
@@ -74,29 +69,6 @@ class Ledger:
     pending_limit: float  # s
     pending_budget: float  # J
     axis: Annotated[list[Axis], MAX_AXES]
-
-
-@cache
-def record_type(kind: type) -> "np.dtype[Any]":
-    """Return the record with the annotated fields of a class."""
-    import numpy as np
-
-    fields: list[Any] = []
-    for name, hint in get_type_hints(kind, include_extras=True).items():
-        shape: tuple[int, ...] = ()
-        if get_origin(hint) is Annotated:
-            entries, *shape_of = get_args(hint)
-            (hint,), shape = get_args(entries), tuple(shape_of)
-        is_number = hint in (float, int, bool)
-        fields.append((name, np.dtype(hint) if is_number else record_type(hint), shape))
-    return np.dtype((np.record, fields))
-
-
-def new_ledgers() -> "NDArray[Any]":
-    """Return an array of one ledger, all zero: numba takes it over faster than the record."""
-    import numpy as np
-
-    return np.zeros(1, record_type(Ledger))
 
 
 def store_axis(into: Any, memory: AxisMemory) -> None:

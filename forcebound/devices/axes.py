@@ -1,102 +1,80 @@
 """The body of a device with independent axes: a plant for each, in one hand."""
 
 import math
+from collections.abc import Sequence
 from struct import Struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 
-from forcebound.compiled import jit
-from forcebound.devices.extended import advance_extended
-from forcebound.devices.kinematics import Floats
-from forcebound.devices.plant import advance, quantise
+from forcebound.compiled import jit, new_records, record_type
+from forcebound.devices.extended import Axis, Moving, advance_extended
+from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import pad
 from forcebound.devices.stated import per_axis
 from forcebound.devices.true_values import true_axes, true_value
 from forcebound.devices.truth import Truth
-from forcebound.messages.packets import Vector
+from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators import Operator
 
 if TYPE_CHECKING:
     from forcebound.devices.phantom import PhantomPremium15
 
-X, V, WORK, MUSCLE, BRISTLE, MOTOR, READING = 0, 1, 2, 3, 4, 5, 6  # rows of ``state``
-TARGET, TARGET_END, TOLD = 0, 1, 2  # of ``inputs``
-DAMPING, FRICTION, PRESLIDING, WEIGHT, RESOLUTION = 0, 1, 2, 3, 4  # of ``plant``
-MASS, HAND_MASS, STIFFNESS, HAND_DAMPING = 0, 1, 2, 3  # of ``hand``
+Numbers: TypeAlias = Annotated[list[float], MAX_AXES]
 
 
-def advance_axes(
-    state: Floats,
-    inputs: Floats,
-    plant: Floats,
-    hand: Floats,
-    duration: float,
-    substep: float,
-    lag: float,
-    is_extended: bool,
-) -> float:
-    """Move every axis, one column of the arrays, by ``duration`` s.
+class Axes:
+    """All axes in the hand, as compiled code reads and writes them."""
 
-    Args:
-        state: Of each axis: position, velocity, work of the hand, mean force of its spring and
-            damper, bristle, force of the motor, and the encoder's reading.
-        inputs: Target at the start and at the end, and what the motor is told.
-        plant: Numbers of each axis.
-        hand: Mass of device and hand, mass, stiffness and damping of the hand.
-        duration: In s, > 0.
-        substep: Longest integration step, in s.
-        lag: Time constant of the motor, in s.
-        is_extended: Whether presliding, lag or weight matter.
+    target: Numbers  # of the hand, at the start of a move, m
+    target_end: Numbers  # and at its end
+    told: Numbers  # what the motor is told to give, N
+    x: Numbers  # m
+    v: Numbers  # m/s
+    work: Numbers  # of the hand, J
+    muscle: Numbers  # mean force of the hand's spring and damper in the last step, N
+    bristle: Numbers  # m
+    motor: Numbers  # what the motor gives, N
+    reading: Numbers  # of the encoder, m
+    damping: Numbers  # N s/m
+    friction: Numbers  # N
+    presliding: Numbers  # m
+    weight: Numbers  # N
+    resolution: Numbers  # m
+    count: int
+    mass: float  # of device and hand, kg
+    hand_mass: float  # kg
+    stiffness: float  # of the hand, N/m
+    hand_damping: float  # N s/m
+    substep: float  # longest integration step, s
+    lag: float  # of the motor, s
+
+
+def advance_axes(records: Sequence[Axes], duration: float) -> float:
+    """Move every axis by ``duration``, in s, > 0.
 
     Returns:
         Energy that has flowed from the hand into the device, in J.
     """
-    energy = 0.0
-    for i in range(state.shape[1]):
-        x, v, work = state[X, i], state[V, i], state[WORK, i]
-        target, target_end, told = inputs[TARGET, i], inputs[TARGET_END, i], inputs[TOLD, i]
-        damping, friction = plant[DAMPING, i], plant[FRICTION, i]
-        if is_extended:
-            x, v, work, state[BRISTLE, i], state[MOTOR, i], state[MUSCLE, i] = advance_extended(
-                x,
-                v,
-                work,
-                state[BRISTLE, i],
-                state[MOTOR, i],
-                target,
-                target_end,
-                duration,
-                substep,
-                told,
-                plant[WEIGHT, i],
-                lag,
-                plant[PRESLIDING, i],
-                hand[MASS],
-                damping,
-                friction,
-                hand[STIFFNESS],
-                hand[HAND_DAMPING],
-            )
-        else:
-            x, v, work, state[MUSCLE, i] = advance(
-                x,
-                v,
-                work,
-                target,
-                target_end,
-                duration,
-                substep,
-                told,
-                hand[MASS],
-                damping,
-                friction,
-                hand[STIFFNESS],
-                hand[HAND_DAMPING],
-            )
-        state[X, i], state[V, i], state[WORK, i] = x, v, work
-        state[READING, i] = quantise(x, plant[RESOLUTION, i])
-        energy += work - 0.5 * hand[HAND_MASS] * v * v
+    energy, a = 0.0, records[0]
+    for i in range(a.count):
+        axis = Axis(
+            a.mass,
+            a.damping[i],
+            a.friction[i],
+            a.presliding[i],
+            a.weight[i],
+            a.lag,
+            a.stiffness,
+            a.hand_damping,
+        )
+        before = Moving(a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i])
+        after, a.muscle[i] = advance_extended(
+            before, axis, a.target[i], a.target_end[i], duration, a.substep, a.told[i]
+        )
+        a.x[i], a.v[i], a.work[i], a.bristle[i], a.motor[i] = after
+        a.reading[i] = quantise(after.x, a.resolution[i])
+        energy += after.work - 0.5 * a.hand_mass * after.v * after.v
     return energy
 
 
@@ -107,63 +85,61 @@ class AxesBody:
 
     def __init__(self, model: "PhantomPremium15", operator: Operator) -> None:
         axes = model.axes
-        mass = model.mass + operator.mass
-        names = ("damping", "friction", "presliding", "weight", "resolution")
-        self._plant = np.array([true_axes(model, name) for name in names])
-        self._sound = self._plant[FRICTION : PRESLIDING + 1].copy()
+        self._records = new_records(Axes)
+        self._axes: Any = self._records[0]
+        self._axes.count, self._axes.mass = axes, model.mass + operator.mass
+        self._axes.hand_mass, self._axes.stiffness = operator.mass, operator.stiffness
+        self._axes.hand_damping, self._axes.lag = operator.damping, true_value(model, "lag")
+        for name in ("damping", "friction", "presliding", "weight", "resolution"):
+            self._axes[name][:axes] = true_axes(model, name)
+        self._sound = self._axes.friction.copy(), self._axes.presliding.copy()
         self._weak_spot = None if model.truth is None else model.truth.weak_spot
-        self._hand = np.array([mass, operator.mass, operator.stiffness, operator.damping])
-        self._lag = true_value(model, "lag")
-        self._is_extended = self._lag > 0.0 or bool(self._plant[PRESLIDING : WEIGHT + 1].any())
-        self._substep = model.substep
-        for f, z in self._sound.T.tolist():
+        self._axes.substep = model.substep
+        for f, z in zip(*self._sound, strict=True):
             if f > 0.0 and z > 0.0:  # an eighth of a radian of the oscillation on the bristle
-                self._substep = min(self._substep, 0.125 * math.sqrt(mass * z / f))
+                step = 0.125 * math.sqrt(self._axes.mass * z / f)
+                self._axes.substep = min(self._axes.substep, step)
         self.compensation: Vector = tuple([-w for w in per_axis(model.weight, axes)])
-        start = np.array(pad(operator.target(0.0), axes), dtype=np.float64)
-        self._state = np.zeros((READING + 1, axes))
-        self._state[X], self._state[MOTOR] = start, self.compensation
-        for axis, step in enumerate(self._plant[RESOLUTION].tolist()):
-            self._state[READING, axis] = quantise(start[axis], step)
+        start = pad(operator.target(0.0), axes)
+        self._axes.x[:axes], self._axes.motor[:axes] = start, self.compensation
+        for axis, x in enumerate(start):
+            self._axes.reading[axis] = quantise(x, float(self._axes.resolution[axis]))
         self._energy = 0.0
-        self._inputs = np.zeros((TOLD + 1, axes))
         # numpy takes longer to set or get a number
-        self._set_inputs = Struct(f"{self._inputs.size}d").pack_into
-        self._get_row = Struct(f"{axes}d").unpack_from
-        self._rows, self._input_view = [row.data for row in self._state], self._inputs.data
-        self._advance = jit(advance_axes)
+        self._bytes = self._records.view(np.uint8).data
+        unused = 8 * (MAX_AXES - axes)
+        self._set_inputs = Struct(f"{axes}d{unused}x" * 3).pack_into
+        self._get = Struct(f"{axes}d").unpack_from
+        places: Any = record_type(Axes).fields
+        self._x, self._v, self._muscle, self._reading = (
+            places[name][1] for name in ("x", "v", "muscle", "reading")
+        )
+        self._advance: Any = jit(advance_axes)
         # Compile, or load from the cache, before time matters.
-        unmoved = self._state.copy()
+        unmoved = self._records.copy()
         self.move((0.0,) * axes, (0.0,) * axes, 1e-3, (0.0,) * axes)
-        self._state[:], self._energy = unmoved, 0.0
+        self._records[:], self._energy = unmoved, 0.0
 
     def reading(self) -> Vector:
         """Return the quantised positions; see ``Body``."""
-        return self._get_row(self._rows[READING])
+        return self._get(self._bytes, self._reading)
 
     def truth(self) -> Truth:
         """Return the ground truth; see :class:`Truth`."""
-        get, rows = self._get_row, self._rows
-        return Truth(get(rows[X]), get(rows[V]), get(rows[MUSCLE]), self._energy)
+        get, data = self._get, self._bytes
+        muscle = get(data, self._muscle)
+        return Truth(get(data, self._x), get(data, self._v), muscle, self._energy)
 
     def kinetic_energy(self) -> float:
         """Return that of the device alone; see ``Body``."""
-        mass = self._hand[MASS] - self._hand[HAND_MASS]
-        return 0.5 * float(mass * (self._state[V] @ self._state[V]))
+        speeds = self._axes.v[: self._axes.count]
+        return 0.5 * float((self._axes.mass - self._axes.hand_mass) * (speeds @ speeds))
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
         """Move every axis; see ``Body``."""
         if self._weak_spot is not None:
-            share = self._weak_spot.share_at(self._state[X].tolist())
-            self._plant[FRICTION : PRESLIDING + 1] = share * self._sound
-        self._set_inputs(self._input_view, 0, *target, *target_end, *told)
-        self._energy = self._advance(
-            self._state,
-            self._inputs,
-            self._plant,
-            self._hand,
-            duration,
-            self._substep,
-            self._lag,
-            self._is_extended,
-        )
+            share = self._weak_spot.share_at(self._get(self._bytes, self._x))
+            friction, presliding = self._sound
+            self._axes.friction, self._axes.presliding = share * friction, share * presliding
+        self._set_inputs(self._bytes, 0, *target, *target_end, *told)
+        self._energy = self._advance(self._records, duration)

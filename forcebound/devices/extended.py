@@ -25,132 +25,93 @@ quarter of the lag.
 """
 
 import math
+from typing import NamedTuple
 
-from forcebound.devices.plant import count_steps, step, step_impedance
+from forcebound.devices.plant import count_steps, step_impedance
+
+
+class Moving(NamedTuple):
+    """What moves along one axis."""
+
+    x: float  # position, m
+    v: float  # m/s
+    work: float  # of the hand's spring and damper so far, J
+    bristle: float  # how far the friction has yielded, within the presliding, m
+    motor_force: float  # N, positive against positive motion
+
+
+class Axis(NamedTuple):
+    """One axis of a device, in a hand."""
+
+    mass: float  # of device and hand together, kg
+    damping: float  # of the device, N s/m
+    friction: float  # of the device, N
+    presliding: float  # z_m, m; 0: friction does not yield
+    weight: float  # N, positive against positive motion
+    lag: float  # time constant of the motor, s; 0: it gives what it is told
+    hand_stiffness: float  # N/m
+    hand_damping: float  # N s/m
 
 
 def advance_extended(
-    x: float,
-    v: float,
-    work: float,
-    bristle: float,
-    motor_force: float,
+    moving: Moving,
+    axis: Axis,
     target: float,
     target_end: float,
     duration: float,
     substep: float,
     told_force: float,
-    weight: float,
-    lag: float,
-    presliding: float,
-    mass: float,
-    damping: float,
-    friction: float,
-    hand_stiffness: float,
-    hand_damping: float,
-) -> tuple[float, float, float, float, float, float]:
+) -> tuple[Moving, float]:
     """Advance one axis by ``duration``; the motor is told the same force all the time.
 
     Args:
-        x: Position, in m.
-        v: Velocity, in m/s.
-        work: Work of the hand's spring and damper so far, in J.
-        bristle: How far the friction has yielded, in m, within ``presliding``.
-        motor_force: What the motor gives at the start, in N, positive against positive motion.
+        moving: At the start.
+        axis: Its numbers.
         target: Where the hand wants to be at the start, in m.
         target_end: And at the end; in between it moves evenly.
         duration: In s, > 0.
         substep: Longest integration step, in s.
         told_force: What the motor approaches, in N.
-        weight: Force of gravity, in N, positive against positive motion.
-        lag: Time constant of the motor, in s; 0: it gives what it is told.
-        presliding: z_m, in m; 0: friction does not yield.
-        mass: Of device and hand together, in kg.
-        damping: Of the device, in N s/m.
-        friction: Coulomb friction of the device, in N.
-        hand_stiffness: In N/m.
-        hand_damping: In N s/m.
 
     Returns:
-        Position, velocity, work, bristle, motor force, and the mean force of the hand's spring and
-        damper in the last step, in N.
+        The end, and the mean force of the hand's spring and damper in the last step, in N.
     """
+    x, v, work, bristle, motor_force = moving
     steps = count_steps(duration, substep)
     h = duration / steps
     target_velocity = (target_end - target) / duration
-    inertia = 2.0 * mass / h
-    impedance = step_impedance(inertia, damping, hand_damping, h, hand_stiffness)
-    decay = math.exp(-h / lag) if lag > 0.0 else 0.0
-    share = lag / h * (1.0 - decay)  # mean of the exponential
+    inertia = 2.0 * axis.mass / h
+    impedance = step_impedance(inertia, axis.damping, axis.hand_damping, h, axis.hand_stiffness)
+    decay = math.exp(-h / axis.lag) if axis.lag > 0.0 else 0.0
+    share = axis.lag / h * (1.0 - decay)  # mean of the exponential
     muscle = 0.0
     for i in range(steps):
         middle = target + target_velocity * (i + 0.5) * h
-        force = told_force + (motor_force - told_force) * share + weight
+        force = told_force + (motor_force - told_force) * share + axis.weight
         motor_force = told_force + (motor_force - told_force) * decay
-        if presliding > 0.0:
-            x, v, work, muscle, bristle = presliding_step(
-                x,
-                v,
-                work,
-                bristle,
-                middle,
-                target_velocity,
-                h,
-                force,
-                inertia,
-                impedance,
-                friction,
-                presliding,
-                hand_stiffness,
-                hand_damping,
-            )
-        else:
-            x, v, work, muscle = step(
-                x,
-                v,
-                work,
-                middle,
-                target_velocity,
-                h,
-                force,
-                inertia,
-                impedance,
-                friction,
-                hand_stiffness,
-                hand_damping,
-            )
-    return x, v, work, bristle, motor_force, muscle
+        drive = inertia * v + axis.hand_stiffness * (middle - x)
+        drive = drive + axis.hand_damping * target_velocity - force
+        mean = mean_speed(drive, impedance, h, axis.friction, axis.presliding, bristle)
+        dx = h * mean
+        muscle = axis.hand_stiffness * (middle - x - 0.5 * dx)
+        muscle += axis.hand_damping * (target_velocity - mean)
+        x += dx
+        work += muscle * dx
+        v = 2.0 * mean - v
+        if axis.presliding > 0.0:
+            bristle = yield_by(bristle, dx, axis.presliding)
+        elif not v * mean > 0.0:
+            v = 0.0
+    return Moving(x, v, work, bristle, motor_force), muscle
 
 
-def presliding_step(
-    x: float,
-    v: float,
-    work: float,
-    bristle: float,
-    target_middle: float,
-    target_velocity: float,
-    h: float,
-    force: float,
-    inertia: float,
-    impedance: float,
-    friction: float,
-    presliding: float,
-    hand_stiffness: float,
-    hand_damping: float,
-) -> tuple[float, float, float, float, float]:
-    """Advance one axis by one step ``h``, with friction that yields over ``presliding`` > 0.
-
-    As :func:`forcebound.devices.plant.step`, and the bristle as last number.
-    """
-    drive = (
-        inertia * v + hand_stiffness * (target_middle - x) + hand_damping * target_velocity - force
-    )
-    mean = yielding_speed(drive, impedance, h, friction, presliding, bristle)
-    dx = h * mean
-    muscle = hand_stiffness * (target_middle - x - 0.5 * dx) + hand_damping * (
-        target_velocity - mean
-    )
-    return x + dx, 2.0 * mean - v, work + muscle * dx, muscle, yield_by(bristle, dx, presliding)
+def mean_speed(
+    drive: float, impedance: float, h: float, friction: float, presliding: float, bristle: float
+) -> float:
+    """Return the mean speed of a step, in m/s; see :func:`yielding_speed` for the arguments."""
+    if presliding > 0.0:
+        return yielding_speed(drive, impedance, h, friction, presliding, bristle)
+    return (drive - min(max(drive, -friction), friction)) / impedance
 
 
 def yielding_speed(

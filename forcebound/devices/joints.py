@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from forcebound.compiled import allow_in_kernels, jit
-from forcebound.devices.extended import yield_by, yielding_speed
+from forcebound.devices.extended import mean_speed, yield_by
 from forcebound.devices.kinematics import Floats, Pose
 from forcebound.devices.plant import count_steps
 
@@ -157,7 +157,7 @@ def find_speeds(
                 drive += jacobian[k, j] * force[k]
                 if k != j:
                     drive -= matrix[j, k] * mean[k]
-            speed = speed_of_joint(
+            speed = mean_speed(
                 drive, matrix[j, j], h, plant[FRICTION, j], plant[PRESLIDING, j], joints[BRISTLE, j]
             )
             change = max(change, abs(speed - mean[j]))
@@ -165,15 +165,6 @@ def find_speeds(
             mean[j] = speed
         if change <= CONVERGED * largest:
             break
-
-
-def speed_of_joint(
-    drive: float, impedance: float, h: float, friction: float, presliding: float, bristle: float
-) -> float:
-    """Return the mean speed of a joint, in rad/s; see ``yielding_speed`` for the arguments."""
-    if presliding > 0.0:
-        return yielding_speed(drive, impedance, h, friction, presliding, bristle)
-    return (drive - min(max(drive, -friction), friction)) / impedance
 
 
 def feel(
