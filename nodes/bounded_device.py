@@ -187,7 +187,7 @@ class BoundedDevice:
         if kinematics is not None:
             joints, torques = reading, applied
             tip = tip_force(kinematics, reading, applied, commanded, wanted)
-            limit *= _length(commanded) / (_length(wanted) or math.inf)
+            limit *= math.hypot(*commanded) / (math.hypot(*wanted) or math.inf)
         ahead_ns = None if jitter_ns is None else self._ahead_ns
         read_ns, write_ns = read_ns - self._ahead_ns, write_ns - self._ahead_ns
         return Written(position, tip, limit, read_ns, write_ns, joints, torques, cut, ahead_ns)
@@ -237,13 +237,9 @@ class BoundedDevice:
         The bounder saturates its result, too, since a law may add damping; a device clips for
         itself, since a motor does.
         """
-        magnitude, largest = _length(wanted), self._dissipation.saturation * engagement
+        magnitude, largest = math.hypot(*wanted), self._dissipation.saturation * engagement
         if magnitude <= largest:
             return wanted
         if not math.isfinite(magnitude):
             return self._zero
         return tuple([largest / magnitude * f for f in wanted])
-
-
-def _length(vector: Vector) -> float:
-    return math.hypot(*vector)

@@ -1,6 +1,7 @@
 """The bounder: a law, its memory and the vectors, as the device node calls it at each sample."""
 
 import math
+from functools import partial
 from struct import Struct
 from typing import Any, TypeAlias
 
@@ -58,9 +59,9 @@ class ForceBounder:
         self._dissipation = dissipation
         self._ledgers: Any = new_records(Ledger)
         self._ledger = self._ledgers[0]
-        self._readings = self._ledger.reading.data
-        self._forces = self._ledger.force.data
-        self._set_vector = Struct(f"{axes}d").pack_into
+        pack = Struct(f"{axes}d").pack_into  # numpy takes longer to set numbers
+        self._set_reading = partial(pack, self._ledger.reading.data, 0)
+        self._set_force = partial(pack, self._ledger.force.data, 0)
         self._is_gated = dissipation.largest_speed < math.inf
         self._fill_settings(LAWS[law])
         self._longest_limit = self._limit_s = dissipation.hold_limit
@@ -112,16 +113,13 @@ class ForceBounder:
         Args:
             time_ns: When it was read, in ns.
             position: Reading of each axis, in m.
-
-        Raises:
-            ValueError: If ``position`` does not have as many entries as there are axes.
         """
         self._taken_ns = self._now_ns = self._written_ns = time_ns
         self._position = position
         self._candidate: tuple[int, Vector] | None = None
         self._held_limit_ns = self._limit_ns
         self._cut_ns = time_ns - 1_000_000_000  # none yet
-        self._fill(self._readings, position, "positions")
+        self._set_reading(*position)
         self.limit = 0.0
         self.overruns = self.refused_readings = self.late_writes = 0
         self.estimated_energy: float = self._start_law(self._ledgers)
@@ -142,10 +140,11 @@ class ForceBounder:
             adds damping excepted).
 
         Raises:
-            ValueError: If a length is wrong or a commanded force is not finite: mistakes of the
-                caller, since the safety chain has rejected such forces before.
+            ValueError: If a commanded force is not finite: a mistake of the caller, since the
+                safety chain has rejected such a force before. So is a vector of another length
+                (:class:`struct.error`), here and in the other methods.
         """
-        self._fill(self._forces, commanded, "forces")
+        self._set_force(*commanded)
         magnitude = math.hypot(*commanded)
         if not magnitude < math.inf:
             raise ValueError(f"commanded forces must be finite, got {commanded} N")
@@ -166,9 +165,6 @@ class ForceBounder:
         Args:
             applied: Force of each axis, in N: what :meth:`bound` returned, or less of it.
             write_ns: When it took effect, in ns; None: when the position was read.
-
-        Raises:
-            ValueError: If the length is wrong.
         """
         now = self._now_ns
         write_ns = now if write_ns is None or write_ns < now else write_ns
@@ -177,7 +173,7 @@ class ForceBounder:
         if write_ns - now > self._write_delay_ns:
             self.late_writes += 1
         self._written_ns, self._held_limit_ns = write_ns, self._limit_ns
-        self._fill(self._forces, applied, "forces")
+        self._set_force(*applied)
         self.estimated_energy = self._settle_force(self._ledgers, (write_ns - now) / 1e9)
 
     def set_hold_limit(self, seconds: float) -> None:
@@ -210,7 +206,7 @@ class ForceBounder:
         self, read_ns: int, position: Vector, magnitude: float, is_cut: bool = False
     ) -> tuple[float, float, float]:
         """Let time pass up to a reading and take it in; return force, added damping and dt."""
-        self._fill(self._readings, position, "positions")
+        self._set_reading(*position)
         since_ns = read_ns - self._taken_ns
         closing = TAKEN
         if (
@@ -236,11 +232,6 @@ class ForceBounder:
         if closing != REFUSED:
             self._taken_ns, self._position = read_ns, position
         return limit, damping, dt
-
-    def _fill(self, view: memoryview, values: Vector, what: str) -> None:
-        if len(values) != self._axes:
-            raise ValueError(f"expected {self._axes} {what}, got {len(values)}")
-        self._set_vector(view, 0, *values)
 
     def _judge(self, read_ns: int, position: Vector) -> int:
         """Return whether the device can have moved to a reading."""
