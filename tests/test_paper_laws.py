@@ -10,9 +10,8 @@ from bounding_traces import EXACT, PHANTOM, B, forces, run, steady
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcebound.bounding import (
-    LAWS,
-    Sample,
+from forcebound.bounding import LAWS, Sample
+from forcebound.experiments.noncausal import (
     less_conservative_noncausal,
     more_conservative_noncausal,
 )
@@ -176,12 +175,6 @@ class TestNonCausalOriginal:
         depths = [i * 1e-2 for i in range(5)]
         assert original(depths, [1e6] * 5, EXACT)[2] == 8.5
         assert original(depths, [0.0] * 5, EXACT) == [0.0] * 5
-
-    def test_lists_of_different_length_are_refused(
-        self, law: str, original: Callable[..., list[float]]
-    ) -> None:
-        with pytest.raises(ValueError, match="2 positions but 1 forces"):
-            original([0.0, 1.0], [0.0], EXACT)
 
 
 def test_the_original_knows_a_move_before_it_happens() -> None:

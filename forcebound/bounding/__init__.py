@@ -26,8 +26,6 @@ from forcebound.bounding.bounder import ForceBounder
 from forcebound.bounding.dissipation import Dissipation, PerAxis, Watchdog
 from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS, check_law
-from forcebound.bounding.less_conservative import less_conservative_noncausal
-from forcebound.bounding.more_conservative import more_conservative_noncausal
 from forcebound.bounding.sample import (
     ANCHOR_SAMPLES,
     ENERGY_TOLERANCE,
@@ -50,7 +48,5 @@ __all__ = [
     "Watchdog",
     "Write",
     "check_law",
-    "less_conservative_noncausal",
-    "more_conservative_noncausal",
     "play",
 ]

@@ -6,10 +6,7 @@ softer: a saturated viscous wall shows exactly 2B.
 """
 
 import math
-from collections.abc import Sequence
-from itertools import pairwise
 
-from forcebound.bounding.dissipation import Dissipation
 from forcebound.bounding.law import BoundingLaw, State
 from forcebound.bounding.sample import DeviceConstants, Sample, Write
 
@@ -78,48 +75,3 @@ MORE_CONSERVATIVE_VISCOUS = BoundingLaw(
     energy=energy,
     uses_friction=False,
 )
-
-
-def more_conservative_noncausal(
-    positions: Sequence[float], commanded: Sequence[float], dissipation: Dissipation
-) -> list[float]:
-    r"""Return the force of the non-causal original of the law on a recorded trace, one axis.
-
-    :math:`\rho = 4 \beta(n-1) f_c |\Delta x(n+1)|` in place of :math:`|\Delta x(n)|`: it needs the
-    position of the next sample, so it serves to check the causal law offline (paper, Fig. 21). The
-    last sample has no next one and is taken to rest.
-
-    Args:
-        positions: Position at each sample, in m, shape ``(n,)``.
-        commanded: Commanded force at each sample, in N, shape ``(n,)``.
-        dissipation: The device.
-
-    Returns:
-        Bounded force at each sample, in N, shape ``(n,)``.
-
-    Raises:
-        ValueError: If the lengths differ.
-
-    Source: Eq. 26 to 30 of the paper.
-    """
-    if len(positions) != len(commanded):
-        raise ValueError(f"got {len(positions)} positions but {len(commanded)} forces")
-    damping, friction = dissipation.least_damping, dissipation.least_friction
-    capability = damping / dissipation.period
-    moves = [0.0, *(after - before for before, after in pairwise(positions)), 0.0]
-    beta, force = capability, 0.0
-    forces: list[float] = []
-    for n, wanted in enumerate(commanded):
-        wanted = max(-dissipation.saturation, min(dissipation.saturation, wanted))
-        gamma = 2.0 * beta * moves[n] + force
-        rho = 4.0 * beta * friction * abs(moves[n + 1])
-        square = gamma * gamma + rho
-        largest, needed = 0.0, capability
-        if wanted != 0.0 and square != 0.0:
-            needed = max(beta * wanted * wanted / square, SMALLEST_SHARE * capability)
-            needed = min(capability, needed)
-            largest = math.sqrt(needed / beta * square)
-        beta = needed
-        force = max(-largest, min(largest, wanted))
-        forces.append(force)
-    return forces

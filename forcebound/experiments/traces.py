@@ -13,10 +13,12 @@ import numpy as np
 
 from forcebound.analysis.surface import Floats
 from forcebound.bounding import Dissipation, ForceBounder
-from forcebound.bounding.less_conservative import less_conservative_noncausal
-from forcebound.bounding.more_conservative import more_conservative_noncausal
 from forcebound.config.loader import from_document
 from forcebound.experiments.drawing import Line, Row, draw_rows, law_line
+from forcebound.experiments.noncausal import (
+    less_conservative_noncausal,
+    more_conservative_noncausal,
+)
 from forcebound.experiments.outcome import Number, Outcome
 from forcebound.experiments.setup import CERTIFIED, HIGH, SPEEDS, Contact, Runs, wall_command
 from forcebound.nodes.servo import dissipation_of
