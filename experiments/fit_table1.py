@@ -39,7 +39,7 @@ from forcebound.bounding.sample import NO_MEMORY, start_axis
 from forcebound.compiled import allow_in_kernels, jit
 from forcebound.devices.phantom import PhantomPremium15
 from forcebound.devices.plant import advance, quantise
-from forcebound.devices.stated import per_axis
+from forcebound.devices.true_values import per_axis
 from forcebound.experiments.setup import (
     EARLY_SAMPLES,
     HAND,

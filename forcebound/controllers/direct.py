@@ -14,11 +14,9 @@ class DirectController(ControllerModel, Controller):
     """
 
     def open(self, axes: int) -> "DirectController":
-        """Return itself; see :class:`forcebound.controllers.ControllerModel`."""
         return self
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return position and velocity; see :class:`forcebound.controllers.Controller`."""
         return state.position, state.velocity
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector:

@@ -80,7 +80,6 @@ class Scaled(ControllerModel):
         return self.motion_scale if self.force_scale == "auto" else self.force_scale
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start; see ``ControllerModel``."""
         gain = self.force_factor / self.motion_scale
         if gain <= 1.0:
             return ()
@@ -207,6 +206,5 @@ class OpenScaled(Controller):
         return along(border, reply.force, share * self._model.force_factor)
 
     def notices(self) -> Sequence[Notice]:
-        """Return what has happened to the clutch; see :class:`forcebound.controllers.Notice`."""
         notices, self._clutch.notices = self._clutch.notices, []
         return notices

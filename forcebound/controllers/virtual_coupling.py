@@ -51,7 +51,6 @@ class VirtualCoupling(ReplyTimeouts):
     mass: Annotated[Mass, NOT_NEGATIVE] = 0.0
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
-        """Return what to know before a start; see ``ControllerModel``."""
         stiffest = colgate_schenkel(damping, period, self.damping, delay)
         if self.stiffness <= stiffest:
             return ()

@@ -204,17 +204,14 @@ class DeviceModel(StatedNumbers, ABC):
 
     @property
     def port(self) -> str:
-        """See the class."""
         return ""
 
     @property
     def on_loss(self) -> Literal["end", "wait"]:
-        """See the class."""
         return "end"
 
     @property
     def workspace(self) -> Vector | None:
-        """See the class."""
         return None
 
     @property

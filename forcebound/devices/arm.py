@@ -1,7 +1,7 @@
 """The body of a simulated arm: joints, kinematics, a hand at the tip."""
 
 from struct import Struct
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -14,22 +14,19 @@ from forcebound.errors import DeviceError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 
-if TYPE_CHECKING:
-    from forcebound.devices.simulated_arm import SimulatedArm
-
 
 class ArmBody:
     """An arm in a hand; see ``Body``. Its readings are angles.
 
     Args:
-        model: Parameters.
+        model: A :class:`~forcebound.devices.simulated_arm.SimulatedArm`.
         operator: The hand at its tip.
 
     Raises:
         DeviceError: If the hand begins where the arm does not reach.
     """
 
-    def __init__(self, model: "SimulatedArm", operator: Operator) -> None:
+    def __init__(self, model: Any, operator: Operator) -> None:
         axes = model.axes
         start = pad(operator.target(0.0), axes)
         angles = model.angles(start)
@@ -66,21 +63,18 @@ class ArmBody:
         self._joints[:], self._energy, self._reading = joints, 0.0, ()
 
     def reading(self) -> Vector:
-        """Return the quantised angles; see ``Body``."""
         if not self._reading:
             angles = zip(self._joints[ANGLE].tolist(), self._resolution, strict=True)
             self._reading = tuple([quantise(x, step) for x, step in angles])
         return self._reading
 
     def truth(self) -> Truth:
-        """Return the ground truth, at the tip; see :class:`Truth`."""
         angles, kinematics = tuple(self._joints[ANGLE].tolist()), self._true_kinematics
         position = kinematics.position(angles)
         velocity = kinematics.velocity(angles, self._joints[SPEED])
         return Truth(position, velocity, tuple(self._muscle.tolist()), self._energy)
 
     def kinetic_energy(self) -> float:
-        """Return that of the joints; see ``Body``."""
         return 0.5 * float(self._plant[INERTIA] @ self._joints[SPEED] ** 2)
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from struct import Struct
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -11,14 +11,10 @@ from forcebound.compiled import jit, new_records, record_type
 from forcebound.devices.extended import Axis, Moving, advance_extended
 from forcebound.devices.plant import quantise
 from forcebound.devices.simulated import pad
-from forcebound.devices.stated import per_axis
-from forcebound.devices.true_values import true_axes, true_value
+from forcebound.devices.true_values import per_axis, true_axes, true_value
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import MAX_AXES, Vector
 from forcebound.operators import Operator
-
-if TYPE_CHECKING:
-    from forcebound.devices.phantom import PhantomPremium15
 
 Numbers: TypeAlias = Annotated[list[float], MAX_AXES]
 
@@ -83,7 +79,7 @@ class AxesBody:
 
     kinematics: None = None
 
-    def __init__(self, model: "PhantomPremium15", operator: Operator) -> None:
+    def __init__(self, model: Any, operator: Operator) -> None:
         axes = model.axes
         self._records = new_records(Axes)
         self._axes: Any = self._records[0]
@@ -121,22 +117,18 @@ class AxesBody:
         self._records[:], self._energy = unmoved, 0.0
 
     def reading(self) -> Vector:
-        """Return the quantised positions; see ``Body``."""
         return self._get(self._bytes, self._reading)
 
     def truth(self) -> Truth:
-        """Return the ground truth; see :class:`Truth`."""
         get, data = self._get, self._bytes
         muscle = get(data, self._muscle)
         return Truth(get(data, self._x), get(data, self._v), muscle, self._energy)
 
     def kinetic_energy(self) -> float:
-        """Return that of the device alone; see ``Body``."""
         speeds = self._axes.v[: self._axes.count]
         return 0.5 * float((self._axes.mass - self._axes.hand_mass) * (speeds @ speeds))
 
     def move(self, target: Vector, target_end: Vector, duration: float, told: Vector) -> None:
-        """Move every axis; see ``Body``."""
         if self._weak_spot is not None:
             share = self._weak_spot.share_at(self._get(self._bytes, self._x))
             friction, presliding = self._sound

@@ -26,7 +26,7 @@ from typing import Annotated
 
 from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics, Floats, two_links
-from forcebound.devices.simulated_arm import SimulatedArm
+from forcebound.devices.simulated_arm import ASSUMED, SimulatedArm
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
@@ -88,12 +88,8 @@ class DesktopArm(SimulatedArm):
     ] = (0.16, 0.12, 0.07)
     sources: Mapping[str, Source] = field(
         default_factory=lambda: {
-            "damping": "assumed",
-            "friction": "assumed",
-            "inertia": "data sheet",
-            "largest_speed": "assumed",
-            "resolution": "data sheet",
-            "saturation": "data sheet",
+            **ASSUMED,
+            **dict.fromkeys(("inertia", "resolution", "saturation"), "data sheet"),
         },
         hash=False,
     )
@@ -114,17 +110,10 @@ class DesktopArm(SimulatedArm):
 
     @property
     def axes(self) -> int:
-        """Number of joints, and of coordinates of the tip."""
         return 3
 
-    @property
-    def geometry(self) -> Vector:
-        """What :func:`desktop_pose` takes, in m."""
-        return (self.upper, self.lower, *self.origin)
-
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(desktop_pose, self.geometry, 3)
+        return ArmKinematics(desktop_pose, (self.upper, self.lower, *self.origin), 3)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

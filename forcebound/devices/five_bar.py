@@ -21,7 +21,6 @@ from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics, Floats, link_angle
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
-from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.quantities import NOT_NEGATIVE, POSITIVE, AngularSpeed, Inertia, Length, Torque
 
@@ -106,23 +105,9 @@ class FiveBar(FiveBarNumbers, SimulatedArm):
     distal: Annotated[Length, POSITIVE] = 0.09
     base: Annotated[Length, NOT_NEGATIVE] = 0.038
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.angles((0.0, 0.0)) is None:
-            raise ConfigError(
-                f"origin: the arm does not reach {self.origin} m with links of {self.proximal} m"
-                f" and {self.distal} m",
-                field="origin",
-            )
-
-    @property
-    def geometry(self) -> Vector:
-        """What :func:`five_bar_pose` takes, in m."""
-        return (self.proximal, self.distal, self.base, *self.origin)
-
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(five_bar_pose, self.geometry, 2)
+        geometry = self.proximal, self.distal, self.base, *self.origin
+        return ArmKinematics(five_bar_pose, geometry, 2)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

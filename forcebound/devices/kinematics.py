@@ -54,7 +54,6 @@ class ArmKinematics:
         self.position((0.5,) * joints)  # compile before time matters
 
     def position(self, angles: Vector) -> Vector:
-        """Return the position of the tip; see :class:`forcebound.devices.Kinematics`."""
         self._take(angles)
         return tuple(self._tip.tolist())
 

@@ -8,11 +8,9 @@ The defaults are those of a small brushless motor without gears: assumed, none i
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics, Floats
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated_joints import (
@@ -58,27 +56,13 @@ class Knob(SimulatedArm):
     saturation: Annotated[Torque, POSITIVE] = 0.3  # 7.5 N at the hand
     # 4 m/s at the hand: three times a hand's fastest twist, 2.6 rad in 0.15 s (see phantom.py).
     largest_speed: Annotated[AngularSpeed, POSITIVE] | None = 100.0
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: dict.fromkeys(
-            ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"),
-            "assumed",
-        ),
-        hash=False,
-    )
 
     @property
     def axes(self) -> int:
-        """Number of joints, and of coordinates of the tip."""
         return self.joints
 
-    @property
-    def geometry(self) -> Vector:
-        """What :func:`knob_pose` takes, in m."""
-        return (self.lever,) * self.joints
-
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`SimulatedArm`."""
-        return ArmKinematics(knob_pose, self.geometry, self.joints)
+        return ArmKinematics(knob_pose, (self.lever,) * self.joints, self.joints)
 
     def angles(self, position: Vector) -> Vector:
         """Return the joint angles, in rad, for a tip at ``position``, in m."""

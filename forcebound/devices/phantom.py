@@ -73,9 +73,7 @@ class PhantomPremium15(DeviceModel):
         )
 
     def body(self, operator: Operator) -> AxesBody:
-        """Return the body; see :class:`forcebound.devices.simulated.Body`."""
         return AxesBody(self, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
         return SimulatedDevice(self, operator, hold_limit)

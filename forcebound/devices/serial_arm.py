@@ -9,15 +9,12 @@ that device.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics, Floats, two_links
 from forcebound.devices.simulated_arm import SimulatedArm
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
-from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.quantities import POSITIVE, AngularSpeed, Inertia, Length, Range, Torque
 
@@ -95,37 +92,14 @@ class SerialArm(SimulatedArm):
     upper: Annotated[Length, POSITIVE] = 0.14
     lower: Annotated[Length, POSITIVE] = 0.14
     origin: tuple[Length, Length] = (0.14, -0.14)  # upper link level, lower one down
-    sources: Mapping[str, Source] = field(
-        default_factory=lambda: dict.fromkeys(
-            ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"),
-            "assumed",
-        ),
-        hash=False,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.angles((0.0,) * self.joints) is None:
-            raise ConfigError(
-                f"origin: the arm does not reach {self.origin} m with links of {self.upper} m"
-                f" and {self.lower} m",
-                field="origin",
-            )
 
     @property
     def axes(self) -> int:
-        """Number of joints, and of coordinates of the tip."""
         return self.joints
 
-    @property
-    def geometry(self) -> Vector:
-        """What the pose takes, in m."""
-        return (self.upper, self.lower, *self.origin, 0.0)
-
     def kinematics(self) -> ArmKinematics:
-        """Return the kinematics; see :class:`SimulatedArm`."""
         pose = planar_pose if self.joints == 2 else spatial_pose
-        return ArmKinematics(pose, self.geometry, self.joints)
+        return ArmKinematics(pose, (self.upper, self.lower, *self.origin, 0.0), self.joints)
 
     def angles(self, position: Vector) -> Vector | None:
         """Return the joint angles, in rad, for a tip at ``position``, in m; None out of reach.

@@ -3,11 +3,9 @@
 import math
 from typing import Any, Protocol
 
-from forcebound.bounding.dissipation import StatedNumbers
 from forcebound.devices import Device, Kinematics
 from forcebound.devices.motor import Motor
-from forcebound.devices.stated import per_axis
-from forcebound.devices.true_values import TrueMotor
+from forcebound.devices.true_values import TrueMotor, per_axis
 from forcebound.devices.truth import Truth
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
@@ -50,29 +48,6 @@ class Body(Protocol):
         ...
 
 
-class BodyModel(Protocol):
-    """Parameters of a simulated device: its ``StatedNumbers``, and these."""
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        ...
-
-    @property
-    def saturation(self) -> float:
-        """Largest force, in N (or N m)."""
-        ...
-
-    @property
-    def truth(self) -> TrueMotor | None:
-        """What it really has, where that is not what it states."""
-        ...
-
-    def body(self, operator: Operator) -> Body:
-        """Return the body, at rest at the hand's first target."""
-        ...
-
-
 class SimulatedDevice(Device):
     """A device with a hand on it, whose time is that of the reads and writes.
 
@@ -80,24 +55,28 @@ class SimulatedDevice(Device):
     and write first moves the body to the given time, under the force that was held meanwhile. A
     written force acts after the write delay; one that is too old is dropped at the very instant it
     gets too old, as the watchdog of a real device's firmware does, or guarded from then on.
+
+    Args:
+        model: A ``DeviceModel`` with its ``truth`` (None: as stated) and a method ``body`` that
+            returns the :class:`Body` in an operator's hand.
+        operator: The hand; None: nobody holds it.
+        hold_limit: In s.
     """
 
     def __init__(self, model: Any, operator: Operator | None, hold_limit: float) -> None:
         operator = NoHand() if operator is None else operator
-        stated: StatedNumbers = model
-        parameters: BodyModel = model
-        truth = parameters.truth or TrueMotor()
+        truth = model.truth or TrueMotor()
         self._operator = operator
         self._has_buttons = operator.buttons(0.0) is not None
-        self.axes, self._saturation = parameters.axes, parameters.saturation
-        self._body = parameters.body(operator)
+        self.axes, self._saturation = model.axes, model.saturation
+        self._body: Body = model.body(operator)
         self.kinematics = self._body.kinematics
-        gain = 1.0 + stated.gain_error if truth.gain is None else truth.gain
+        gain = 1.0 + model.gain_error if truth.gain is None else truth.gain
         self._gain = per_axis(gain, self.axes)
         self._compensation = self._body.compensation
         self._scales = any(g != 1.0 for g in self._gain) or any(self._compensation)
-        self._motor = Motor(stated, truth, hold_limit, self._told((0.0,) * self.axes))
-        self._reports_cuts = stated.watchdog in ("guarding", "reporting")
+        self._motor = Motor(model, truth, hold_limit, self._told((0.0,) * self.axes))
+        self._reports_cuts = model.watchdog in ("guarding", "reporting")
         self._reading_at_cut = self._body.reading()
         self._time_ns: int | None = None
         self._engaged_ns: int | None = None
@@ -106,19 +85,16 @@ class SimulatedDevice(Device):
         self._pointer = operator.follow(self.axes) if isinstance(operator, PointerHand) else None
 
     def engage(self, time_ns: int) -> None:
-        """Let the hand begin its motion; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
         if self._engaged_ns is None:
             self._engaged_ns = time_ns
 
     def read(self, time_ns: int) -> Vector:
-        """Return the encoder readings; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
         self._read_ns = time_ns
         return self._body.reading()
 
     def write(self, time_ns: int, force: Vector) -> Vector:
-        """Hold ``force`` from now on; see :class:`forcebound.devices.Device`."""
         self._advance_to(time_ns)
         magnitude = math.hypot(*force)
         if not magnitude <= self._saturation:
@@ -129,28 +105,22 @@ class SimulatedDevice(Device):
         return force
 
     def set_hold_limit(self, seconds: float) -> float:
-        """Set the hold limit; see :class:`forcebound.devices.Device`."""
         return self._motor.set_hold_limit(seconds)
 
     def cut(self) -> tuple[int, Vector] | None:
-        """Return the reported cut; see :class:`forcebound.devices.Device`."""
         cut_ns = self._motor.cut_ns if self._reports_cuts else None
         return None if cut_ns is None else (cut_ns, self._reading_at_cut)
 
     def stamps(self) -> tuple[int, int]:
-        """Return the last stamps; see :class:`forcebound.devices.Device`."""
         return self._read_ns, self._motor.effect_ns
 
     def truth(self) -> Truth:
-        """Return the ground truth; see :class:`Truth`."""
         return self._body.truth()
 
     def kinetic_energy(self) -> float:
-        """Return what its motion holds; see :class:`forcebound.devices.Device`."""
         return self._body.kinetic_energy()
 
     def point(self, place: Vector) -> Vector | None:
-        """Move the pointer of the hand; see :class:`forcebound.devices.Device`."""
         return None if self._pointer is None else self._pointer.point(place)
 
     def _told(self, force: Vector) -> Vector:
@@ -161,7 +131,6 @@ class SimulatedDevice(Device):
         return tuple([g * (f + c) for g, f, c in total])
 
     def buttons(self) -> int | None:
-        """Return which ones the hand held at the last read; see ``Device``."""
         if not self._has_buttons:
             return None
         began_ns = self._engaged_ns

@@ -1,13 +1,16 @@
 """What simulated arms have in common: a body in a hand. Each kind adds its geometry."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 from forcebound.bounding import Watchdog
+from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.simulated import SimulatedDevice
 from forcebound.devices.stated_joints import StatedJoints
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.operators import Operator
 from forcebound.quantities import POSITIVE, Range, Ratio, Time
@@ -16,13 +19,24 @@ if TYPE_CHECKING:
     from forcebound.devices.arm import ArmBody
 
 
+ASSUMED: Mapping[str, Source] = dict.fromkeys(
+    ("damping", "friction", "resolution", "saturation", "inertia", "largest_speed"), "assumed"
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulatedArm(StatedJoints):
     """Parameters of a simulated arm."""
 
+    sources: Mapping[str, Source] = field(default_factory=lambda: ASSUMED, hash=False)
     watchdog: Watchdog = "guarding"
     watchdog_tolerance: Annotated[Ratio, Range(at_least=0, below=1)] = 0.0
     guard_period: Annotated[Time, POSITIVE] = 50e-6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.angles((0.0,) * self.axes) is None:
+            raise ConfigError("origin: the arm does not reach 0 m", field="origin")
 
     @abstractmethod
     def kinematics(self) -> ArmKinematics:
@@ -43,5 +57,4 @@ class SimulatedArm(StatedJoints):
         return ArmBody(self, operator)
 
     def open(self, operator: Operator | None, hold_limit: float) -> SimulatedDevice:
-        """Return the simulated device; see :class:`forcebound.devices.DeviceModel`."""
         return SimulatedDevice(self, operator, hold_limit)

@@ -17,7 +17,7 @@ from forcebound.bounding.dissipation import (
     FrictionOfAxes,
     LengthOfAxes,
 )
-from forcebound.devices.stated import check_count, per_axis
+from forcebound.errors import ConfigError
 from forcebound.messages.packets import Vector
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -125,3 +125,19 @@ def check_counts(model: Any, names: Sequence[str]) -> None:
         check_count(getattr(model, name), name, model.axes)
     for name in (*names, "gain"):
         check_count(true.get(name), f"truth: {name}", model.axes)
+
+
+def per_axis(value: float | Vector, axes: int) -> Vector:
+    """Return a number that is alike on every axis, or one of each, as one of each."""
+    return tuple(value) if isinstance(value, tuple) else (value,) * axes
+
+
+def check_count(value: Any, name: str, axes: int) -> None:
+    """Check that a tuple has as many numbers as there are axes.
+
+    Raises:
+        ConfigError: If it has not.
+    """
+    if isinstance(value, tuple) and len(value) != axes:
+        message = f"{name} must be one number, or {axes} (one per axis), got {len(value)}"
+        raise ConfigError(message, field=name)

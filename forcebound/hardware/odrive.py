@@ -48,8 +48,8 @@ from typing import Annotated, Any, ClassVar
 from forcebound.devices import Source
 from forcebound.devices.kinematics import ArmKinematics
 from forcebound.devices.knob import Knob
-from forcebound.devices.stated import per_axis
 from forcebound.devices.stated_joints import AngleOfJoints, DampingOfJoints, TorqueOfJoints
+from forcebound.devices.true_values import per_axis
 from forcebound.errors import DeviceError
 from forcebound.hardware.line import Line
 from forcebound.hardware.odrive_lines import (
