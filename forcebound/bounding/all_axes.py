@@ -95,9 +95,9 @@ def _limit(law: BoundingLaw) -> Limit:
         if closing == RESTART:
             restart(ledger)
         elif closing != REFUSED:
-            motion = observe_axes(ledger, dt, closing == _UNSURE)
+            motion, cost, price = observe_axes(ledger, dt, closing == _UNSURE)
             saturated = min(magnitude, ledger.saturation)
-            memory, sample = observe(ledger.memory, motion, saturated, dt, device)
+            memory, sample = observe(ledger.memory, motion, cost, price, saturated, dt, device)
             store_memory(ledger.memory, memory)
             ledger.held_price = sample.held_price + drift_price(ledger)
             for end in range(ledger.ends):
@@ -191,10 +191,13 @@ def closing_of(ledger: Ledger, closing: int) -> int:
     return _UNSURE if is_one_hold and closing == TAKEN else RESTART
 
 
-def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> Motion:
+def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> tuple[Motion, float, float]:
     """Take in the new reading of every axis, ``dt`` after the last, in s.
 
     If the force was cut at an unknown time, see :func:`unsure_cost`.
+
+    Returns:
+        The sums over the axes, the penalty and the price of the change of the force, in J.
     """
     motion = NO_MOTION
     lag, gain = ledger.lag, 1.0 + ledger.gain
@@ -203,32 +206,29 @@ def observe_axes(ledger: Ledger, dt: float, is_unsure: bool) -> Motion:
     for k in range(ledger.axes):
         axis, reading = ledger.axis[k], ledger.reading[k]
         one, before, motor = axis.constants, axis.memory, axis.motor
-        move, former = reading - before.reading, before.mean_force
-        mean, cost = mean_force(motor, dt, lag), penalty(motor, dt, lag, gain, move, one)
+        force, move = before.force, reading - before.reading
+        mean = mean_force(motor, dt, lag)
+        change = abs(mean - before.mean_force)
         step += motor.step * motor.step
-        deviation += cost
+        deviation += penalty(motor, dt, lag, gain, move, one)
         most_steps = max(most_steps, motor.steps)
         if is_unsure:
-            mean = cost = 0.0
-            capability += before.force * before.force * dt / (4.0 * one.damping)
-            work += before.force * move
-        after, motion = observe_axis(before, ledger.memory, reading, mean, cost, motion, one)
-        change = abs(mean - former)
-        if is_unsure:
-            change = unsure_change(former, before.force)
-            uncertain += ledger.gain * abs(before.force * move)
-            price += one.half_resolution * change
+            mean, change = 0.0, unsure_change(before.mean_force, force)
+            capability += force * force * dt / (4.0 * one.damping)
+            work += force * move
+            uncertain += ledger.gain * abs(force * move)
+        price += one.half_resolution * change
         axis.work += mean * move - one.half_resolution * change
+        after, motion = observe_axis(before, ledger.memory, reading, mean, motion, one)
         store_axis(before, after)
         store_motor(motor, begin_interval(motor))
     if is_unsure:
         cost = unsure_cost(ledger, gain * gain * capability, work - uncertain, dt)
-        return with_prices(motion, cost, price)
+        return motion, cost, price
     if most_steps == 1.0 and deviation > 0.0 and lag == 0.0 and ledger.is_along_path:
         way = math.sqrt(motion.distance_square) + ledger.resolution
-        cost = path_penalty(ledger, gain * math.sqrt(step), deviation, way)
-        return with_prices(motion, cost, motion.change_price)
-    return motion
+        return motion, path_penalty(ledger, gain * math.sqrt(step), deviation, way), price
+    return motion, deviation, price
 
 
 def path_penalty(ledger: Ledger, step: float, penalty: float, way: float) -> float:
@@ -328,23 +328,6 @@ def scaled(sample: Sample, gain: float, held_price: float) -> Sample:
         sample.penalty,
         gain * sample.change_price,
         gain * held_price,
-    )
-
-
-def with_prices(motion: Motion, penalty: float, change_price: float) -> Motion:
-    """Return ``motion`` with other prices, in J."""
-    return Motion(
-        motion.distance_square,
-        motion.held_square,
-        motion.step,
-        motion.older,
-        motion.younger,
-        motion.path_square,
-        motion.slid,
-        motion.work,
-        penalty,
-        change_price,
-        motion.held_price,
     )
 
 

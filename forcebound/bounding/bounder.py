@@ -7,10 +7,10 @@ from typing import Any, TypeAlias
 
 from forcebound.bounding.all_axes import REFUSED, RESTART, TAKEN, compiled, cut
 from forcebound.bounding.constants import acts_along_path, axis_constants, energy_cap
-from forcebound.bounding.dissipation import Dissipation
+from forcebound.bounding.dissipation import WATCHDOGS, Dissipation
 from forcebound.bounding.law import BoundingLaw
 from forcebound.bounding.laws import LAWS, check_law
-from forcebound.bounding.ledger import WATCHDOGS, Ledger
+from forcebound.bounding.ledger import Ledger
 from forcebound.compiled import jit, new_records
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import MAX_AXES

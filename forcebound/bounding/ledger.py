@@ -9,9 +9,8 @@ from forcebound.bounding.sample import AxisConstants, AxisMemory, DeviceConstant
 from forcebound.bounding.waveform import Motor
 from forcebound.messages.packets import MAX_AXES
 
-#: Values of ``Ledger.watchdog``, in the order of their numbers.
-SILENT, REPORTING, NONE, GUARDING = range(4)
-WATCHDOGS = ("silent", "reporting", "none", "guarding")
+#: Values of ``Ledger.watchdog``, in the order of :data:`forcebound.bounding.dissipation.WATCHDOGS`.
+GUARDING, REPORTING, SILENT, NONE = range(4)
 
 
 class Axis:

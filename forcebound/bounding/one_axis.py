@@ -64,8 +64,10 @@ def one_axis(law: BoundingLaw, overruns: bool = True) -> Step:
             motor = run(retarget(NO_FORCE, axis.force, 0.0, True), device.hold_limit, 0.0)
             motor = run(retarget(motor, 0.0, 0.0, False), dt - device.hold_limit, 0.0)
             mean, cost = mean_force(motor, dt, 0.0), penalty(motor, dt, 0.0, 1.0, move, constants)
-        axis, motion = observe_axis(axis, memory, reading, mean, cost, NO_MOTION, constants)
-        memory, sample = observe(memory, motion, min(abs(commanded), saturation), dt, device)
+        change = r * abs(mean - axis.mean_force)
+        axis, motion = observe_axis(axis, memory, reading, mean, NO_MOTION, constants)
+        saturated = min(abs(commanded), saturation)
+        memory, sample = observe(memory, motion, cost, change, saturated, dt, device)
         state, largest, added_damping = limit(state, sample, device)
         price, available = sample.held_price, 0.0
         if limits_holds:

@@ -9,13 +9,13 @@ One sample, for a device with any number of axes::
 
     motion = NO_MOTION
     for each axis:
-        axis_memory, motion = observe_axis(
-            axis_memory, memory, reading, mean, penalty, motion, constants
-        )                                     # mean, penalty: :mod:`forcebound.bounding.waveform`
-    memory, sample = observe(memory, motion, commanded, dt, device)
+        axis_memory, motion = observe_axis(axis_memory, memory, reading, mean, motion, constants)
+    memory, sample = observe(memory, motion, penalty, change_price, commanded, dt, device)
     state, largest_force, added_damping = law.limit(state, sample, device)
     ...                                           # the force is shortened and written
     state = law.settle(state, write, device)
+
+with the mean force and the penalty of :mod:`forcebound.bounding.waveform`.
 
 Measured loss. Two lower bounds of how far the true position has gone, as the proof of the certified
 law uses them (:mod:`forcebound.bounding.certified`, steps 3 and 4): the path of the play operator
@@ -100,8 +100,6 @@ class Motion(NamedTuple):
     path_square: float  # m², of the way of the play operator
     slid: float  # J, friction of the play operators' moves
     work: float  # J
-    penalty: float  # J
-    change_price: float  # J
     held_price: float  # J
 
 
@@ -129,7 +127,7 @@ class Write(NamedTuple):
 
 
 NO_MEMORY = Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_MOTION = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_MOTION = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NO_WRITE = Write(0.0, 0.0, 0.0)
 
 
@@ -143,7 +141,6 @@ def observe_axis(
     memory: Memory,
     reading: float,
     mean: float,
-    penalty: float,
     motion: Motion,
     constants: AxisConstants,
 ) -> tuple[AxisMemory, Motion]:
@@ -154,7 +151,6 @@ def observe_axis(
         memory: What is remembered of all axes, before this sample.
         reading: q(n), in m.
         mean: Mean force since the last reading, in N.
-        penalty: What the changes of the force since then can have gained, in J.
         motion: Sums over the axes before this one; :data:`NO_MOTION` for the first.
         constants: Of this axis.
 
@@ -175,8 +171,6 @@ def observe_axis(
         motion.path_square + path * path,
         motion.slid + constants.friction * way,
         motion.work + mean * move,
-        motion.penalty + penalty,
-        motion.change_price + r * abs(mean - axis.mean_force),
         motion.held_price + r * abs(mean),
     )
     moves_anchors = memory.samples + 1.0 == ANCHOR_SAMPLES
@@ -186,13 +180,21 @@ def observe_axis(
 
 
 def observe(
-    memory: Memory, motion: Motion, commanded: float, dt: float, device: DeviceConstants
+    memory: Memory,
+    motion: Motion,
+    penalty: float,
+    change_price: float,
+    commanded: float,
+    dt: float,
+    device: DeviceConstants,
 ) -> tuple[Memory, Sample]:
     """Make the sample of all axes.
 
     Args:
         memory: What is remembered of all axes.
         motion: Sums over all axes of :func:`observe_axis`.
+        penalty: What the changes of the force since the last sample can have gained, in J.
+        change_price: Price of the change of the mean force, in J.
         commanded: Magnitude of the commanded force, in N, already saturated.
         dt: Time since the last sample, in s, positive.
         device: Constants of the device.
@@ -212,8 +214,8 @@ def observe(
         math.sqrt(motion.held_square),
         loss - memory.loss,
         motion.slid + device.path_friction * (path - memory.path),
-        motion.penalty,
-        motion.change_price,
+        penalty,
+        change_price,
         motion.held_price,
     )
     samples = memory.samples + 1.0
