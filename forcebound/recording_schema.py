@@ -18,6 +18,7 @@ from forcebound.messages.packets import (
 )
 
 DESCRIPTIONS: dict[str, str] = {
+    "hand": "hand to whose loop the packet belongs; absent: the only one, or all",
     "seq": "count of this packet at its sender, from 0",
     "time_ns": "sender's monotonic clock, ns",
     "elapsed": "time since the force engaged for the first time, s; 0 before",
@@ -53,6 +54,7 @@ DESCRIPTIONS: dict[str, str] = {
     "proxy": "where the tip would be if it could enter nothing, m; absent: free motion",
     "normal": "outward unit normal at the proxy",
     "objects": "what there is to draw, m",
+    "proxies": "where the virtual tips are, m, by hand; a hand in free motion has none",
     "environment": "name of an environment; in a query, of the serving one",
     "node": "process that sent the event",
     "event": "kind of event, one word",
@@ -63,7 +65,7 @@ DESCRIPTIONS: dict[str, str] = {
 
 _UNITS_OF = {
     "s": ("elapsed", "loop_delay", "reply_age"),
-    "m": ("position", "true_position", "proxy", "objects", "cut_position"),
+    "m": ("position", "true_position", "proxy", "proxies", "objects", "cut_position"),
     "rad": ("joints",),
     "N m": ("torques",),
     "m/s": ("velocity",),

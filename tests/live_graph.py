@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from addresses import topic_endpoint
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
@@ -28,7 +29,6 @@ from forcebound.messages.packets import Event, Telemetry
 from forcebound.monitor.control import ask_launcher
 from forcebound.network import sockets
 from forcebound.network.sockets import Network
-from forcebound.process import topic_endpoint
 from forcebound.recording import Recording, read
 from forcebound.telemetry import TelemetryColumns
 

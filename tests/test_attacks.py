@@ -14,6 +14,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import zmq
+from addresses import topic_endpoint
 from live_graph import (
     AGE_LIMIT,
     PROCESSES_OF_THEIR_OWN,
@@ -38,7 +39,6 @@ from forcebound.messages.packets import (
     Telemetry,
 )
 from forcebound.monitor.control import ask
-from forcebound.process import topic_endpoint
 
 pytestmark = PROCESSES_OF_THEIR_OWN
 

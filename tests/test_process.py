@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from addresses import control_endpoint, topic_endpoint
 from builders import MS, query
 from fakes import DISSIPATION, FakeDevice, Sender, device_node
 from waiting import PATIENCE, until
@@ -27,7 +28,6 @@ from forcebound.messages.control import (
 )
 from forcebound.messages.packets import (
     DeviceState,
-    EnvironmentQuery,
     EnvironmentReply,
     ForceCommand,
     Packet,
@@ -44,14 +44,12 @@ from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.events import EventLog
 from forcebound.nodes.servo import ServoSettings
-from forcebound.process import Runner, Stop, control_endpoint, topic_endpoint
+from forcebound.process import Runner, Stop
 
 
 class ListeningNode(Node):
     """Keeps what it hears; answers nothing."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentQuery,)
-    publishes: ClassVar[tuple[type[Packet], ...]] = (EnvironmentReply,)
     wakes_on_arrival: ClassVar[bool] = True
     wake_ns: int | None = None
 
@@ -69,8 +67,6 @@ class ListeningNode(Node):
 class BrokenServo(Node):
     """A servo with a programming mistake."""
 
-    subscribes: ClassVar[tuple[type[Packet], ...]] = ()
-    publishes: ClassVar[tuple[type[Packet], ...]] = ()
     wakes_on_arrival: ClassVar[bool] = False
     wake_ns: int | None = 0
 

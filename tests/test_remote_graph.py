@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from addresses import event_endpoint, remote_endpoint, topic_endpoint
 from builders import MS, query
 from waiting import free_port, until
 
@@ -29,7 +30,7 @@ from forcebound.network.remote import RemoteLink
 from forcebound.network.sockets import Network, Publisher
 from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.environment import EnvironmentNode
-from forcebound.process import Runner, event_endpoint, remote_endpoint, topic_endpoint
+from forcebound.process import Runner
 
 
 def state(seq: int) -> DeviceState:
