@@ -1,8 +1,8 @@
 """Recordings: an MCAP file of every packet of a run, and its reader.
 
-One channel per stream (``/device_state``, ``/left/device_state`` ...), JSON messages, and a jsonschema with units for each,
-so that a recording opens in Foxglove and PlotJuggler. A metadata record ``forcebound``
-holds the resolved launch file, the versions and the seed as text.
+One channel per name of a stream (``/device_state``, ``/left/device_state`` ...), JSON messages, and
+a jsonschema with units for each, so that a recording opens in Foxglove and PlotJuggler. A metadata
+record ``forcebound`` holds the resolved launch file, the versions and the seed as text.
 
 * **A killed recorder loses only the packets after the last** :meth:`Recorder.flush`. MCAP collects
   messages in compressed chunks, and a chunk is in the file only when it is finished; ``flush``
@@ -47,13 +47,11 @@ from forcebound.messages.packets import (
     Vector,
     field_types,
 )
-from forcebound.recording_schema import is_optional, plain_type, schema
+from forcebound.recording_schema import ABSENT, is_optional, plain_type, schema
 from forcebound.telemetry import FIELDS, TelemetryCollector, TelemetryColumns
 from forcebound.topology import HAND, ONE_HAND, Graph, Stream
 
 ENERGY_BEFORE = "energy_before"  # key of the metadata, and of the status of a device
-
-ABSENT = {"hand": HAND, "proxies": {}}  # fields that may be missing, with what that means
 
 _encode = Encoder(enc_hook=plain).encode  # a number that is not finite becomes null
 

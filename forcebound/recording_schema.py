@@ -16,6 +16,7 @@ from forcebound.messages.packets import (
     Vector,
     field_types,
 )
+from forcebound.topology import HAND
 
 DESCRIPTIONS: dict[str, str] = {
     "hand": "hand to whose loop the packet belongs; absent: the only one, or all",
@@ -63,6 +64,9 @@ DESCRIPTIONS: dict[str, str] = {
     "data": "details for programs",
 }  # meaning and unit of the packets' fields, for the schemas
 
+#: Fields that a message may lack beside those without a value, and what that means.
+ABSENT: dict[str, Any] = {"hand": HAND, "proxies": {}}
+
 _UNITS_OF = {
     "s": ("elapsed", "loop_delay", "reply_age"),
     "m": ("position", "true_position", "proxy", "proxies", "objects", "cut_position"),
@@ -92,7 +96,7 @@ def schema(packet: type[Packet]) -> dict[str, Any]:
             name: _field_schema(hint) | {"description": DESCRIPTIONS[name]}
             for name, hint in types.items()
         },
-        "required": [name for name, hint in types.items() if not is_optional(hint)],
+        "required": [n for n, hint in types.items() if not is_optional(hint) and n not in ABSENT],
     }
 
 

@@ -386,7 +386,7 @@ class Lifecycle:
             self._phase_end_ns = None
             return []
         limits = self._limits
-        is_recorder = set(self._of_role(RECORDER)).issubset(self._stopping[0])
+        is_recorder = any(node in self._stopping[0] for node in self._of_role(RECORDER))
         self._phase_end_ns = time_ns + (limits.recorder_stop_ns if is_recorder else limits.stop_ns)
         return [
             Terminate(node)

@@ -52,7 +52,7 @@ class Contact(NamedTuple):
 Shape: TypeAlias = Literal["plane", "sphere", "box", "cylinder", "mesh", "points", "path"]
 
 
-class SceneObject(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+class SceneObject(Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing that a display may draw.
 
     ``size``, in m, depends on the shape: of a sphere its radius; of a box its edges along its own

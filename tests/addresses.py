@@ -20,3 +20,7 @@ def event_endpoint(run_dir: Path, process: str) -> str:
 
 def control_endpoint(run_dir: Path, process: str) -> str:
     return endpoint(run_dir, ONE_HAND.nodes[process])
+
+
+LAUNCHER_SOCKET = ONE_HAND.nodes["launcher"].socket
+LAUNCHERS = f"forcebound-*/{LAUNCHER_SOCKET}"  # of all runs in a folder

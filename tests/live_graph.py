@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from addresses import topic_endpoint
+from addresses import LAUNCHERS, topic_endpoint
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
@@ -86,7 +86,7 @@ class LiveGraph:
 
     @property
     def run_dir(self) -> Path:
-        [run_dir] = (path.parent for path in self.runtime.glob("forcebound-*/control-launcher"))
+        [run_dir] = (path.parent for path in self.runtime.glob(LAUNCHERS))
         return run_dir
 
     @property
@@ -122,7 +122,7 @@ class LiveGraph:
 
     def wait_until_engaged(self) -> None:
         """Wait until the launcher says that the force is engaged."""
-        self.until(lambda: list(self.runtime.glob("forcebound-*/control-launcher")), "the launcher")
+        self.until(lambda: list(self.runtime.glob(LAUNCHERS)), "the launcher")
         self.until(lambda: self.status().phase == "running", "an engaged force")
 
     def wait_until_forced(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from addresses import LAUNCHER_SOCKET
 from builders import telemetry_packet
 from live_graph import LiveGraph, live_graph
 from run_starts import running
@@ -172,5 +173,5 @@ def live_graph_at(
     with program(link, "--fault", "short") as board:
         until(link.exists, "the port")
         with live_graph("haply_2diy", *words, is_alone=False) as graph:
-            graph.until(lambda: list(graph.runtime.glob("*/control-launcher")), "the launcher")
+            graph.until(lambda: list(graph.runtime.glob(f"*/{LAUNCHER_SOCKET}")), "the launcher")
             yield graph, board

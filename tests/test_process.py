@@ -132,8 +132,8 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
     node, _ = device_node()
     device = runner(node, "device", run_dir, network)
     sender = Sender(network, run_dir, "force_command")
-    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x03", b"\xa7version\x02")
-    for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "keys")):
+    old = encode(ForceCommand(0, 0, 0, 0, (0.0,))).replace(b"\xa7version\x04", b"\xa7version\x03")
+    for junk, reason in ((old, "version"), (b"junk", "malformed"), (encode(query(1)), "value")):
 
         def counted(junk: bytes = junk, reason: str = reason) -> bool:
             sender.send(junk)
@@ -141,8 +141,8 @@ def test_rejected_bytes_are_counted_by_reason_in_the_node(
             return reason in device.status().rejected
 
         until(counted, reason)
-    assert node.status().rejected.keys() == {"malformed", "version", "keys"}
-    assert "expected version 3 of the wire format, got 2: use one version" in caplog.text
+    assert node.status().rejected.keys() == {"malformed", "version", "value"}
+    assert "expected version 4" in caplog.text
     assert device.status().waiting_for
 
 

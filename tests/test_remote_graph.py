@@ -128,7 +128,7 @@ def test_another_machine_cannot_play_the_device(pair: Pair) -> None:
     def rejected() -> bool:
         pair.turn()
         pair.far.send(encode(state(1_000_000)))
-        return bool(pair.controller.status().rejected.get("keys"))
+        return bool(pair.controller.status().rejected.get("value"))
 
     until(rejected, "a rejected device state from the other machine")
     received = pair.controller.status().received["device_state"]
