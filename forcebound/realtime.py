@@ -134,8 +134,8 @@ def enter(settings: Settings, role: str) -> list[Fact]:
 
     Args:
         settings: What is wanted.
-        role: Of this process. One that is no node (the recorder, an emulator) is kept off the chain's
-            core and scheduled ordinarily.
+        role: Of this process. One that is no node (the recorder, an emulator) is kept off the
+            nodes' core and scheduled ordinarily.
 
     Returns:
         What was set and what was not permitted.
