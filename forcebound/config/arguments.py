@@ -16,7 +16,6 @@ from forcebound.config.tree import BROKEN, Scalar, Value, scalar
 _SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
 _ARG = re.compile(r"\s*arg\s+(?P<name>\S+)\s*")
 _ENV = re.compile(r"env:(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?P<fallback>:-.*)?", re.DOTALL)
-MAX_PASTED = 4096  # characters of a value that substitutes are pasted into: they could fill memory
 
 _KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -159,7 +158,7 @@ class Substitution:
             return replace(value, content=tuple(self.apply(entry) for entry in content))
         if not isinstance(content, str) or "$" not in content:
             return value
-        text, end, related, length = "", 0, None, 0
+        text, end, related = "", 0, None
         for match in _SUBSTITUTION.finditer(content):
             substitute = self._substitute(match, value)
             if substitute is None or substitute.is_broken:
@@ -167,15 +166,9 @@ class Substitution:
             if match.span() == (0, len(content)):
                 return replace(substitute, key=value.key)
             text += content[end : match.start()] + substitute.text
-            end, length = match.end(), len(text)
-            if length > MAX_PASTED:
-                break
+            end = match.end()
             if substitute.related is not None:
                 related = Related("with", substitute.place)
-        if length > MAX_PASTED:
-            words = f"filled in, this has more than {MAX_PASTED} characters"
-            self._problems.add(words, value.place)
-            return replace(value, content=BROKEN)
         text += content[end:]
         return replace(value, content=text, text=text, related=related)
 

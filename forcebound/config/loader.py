@@ -9,7 +9,8 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import to_document
 from forcebound.config.tree import Value, from_plain
 from forcebound.config.users_code import tried
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.messages.packets import LINKS
 from forcebound.parts.user_module import file_of, names_file
 
@@ -44,7 +45,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
             problem with its place.
     """
     problems = Problems()
-    return build(_read(path, problems), overrides, problems)
+    with _sane(path):
+        return build(_read(path, problems), overrides, problems)
 
 
 Trial: TypeAlias = Callable[[GraphConfig], None]  # raises ConfigError if it fails
@@ -69,11 +71,13 @@ def load_tried(
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
     """
     problems = Problems()
-    filled = _filled(_read(path, problems), overrides, problems)
+    with _sane(path):
+        filled = _filled(_read(path, problems), overrides, problems)
     files = user_files(filled)
     if files:
         tried(partial(_try, path, overrides, trial), files, TRIAL_S)
-    config = _build(filled, problems, asks=not files)
+    with _sane(path):
+        config = _build(filled, problems, asks=not files)
     if trial is not None and not files:
         trial(config)
     checks.warn(config)
@@ -174,6 +178,17 @@ def _check_law(law: Any, present: str) -> None:
     if names_file(str(law)):
         message = "a law of your own needs a launch of its own: law:=FILE.py"
     raise ConfigError(f"{LAW}: {message}")
+
+
+@contextmanager
+def _sane(path: str | Path) -> Iterator[None]:
+    """Turn what a value raises that no launch file has, such as a name with a zero byte."""
+    try:
+        yield
+    except ForceboundError:
+        raise
+    except (ValueError, OverflowError, RecursionError, OSError) as error:
+        raise ConfigError(f"{path}: it holds what no launch file has: {error}") from error
 
 
 def _read(path: str | Path, problems: Problems) -> Value:
