@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from forcebound.config import checks
-from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
+from forcebound.config.arguments import Argument, Arguments, Substitution
 from forcebound.config.document import find, missing, read, with_device_file
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
 from forcebound.config.model import PHASES, form_of
@@ -121,7 +121,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     arguments = Arguments(template, problems)
     substitution = Substitution(arguments.values(overrides), problems)
     filled = substitution.apply(template.without("arguments"))
-    check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
+    arguments.note_unused(overrides, substitution.used)
     return with_device_file(filled, problems)
 
 
