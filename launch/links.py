@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from forcebound.analysis.delay_traces import trace_of
 from forcebound.config.graph import GraphConfig
-from forcebound.config.traces import trace_of
 from forcebound.errors import ConfigError
 from forcebound.launch.lifecycle import Limits
 from forcebound.messages.packets import Packet

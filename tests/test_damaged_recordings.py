@@ -16,10 +16,10 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from msgspec.structs import asdict
 
+from forcebound.analysis.delay_traces import read_trace
 from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.config.resolved import to_document
-from forcebound.config.traces import read_trace
 from forcebound.errors import ConfigError
 from forcebound.mcap_file import MAGIC, MAX_RECORD
 from forcebound.recording import read

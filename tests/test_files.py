@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from launch_texts import GOOD, written
 
+from forcebound.analysis.delay_traces import read_trace
 from forcebound.config.loader import load
 from forcebound.config.parts import law_of
-from forcebound.config.traces import read_trace
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
 from forcebound.network.distribution import read_distribution

@@ -8,9 +8,9 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 
+from forcebound.analysis.delay_traces import shortest_of
 from forcebound.bounding import LAWS, ForceBounder
 from forcebound.config.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
-from forcebound.config.traces import shortest_of
 from forcebound.controllers import ControllerModel
 from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError

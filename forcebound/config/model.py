@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Annotated, Any
 
+from forcebound.analysis.delay_traces import trace_of
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, fields_of
 from forcebound.config.forms import Form
@@ -22,7 +23,6 @@ from forcebound.config.graph import (
 )
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import check_plain
-from forcebound.config.traces import trace_of
 from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
