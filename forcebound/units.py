@@ -133,7 +133,8 @@ def _unit(text: str) -> tuple[Decimal, tuple[int, ...]]:
     Raises:
         KeyError: If one of its names is none of a unit.
     """
-    size, powers = Decimal(1), (0, 0, 0, 0)
+    size = Decimal(1)
+    powers: tuple[int, ...] = (0, 0, 0, 0)
     for sign, name, exponent in _FACTOR.findall(text):
         factor, inner = _named(name)
         power = int(exponent.translate({ord("²"): "2", ord("³"): "3"}) or 1)

@@ -4,9 +4,8 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 """
 
 import logging
-import math
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 
 from forcebound.analysis.delay_traces import shortest_of
 from forcebound.bounding import LAWS, ForceBounder
@@ -20,7 +19,7 @@ from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
 from forcebound.parts.contract import vector_fault
-from forcebound.parts.user_module import describe_user_error, kind_of
+from forcebound.parts.user_module import kind_of, user_code
 
 FAR = 2.0  # m; no hand reaches so far
 TRIED = 20  # times at which the target is evaluated
@@ -123,22 +122,19 @@ def _check_vector(vector: Vector, axes: int, unit: str) -> None:
         raise ConfigError(str(fault))
 
 
-@contextmanager
-def user_code(call: str, field: str | None = None) -> Iterator[None]:
-    """Turn whatever code of a user raises into a ConfigError that names the call."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(f"{call}: {error}", field=field) from error
-    except (Exception, SystemExit) as error:
-        raise ConfigError(f"{call}: {describe_user_error(error)}", field=field) from error
-
-
 def warn(config: GraphConfig) -> None:
     """Log what is not wrong but worth knowing before a run."""
     _warn_uncertified(config)
-    _warn_far(config)
-    _warn_cautions(config)
+    kind = KINDS["operator"].kind_of(type(config.operator))
+    if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):
+        _warn_far(config.operator, config.duration)
+    servo = config.device.servo
+    damping = dissipation_of(config.device.model, servo).least_damping
+    period = servo.period_ns * 1e-9
+    with user_code("controller: cautions"):
+        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
+    for caution in cautions:
+        _logger.warning("controller: %s", caution)
 
 
 def _warn_uncertified(config: GraphConfig) -> None:
@@ -158,24 +154,9 @@ def _warn_uncertified(config: GraphConfig) -> None:
         )
 
 
-def _warn_far(config: GraphConfig) -> None:
+def _warn_far(operator: Operator, duration: float) -> None:
     """Log a target so far away that its unit is missing: 14 for 14 mm."""
-    kind = KINDS["operator"].kind_of(type(config.operator))
-    if config.operator is None or kind is None or not KINDS["operator"].is_shipped(kind):
-        return
-    length = config.duration if math.isfinite(config.duration) else 0.0
-    times = [*(length * share / TRIED for share in range(TRIED)), END_OF_APPROACH]
-    far = max(abs(x) for time in times for x in config.operator.target(time))
+    times = [*(duration * share / TRIED for share in range(TRIED)), END_OF_APPROACH]
+    far = max(abs(x) for time in times for x in operator.target(time))
     if far > FAR:
         _logger.warning("the operator's target goes as far as %g m: is a unit missing?", far)
-
-
-def _warn_cautions(config: GraphConfig) -> None:
-    """Log the controller's cautions about its parameters on this device."""
-    servo = config.device.servo
-    damping = dissipation_of(config.device.model, servo).least_damping
-    period = servo.period_ns * 1e-9
-    with user_code("controller: cautions"):
-        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
-    for caution in cautions:
-        _logger.warning("controller: %s", caution)

@@ -28,7 +28,7 @@ from forcebound.errors import ConfigError
 from forcebound.messages.packets import LINKS
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
-from forcebound.parts.user_module import describe_user_error, kind_of
+from forcebound.parts.user_module import describe_user_error, kind_of, user_code
 from forcebound.quantities import CheckedText
 
 
@@ -166,29 +166,24 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
 def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> Any:
     """A part of its values; ConfigError whatever its own code raises."""
     values.pop("kind", None)
-    try:
-        part = kind(**values)
-    except (ValueError, ArithmeticError) as error:
-        raise ConfigError(
-            str(error), field=error.field if isinstance(error, ConfigError) else None
-        ) from error
-    except Exception as error:
-        if kind_of(kind) is None:
+    if kind_of(kind) is None:
+        try:
+            return kind(**values)
+        except ConfigError:
             raise
-        raise ConfigError(describe_user_error(error)) from error
-    if kind_of(kind) is not None:
-        check_plain(part)
+        except (ValueError, ArithmeticError) as error:
+            raise ConfigError(str(error)) from error
+    with user_code(""):
+        part = kind(**values)
+    check_plain(part)
     return part
 
 
 def _device(section: str, kind: type, values: dict[str, Any], written: Value) -> DeviceConfig:
     servo, parameters = _split(values, BESIDE[section])
     if "law" in servo:
-        law = written.entries["law"]
-        try:
-            servo["law"] = LAWS.resolve(servo["law"], law.folder)
-        except ConfigError as error:
-            raise ConfigError(str(error), field="law") from error
+        with user_code("", "law"):
+            servo["law"] = LAWS.resolve(servo["law"], written.entries["law"].folder)
     return DeviceConfig(_part(section, kind, parameters, written), ServoSettings(**servo))
 
 
@@ -198,7 +193,8 @@ def _environment(
     beside, parameters = _split(values, BESIDE[section])
     model = _part(section, kind, parameters, written)
     environment = EnvironmentConfig(model, **beside)
-    _check_trace(environment.computation, "compute_trace")
+    with user_code("compute_trace", "compute_trace"):
+        trace_of(environment.computation)
     try:
         model.check_files()
     except ConfigError as error:
@@ -216,15 +212,9 @@ def _split(
 
 def _link(values: dict[str, Any], written: Value) -> Impairment:
     impairment = Impairment(**values)
-    _check_trace(impairment, "trace")
-    return impairment
-
-
-def _check_trace(impairment: Impairment, key: str) -> None:
-    try:
+    with user_code("trace", "trace"):
         trace_of(impairment)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}", field=key) from error
+    return impairment
 
 
 def _settings(kind: type) -> Form:

@@ -15,7 +15,7 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -96,6 +96,23 @@ def source_of(kind: str) -> str | None:
 def describe_user_error(error: BaseException) -> str:
     """Return what was raised and, where code of the user's own raised it, its line."""
     return _describe(error, {str(path) for path in _files})
+
+
+@contextlib.contextmanager
+def user_code(call: str, field: str | None = None) -> Iterator[None]:
+    """Turn whatever code of a user raises into a ConfigError that names the call.
+
+    Args:
+        call: What is called, for the message; empty if the message says it.
+        field: Key of the section that is wrong, if it is one.
+    """
+    start = f"{call}: " if call else ""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{start}{error}", field=field or error.field) from error
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"{start}{describe_user_error(error)}", field=field) from error
 
 
 def raised_words(error: BaseException) -> str:
