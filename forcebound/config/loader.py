@@ -214,12 +214,12 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
     form, root = form_of(root, problems)
     made = form.read(root, problems)
+    made["links"] = {t: made[f"links.{t}"] for t in LINKS if f"links.{t}" in made}
     _check_together(made, root, problems, asks)
     problems.raise_if_any()
-    links = {topic: made[f"links.{topic}"] for topic in LINKS if f"links.{topic}" in made}
-    names = (*KINDS, "realtime", "remote", *RUN_KEYS)
+    names = (*KINDS, "links", "realtime", "remote", *RUN_KEYS)
     known = {name: made[name] for name in names if name in made}
-    config = GraphConfig(**{"operator": None, "duration": 1.0, **known, "links": links})
+    config = GraphConfig(**{"operator": None, "duration": 1.0, **known})
     if PHASES not in root.entries:
         return config
     heads = [PhaseHead(one["name"], one["duration"]) for one in made[PHASES]]
@@ -232,7 +232,6 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
     """Check what concerns several sections, as far as they could be made."""
     device, environment = made.get("device"), made.get("environment")
     controller, operator = made.get("controller"), made.get("operator")
-    links = {topic: made[f"links.{topic}"] for topic in LINKS if f"links.{topic}" in made}
 
     def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
         try:
@@ -254,7 +253,7 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
         check("operator", checks.check_path, operator, axes)
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
-        check("device", checks.check_delays, device.servo, environment, links)
+        check("device", checks.check_delays, device.servo, environment, made["links"])
     if environment is not None and asks:
         check("environment", checks.check_environment, environment.model, axes)
     if controller is not None and asks:

@@ -43,14 +43,14 @@ def _check_format(version: Any) -> None:
 
 
 PHASES = "phases"
-_FORMAT = Field("forcebound", Annotated[int, CheckedText(_check_format)], True, None)
+_FORMAT = Field("forcebound", Annotated[int, CheckedText(_check_format)], True)
 _LAW = Field("law", Annotated[str, CheckedText(_check_law)], False, ServoSettings.law)
 #: Sections of a part -> settings that stand beside the parameters of its kind.
 BESIDE: Mapping[str, Mapping[str, Field]] = {
     "device": {**fields_of(ServoSettings), "law": _LAW},
     "environment": fields_of(EnvironmentConfig, BESIDE_MODEL),
 }
-_KIND = Field("kind", str, False, None)
+_KIND = Field("kind", str)
 
 
 def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
@@ -79,7 +79,7 @@ def _form(kinds: tuple[tuple[str, type | None], ...], has_phases: bool) -> Form:
     fields = {"forcebound": _FORMAT, **fields_of(GraphConfig, RUN_KEYS)}
     others = (*KINDS, "arguments", "include", "identified")  # no run reads these three
     free = [name for name in others if name not in sections] + ["duration"] * has_phases
-    fields |= {name: Field(name, Any, False, None) for name in free}
+    fields |= {name: Field(name, Any) for name in free}
     return Form("the launch file", fields, inner=sections)
 
 
@@ -224,7 +224,7 @@ def _settings(kind: type) -> Form:
 
 _MAKE: Mapping[str, Callable[..., Any]] = {"device": _device, "environment": _environment}
 
-_SET = {"set": Field("set", dict[str, Any] | None, False, None)}
+_SET = {"set": Field("set", dict[str, Any] | None)}
 FIXED: Mapping[str, Form] = {
     "links": Form(
         "links",

@@ -51,19 +51,19 @@ class _NumberAndUnit:
 
 _COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
 _END = Annotated[Any, _NumberAndUnit()]
-_OVER, _ALL = (Field(name, Any, False, None) for name in ("over", "all"))
+_OVER, _ALL = (Field(name, Any) for name in ("over", "all"))
 _RANGE = {
-    "from": Field("from", _END, True, None),
-    "to": Field("to", _END, True, None),
-    "count": Field("count", _COUNT, True, None),
+    "from": Field("from", _END, True),
+    "to": Field("to", _END, True),
+    "count": Field("count", _COUNT, True),
     "scale": Field("scale", Literal["linear", "log"], False, "linear"),
 }
 _REPEAT = {
-    "repeat": Field("repeat", _COUNT, True, None),
+    "repeat": Field("repeat", _COUNT, True),
     "from": Field("from", Annotated[int, NOT_NEGATIVE], False, 1),
 }
 _MAP = {name: Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS}
-_MAP["limits"] = Field("limits", list[str], False, None)
+_MAP["limits"] = Field("limits", list[str])
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    rest = {name: Field(name, Any, False, None) for name in KEYS if name not in fields_of(_Head)}
+    rest = {name: Field(name, Any) for name in KEYS if name not in fields_of(_Head)}
     form = Form("the sweep file", {**rest, **fields_of(_Head)})
     head = form.read(root, problems)
     version = root.entries.get("forcebound")
