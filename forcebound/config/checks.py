@@ -5,20 +5,18 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 
 import logging
 from collections.abc import Mapping
-from contextlib import closing
+from importlib import import_module
+from typing import Any
 
 from forcebound.analysis.delay_traces import shortest_of
 from forcebound.bounding import LAWS, ForceBounder
 from forcebound.config.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
-from forcebound.controllers import ControllerModel
-from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
-from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Scene, Vector
+from forcebound.messages.packets import MAX_AXES
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.parts.contract import vector_fault
+from forcebound.parts.contract import Findings
 from forcebound.parts.user_module import kind_of, user_code
 
 FAR = 2.0  # m; no hand reaches so far
@@ -77,49 +75,16 @@ def check_delays(
     )
 
 
-def check_environment(model: EnvironmentModel, axes: int) -> None:
-    """Call a user's environment once, with all that it offers."""
+def check_part(section: str, model: Any, axes: int) -> None:
+    """Ask a user's environment or controller once for all that its contract promises."""
     if kind_of(type(model)) is None:
         return
-    still = (0.0,) * axes
-    with user_code(f"open({axes})", "kind"):
-        opened = open_environment(model, axes)
-    with closing(opened):
-        with user_code(f"force('', {still}, {still}, 0.0)", "kind"):
-            _check_vector(opened.force("", still, still, 0.0), axes, "N")
-        with user_code("contact()", "kind"):
-            touched = opened.contact("")
-            if touched is not None:
-                proxy, normal = touched
-                _check_vector(proxy, axes, "m")
-                _check_vector(normal, axes, "1")
-        with user_code("scene()", "kind"):
-            objects = tuple(opened.scene() or ())
-            decode(encode(Scene(0, 0, objects, None)), Scene)
-
-
-def check_controller(model: ControllerModel, axes: int) -> None:
-    """Give a user's controller its first state and reply."""
-    if kind_of(type(model)) is None:
-        return
-    zero = (0.0,) * axes
-    state = DeviceState(0, 0, 0.0, zero, zero, zero)
-    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, zero, "environment")
-    with user_code("its first state and reply", "kind"), closing(model.open(axes)) as opened:
-        forces = [opened.on_state(state, 0)]
-        position, velocity = opened.query(state)
-        forces.append(opened.on_reply(reply, 0))
-        _check_vector(position, axes, "m")
-        _check_vector(velocity, axes, "m/s")
-        for force in forces:
-            if force is not None:
-                _check_vector(force, axes, "N")
-
-
-def _check_vector(vector: Vector, axes: int, unit: str) -> None:
-    fault = vector_fault(vector, axes, unit)
-    if fault is not None:
-        raise ConfigError(str(fault))
+    contract = import_module(f"forcebound.{section}s.contract")
+    found = Findings()
+    contract.ask_once(model, axes, found)
+    for violation in found.report({}, 1).violations[:1]:
+        words = f"{violation.where}: expected {violation.expected}; got {violation.got}"
+        raise ConfigError(words, field="kind")
 
 
 def warn(config: GraphConfig) -> None:

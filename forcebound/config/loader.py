@@ -255,6 +255,6 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
     if environment is not None and not answers_states:
         check("device", checks.check_delays, device.servo, environment, made["links"])
     if environment is not None and asks:
-        check("environment", checks.check_environment, environment.model, axes)
+        check("environment", checks.check_part, "environment", environment.model, axes)
     if controller is not None and asks:
-        check("controller", checks.check_controller, controller, axes)
+        check("controller", checks.check_part, "controller", controller, axes)
