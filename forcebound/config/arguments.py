@@ -10,8 +10,10 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from forcebound.config.names import split_setting
 from forcebound.config.problems import Place, Problems, Related, shortened, unknown
 from forcebound.config.tree import BROKEN, Scalar, Value, scalar
+from forcebound.errors import ConfigError
 
 _SUBSTITUTION = re.compile(
     r"\$\(\s*arg\s+(?P<argument>[^\s()]+)\s*\)"
@@ -59,21 +61,18 @@ class Arguments:
         given: set[str] = set()
         for text in overrides:
             place = _place(text)
-            name, separator, word = text.partition(":=")
-            if not separator:
-                first, equals, rest = text.partition("=")
-                hint = '; a value with a space needs quotes, as in delay:="2 ms"'
-                if equals:
-                    hint = f"; did you mean '{first}:={rest}'?"
-                self._problems.add(f"expected name:=value{hint}", place)
-            elif name not in values:
+            try:
+                name, word = split_setting(text)
+            except ConfigError as error:
+                self._problems.add(str(error), place)
+                continue
+            if name not in values:
                 self._problems.add(unknown("argument", name, values), place)
             elif name in given:
                 first_place = Related("first", values[name].place)
                 self._problems.add(f"argument {name!r} is given twice", place, first_place)
             else:
                 given.add(name)
-                word = word.strip()
                 content = scalar(word)
                 values[name] = Value("" if content is None else content, place, text=word)
         return {name: self._chosen(name, value) for name, value in values.items()}

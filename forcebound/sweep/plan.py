@@ -19,6 +19,7 @@ from forcebound.config.fields import Field, fields_of
 from forcebound.config.forms import Form
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
+from forcebound.config.names import split_setting
 from forcebound.config.problems import Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
@@ -198,13 +199,10 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
 
 def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, str]:
     given = {}
-    for text in overrides:
-        name, separator, value = text.partition(":=")
-        if not separator:
-            raise ConfigError(f"expected name:=value, got {text!r}")
+    for name, value in map(split_setting, overrides):
         if name not in known:
             raise ConfigError(unknown("argument", name, known))
-        given[name] = value.strip()
+        given[name] = value
     return given
 
 
