@@ -56,14 +56,12 @@ _KIND = Field("kind", str)
 def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
     """Return the form of a launch file, and the file with every section that it must have."""
     root = _completed(root)
-    kinds: list[tuple[str, type | None]] = []
+    kinds: list[tuple[str, type]] = []
     for name in KINDS:
         value = root.entries.get(name)
         if value is None or value.content is BROKEN:
             continue
-        if value.content is not None and not isinstance(value.content, Mapping):
-            kinds.append((name, None))
-        elif (kind := _class_of(name, value, problems)) is not None:
+        if (kind := _class_of(name, value, problems)) is not None:
             kinds.append((name, kind))
         else:  # its problem has been noted
             root = root.with_entries({**root.entries, name: replace(value, content=BROKEN)})
@@ -71,21 +69,17 @@ def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
 
 
 @lru_cache(maxsize=64)
-def _form(kinds: tuple[tuple[str, type | None], ...], has_phases: bool) -> Form:
-    """The form for these kinds; a section without one must be a mapping and is none."""
+def _form(kinds: tuple[tuple[str, type], ...], has_phases: bool) -> Form:
+    """The form for these kinds."""
     sections = dict(FIXED)
     for name, kind in kinds:
-        sections[name] = Form(name, {}) if kind is None else _section(name, kind)
+        fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
+        sections[name] = Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
     fields = {"forcebound": _FORMAT, **fields_of(GraphConfig, RUN_KEYS)}
     others = (*KINDS, "arguments", "include", "identified")  # no run reads these three
     free = [name for name in others if name not in sections] + ["duration"] * has_phases
     fields |= {name: Field(name, Any) for name in free}
     return Form("the launch file", fields, inner=sections)
-
-
-def _section(name: str, kind: type) -> Form:
-    fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
-    return Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
 
 
 def _completed(root: Value) -> Value:
@@ -120,7 +114,9 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
     names = ", ".join(sorted(table))
-    if kind is None:
+    if not isinstance(value.content, Mapping | None):
+        problems.add(f"{section}: expected a mapping, got {value}", value.place, value.related)
+    elif kind is None:
         problems.add(f"{section} needs 'kind', one of {names}", value.key or value.place)
     elif not isinstance(kind.content, str):
         if not kind.is_broken:
