@@ -21,7 +21,7 @@ from forcebound.messages.control import (
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.findings import Finding
 from forcebound.monitor.observation import Observations, RecordingSeen, Seen
-from forcebound.processes import Fact
+from forcebound.roles import Fact
 from forcebound.telemetry import TelemetryColumns
 
 PERIOD_NS = 1_000_000

@@ -19,7 +19,7 @@ from observed_graph import (
 from forcebound.messages.control import BounderReport
 from forcebound.monitor.doctor import examine
 from forcebound.monitor.observation import RecordingSeen
-from forcebound.processes import Fact
+from forcebound.roles import Fact
 
 
 def test_no_force_now_is_told_with_the_age_limit() -> None:

@@ -121,7 +121,7 @@ def topics(_: click.Context, begun: str) -> Iterable[str]:
 @offering
 def links(_: click.Context, begun: str) -> Iterable[str]:
     """Links that can be impaired."""
-    from forcebound.messages.packets import LINKS
+    from forcebound.topology import LINKS
 
     return LINKS
 
@@ -151,7 +151,7 @@ def fields(context: click.Context, begun: str) -> Iterable[str]:
 
     # An option without its value ends the parsing, before arguments have their names.
     topic = context.params.get("topic") or context.args[0]
-    return field_types(TOPICS[topic].packet)
+    return field_types(TOPICS[topic])
 
 
 @offering

@@ -198,8 +198,8 @@ def draw_graph(
     forcebound graph --mermaid > graph.md
     forcebound graph -o graph.svg
     """
-    from forcebound.messages.packets import LINKS
     from forcebound.monitor import drawing
+    from forcebound.topology import LINKS
 
     if output is not None:
         from forcebound.analysis.plots import check_picture

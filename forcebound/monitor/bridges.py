@@ -88,7 +88,7 @@ def _foxglove(topics: Collection[str], port: int) -> Iterator[Send]:
     context = foxglove.Context()
     channels = {}
     for topic in topics:
-        packet = TOPICS[topic].packet
+        packet = TOPICS[topic]
         described = foxglove.Schema(
             name=f"forcebound.{packet.__name__}",
             encoding="jsonschema",

@@ -18,11 +18,11 @@ from forcebound.messages.control import (
     NodeStatus,
     ProcessStatus,
 )
-from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.doctor_loop import LESS_DELAY, LOOP_RULES
 from forcebound.monitor.findings import Data, Finding, Severity
 from forcebound.monitor.observation import SUSPENDED, Observations, Seen
 from forcebound.network.notices import KINDS
+from forcebound.topology import ONE_HAND
 
 WAITING_RATE = 5.0  # rejected replies in 1/s: of several that wait, each tries once a second
 
@@ -134,11 +134,14 @@ def _silent(name: str, process: Seen[Any]) -> Finding:
     return Finding("problem", "no_answer", name, words, action, command, data)
 
 
+_RECEIVERS = {link.name: str(link.receiver) for link in ONE_HAND.links}
+
+
 def _chain(seen: Observations) -> Iterator[Finding]:
     if _delivered(seen, "force_command"):
         return  # what arrives at the end has passed every hop
-    for topic in LINKS:
-        sender, receiver = str(TOPICS[topic].sender), str(TOPICS[topic].receiver)
+    for link in ONE_HAND.links:
+        topic, sender, receiver = link.name, link.sender, str(link.receiver)
         sending, receiving = seen.process(sender), seen.process(receiver)
         if sender in seen.processes and sending.last is None:
             return  # has a finding of its own
@@ -159,7 +162,7 @@ def _chain(seen: Observations) -> Iterator[Finding]:
 
 def _delivered(seen: Observations, topic: str) -> int:
     """Return how many packets of a topic have reached the node that they are for."""
-    receiver = seen.process(str(TOPICS[topic].receiver))
+    receiver = seen.process(_RECEIVERS[topic])
     if receiver.last is not None and topic in receiver.last.links:
         return receiver.growth(partial(_fate, topic=topic, fate="delivered"))
     return 0 if receiver.last is None else receiver.received(topic)

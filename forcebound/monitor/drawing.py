@@ -4,25 +4,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forcebound.messages.packets import LINKS, TOPICS
 from forcebound.monitor.streams import StreamFigures
+from forcebound.topology import ONE_HAND
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Places of the nodes of a picture, and how far the arrows of a pair are apart.
-_X, _APART = {"device": 0.0, "controller": 2.6, "environment": 5.2}, 0.16
+_X, _APART = dict(zip(reversed(ONE_HAND.loop), (0.0, 2.6, 5.2), strict=True)), 0.16
 
 
 def edges(rates: Mapping[str, StreamFigures]) -> list[tuple[str, str, str, float]]:
     """Return sender, receiver, topic and rate (Hz) of each link."""
-    found = []
-    for topic in LINKS:
-        row = TOPICS[topic]
-        assert row.sender is not None  # a link has both ends
-        assert row.receiver is not None
-        found.append((row.sender, row.receiver, topic, rates[topic].rate_hz))
-    return found
+    return [
+        (link.sender, str(link.receiver), link.name, rates[link.name].rate_hz)
+        for link in ONE_HAND.links
+    ]
 
 
 def as_text(rates: Mapping[str, StreamFigures]) -> str:

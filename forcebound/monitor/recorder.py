@@ -18,8 +18,7 @@ from forcebound import process
 from forcebound.config.resolved import FACTS
 from forcebound.errors import RunError
 from forcebound.files import RECORDING_SUFFIX
-from forcebound.launch.run_directory import RunDocument, read_launch_document, recorded_streams
-from forcebound.messages.packets import TOPICS
+from forcebound.launch.run_directory import RunDocument, read_launch_document
 from forcebound.monitor.control import device_status
 from forcebound.monitor.runs import Watch
 from forcebound.network import sockets
@@ -68,8 +67,7 @@ def record_running(
         KeyboardInterrupt: If it was interrupted before anything came; no file is left.
     """
     run, watch = RunDocument.read(run_dir), Watch(run_dir)
-    streams = recorded_streams(run_dir, TOPICS)
-    with process.Stop() as stop, process.Reader(streams, run.core) as reader:
+    with process.Stop() as stop, process.Reader(run_dir, run.graph.streams, run.core) as reader:
         sockets.wait((stop.descriptor,), CONNECTED_NS)
         recorder = _begun(run_dir, run, file, reader)
         sink = process.FailSafeSink(recorder)
@@ -113,7 +111,7 @@ def _begun(run_dir: Path, run: RunDocument, file: Path, reader: process.Reader) 
             ENERGY_BEFORE: repr(0.0 if device is None else device.energy_before),
         }
         offset_ns = time.time_ns() - time.monotonic_ns()
-        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns)
+        recorder = Recorder(str(file.absolute()), run.metadata | now, offset_ns, run.graph)
         reader.forget()
         if read_launch_document(run_dir) == document:
             return recorder

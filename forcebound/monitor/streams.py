@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
+from forcebound.launch.run_directory import RUN_FILE, RunDocument
 from forcebound.messages.packets import TOPICS, Event, Packet, field_types
 from forcebound.monitor.runs import while_running
 from forcebound.process import Reader, Received
@@ -54,7 +54,8 @@ def packets_of(
         return time.monotonic() >= end or not (run_dir / RUN_FILE).exists()
 
     with while_running(run_dir):
-        reader = Reader(recorded_streams(run_dir, topics), RunDocument.read(run_dir).core)
+        run = RunDocument.read(run_dir)
+        reader = Reader(run_dir, run.graph.named(*topics), run.core)
     with reader:
         yield from reader.follow(is_over)
 
@@ -146,7 +147,7 @@ def check_fields(topic: str, names: Collection[str]) -> None:
     Raises:
         ConfigError: If one has not.
     """
-    known = list(field_types(TOPICS[topic].packet))
+    known = list(field_types(TOPICS[topic]))
     for name in names:
         if name not in known:
             raise ConfigError(unknown(f"field of {topic}:", name, known))

@@ -33,12 +33,12 @@ from forcebound.launch.run_directory import (
     write_launch_document,
 )
 from forcebound.messages.control import Configure, ConfigureNode, Parameters, Refused
-from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
 from forcebound.monitor.snapshot import GraphStatus, other_environment, snapshot
-from forcebound.processes import LAUNCHER
 from forcebound.quantities import Range
+from forcebound.roles import LAUNCHER
+from forcebound.topology import LINKS
 from forcebound.units import parse_quantity
 
 PATHS = (
