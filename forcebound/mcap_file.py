@@ -30,6 +30,7 @@ from forcebound.files import open_file, reason
 METADATA_NAME = "forcebound"  # of the metadata record of a recording
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # before the data of a record: opcode and length
+_READ: dict[int, Any] = {Opcode.METADATA.value: Metadata, Opcode.CHUNK.value: Chunk}
 MESSAGE_HEAD = 22  # bytes before the data of a message: channel, sequence, two times
 MAX_RECORD = 32 << 20  # bytes; a recorder's chunk has 1 MiB and its last message
 MAX_EXPANSION = 100  # of a file as a whole, beyond its first chunks; real ones have some 7
@@ -122,7 +123,7 @@ def _record(file: BinaryIO, size: int) -> tuple[int, Any]:
     """Return the opcode of the next record; and the record, if it is metadata or a chunk."""
     head = file.read(_HEAD.size)
     opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, size)
-    kind = {Opcode.METADATA: Metadata, Opcode.CHUNK: Chunk}.get(opcode)
+    kind = _READ.get(opcode)
     if length > size - file.tell() or (kind is not None and length > MAX_RECORD):
         raise DamagedError
     if kind is None:
