@@ -6,17 +6,16 @@ needed. Two things are handled here and nowhere else:
 * numba costs most of a second to import, so it is imported when something is compiled;
 * numba's cache looks only at the file of the compiled function. A changed callee, or constant, in
   another file would leave stale machine code behind. The cache folder of a kernel is therefore
-  named after a digest of its file and all files of the package that this one imports, and where no
-  such folder can be written nothing is cached.
+  named after a digest of the files of all functions and classes that it reaches and of the
+  constants that these name, and where no such folder can be written nothing is cached.
 """
 
 import hashlib
-import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -38,35 +37,28 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-_IMPORT = re.compile(r"^\s*from (forcebound[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
-
-
-@cache
-def _imports(source: Path) -> tuple[bytes, frozenset[Path]]:
-    """Return what a file says, and the files of this package that it imports from."""
-    content = source.read_bytes()
-    found: set[Path] = set()
-    root = Path(__file__).parent.parent
-    for module, names in _IMPORT.findall(content.decode()):
-        folder = root.joinpath(*module.split("."))
-        found.update(folder / f"{name}.py" for name in re.findall(r"\w+", names))
-        found.update((folder.with_suffix(".py"), folder / "__init__.py"))
-    return content, frozenset(filter(Path.exists, found))
-
-
-@cache
-def _digest(modules: frozenset[str]) -> str:
-    """Return a digest of the sources of these modules and of all that they import."""
-    waiting = {Path(str(sys.modules[module].__file__)) for module in modules}
-    known: dict[Path, bytes] = {}
-    while waiting:
-        source = waiting.pop()
-        known[source], imported = _imports(source)
-        waiting |= imported - known.keys()
-    digest = hashlib.sha256()
-    for source in sorted(known):
-        digest.update(known[source])
+def _digest(function: Callable[..., Any]) -> str:
+    """Return a digest of all that the compiled code of a function depends on."""
+    waiting: list[Any] = [function]
+    files: set[str] = set()
+    constants: set[str] = set()
+    for one in waiting:
+        if file := getattr(sys.modules.get(one.__module__), "__file__", None):
+            files.add(file)
+        for name, value in _named(one) if isinstance(one, FunctionType) else ():
+            if isinstance(value, FunctionType | type):
+                waiting += [value] if value not in waiting else []
+            elif isinstance(value, int | float | str | tuple):
+                constants.add(f"{one.__module__}.{name} = {value!r}")
+    digest = hashlib.sha256("\n".join(sorted(constants)).encode())
+    for file in sorted(files):
+        digest.update(_content(file))
     return digest.hexdigest()[:16]
+
+
+@cache
+def _content(file: str) -> bytes:
+    return Path(file).read_bytes()
 
 
 def jit(function: Callable[P, R], *, parallel: bool = False, fast: bool = False) -> Callable[P, R]:
@@ -90,7 +82,7 @@ def _compiled(function: Callable[..., Any], parallel: bool, fast: bool) -> Any:
     import numba
 
     is_known = _is_known_by_name(function)
-    folder = cache_folder(_digest(_modules(function))) if is_known else None
+    folder = cache_folder(_digest(function)) if is_known else None
     if folder is not None:
         config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
         config.CACHE_DIR = str(folder)
@@ -105,21 +97,6 @@ def _is_known_by_name(function: Callable[..., Any]) -> bool:
     enclosed = [cell.cell_contents for cell in function.__closure__ or ()]
     modules = [one.__module__ for one in enclosed if isinstance(one, FunctionType)]
     return all(module.startswith(("forcebound.", "forcebound_user_")) for module in modules)
-
-
-def _modules(function: Callable[..., Any]) -> frozenset[str]:
-    """Return the modules of a function and of all that it calls and encloses."""
-    waiting, reached = [function], {function}
-    enclosed: set[str] = set()
-    while waiting:
-        one = waiting.pop()
-        cells = [cell.cell_contents for cell in one.__closure__ or ()]
-        enclosed |= {cell.__module__ for cell in cells if isinstance(cell, type)}
-        new = set(_called_by(one)) - reached
-        reached |= new
-        waiting += new
-    modules = enclosed | {one.__module__ for one in reached}
-    return frozenset(m for m in modules if getattr(sys.modules.get(m), "__file__", None))
 
 
 @cache
@@ -177,13 +154,19 @@ def allow_in_kernels(functions: Iterable[Callable[..., object]]) -> None:
 
 def _called_by(function: Callable[..., Any]) -> list[Callable[..., Any]]:
     """Return the plain functions that ``function`` encloses, or names and are not a library's."""
+    return [one for _, one in _named(function) if isinstance(one, FunctionType)]
+
+
+def _named(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
+    """Yield all that a function encloses and all globals that it names, but what a library has."""
     own = {__name__.partition(".")[0], function.__module__.partition(".")[0]}
-    called: list[Callable[..., Any]] = []
-    for cell in function.__closure__ or ():
-        if isinstance(cell.cell_contents, FunctionType):
-            called.append(cell.cell_contents)
-    for name in function.__code__.co_names:
-        one = function.__globals__.get(name)
-        if isinstance(one, FunctionType) and one.__module__.partition(".")[0] in own:
-            called.append(one)
-    return called
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
+    codes = [function.__code__]
+    for code in codes:
+        codes += [one for one in code.co_consts if isinstance(one, CodeType)]
+        for name in code.co_names:
+            value = function.__globals__.get(name)
+            value = getattr(value, "py_func", value)  # the plain function of a compiled one
+            if getattr(value, "__module__", __name__).partition(".")[0] in own:
+                yield name, value

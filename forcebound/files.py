@@ -7,11 +7,11 @@ line of what is wrong. :func:`printable` is how a name that came from outside is
 
 import csv
 import errno
+import io
 import os
-import re
 import stat
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -19,17 +19,7 @@ from typing import BinaryIO
 from forcebound.errors import ConfigError, ForceboundError
 
 MAX_TABLE = 100_000_000  # bytes of a CSV file; an hour of delays at 1 kHz
-MAX_LINE = 10_000  # characters of a row
 RECORDING_SUFFIX = ".mcap"  # here, since no start needs the libraries of forcebound.mcap_file
-_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
-
-_KINDS: dict[str, Callable[[int], bool]] = {
-    "a folder": stat.S_ISDIR,
-    "a pipe": stat.S_ISFIFO,
-    "a socket": stat.S_ISSOCK,
-    "a device": stat.S_ISCHR,
-    "a disk": stat.S_ISBLK,
-}
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -38,24 +28,14 @@ def open_file(path: Path) -> BinaryIO:
     Raises:
         OSError: If there is none, it may not be read, or it is no regular file.
     """
-    try:
-        # A pipe without a writer would be waited for.
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
-    except ValueError:  # a zero byte, or half a surrogate pair
-        raise OSError(errno.EINVAL, "no file can have this name") from None
-    except OSError as error:
-        if error.errno == errno.ENXIO:  # what opening a socket says
-            raise OSError(errno.ENXIO, "it is a socket, not a file") from None
-        raise
-    try:
-        mode = os.fstat(descriptor).st_mode
-        if not stat.S_ISREG(mode):
-            kind = next(name for name, is_kind in _KINDS.items() if is_kind(mode))
-            raise OSError(errno.EINVAL, f"it is {kind}, not a file")
-        return open(descriptor, "rb")
-    except BaseException:
+    # A pipe without a writer would be waited for.
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
         os.close(descriptor)
-        raise
+        kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file")
+    return open(descriptor, "rb")
 
 
 def version_of(path: Path) -> tuple[int, int]:
@@ -65,7 +45,7 @@ def version_of(path: Path) -> tuple[int, int]:
     """
     try:
         status = path.stat()
-    except (OSError, ValueError):  # ValueError: a name that no file can have
+    except OSError:
         return 0, 0
     return status.st_mtime_ns, status.st_size
 
@@ -101,48 +81,31 @@ def read_text(path: Path, what: str, limit: int) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line, column, _ = place_in(data, error.start)
-        raise ConfigError(f"{path}:{line}:{column}: {not_text(data, error.start)}") from None
-
-
-def not_text(data: bytes, at: int) -> str:
-    """Return the message for a byte that is no text."""
-    return f"byte 0x{data[at]:02x} is not UTF-8: save the file as UTF-8"
-
-
-def place_in(data: bytes, at: int) -> tuple[int, int, str]:
-    """Return line and column of a byte, both from 1, and the text of that line."""
-    *before, last = data[:at].decode("utf-8-sig", "replace").split("\n")
-    after = data[at:].decode("utf-8", "replace").partition("\n")[0]
-    return len(before) + 1, len(last) + 1, last + after
+        *before, last = data[: error.start].decode("utf-8-sig").split("\n")
+        raise ConfigError(
+            f"{path}:{len(before) + 1}:{len(last) + 1}: byte 0x{data[error.start]:02x} is not"
+            " UTF-8: save the file as UTF-8"
+        ) from None
 
 
 def read_rows(path: Path, what: str) -> Iterator[tuple[str, list[str]]]:
     """Yield the rows of a CSV file that are not empty, each with its place, ``file.csv:3``.
 
-    A row is a line: no cell of a table of numbers holds a line end.
-
     Raises:
-        ConfigError: As :func:`read_text`; or if a line is longer than any row.
+        ConfigError: As :func:`read_text`; or if a line is no row.
     """
-    text = read_text(path, what, MAX_TABLE)
-    for number, line in enumerate(_LINE.finditer(text), start=1):
-        if len(line[0]) > MAX_LINE:
-            raise ConfigError(f"{path}:{number}: more than {MAX_LINE} characters: no row has them")
-        try:
-            row = next(csv.reader((line[0],), strict=True))
-        except csv.Error as error:
-            raise ConfigError(f"{path}:{number}: {error}") from None
-        if row:
-            yield f"{path}:{number}", row
+    rows = csv.reader(io.StringIO(read_text(path, what, MAX_TABLE), newline=""), strict=True)
+    try:
+        for row in rows:
+            if row:
+                yield f"{path}:{rows.line_num}", row
+    except csv.Error as error:
+        raise ConfigError(f"{path}:{rows.line_num}: {error}") from None
 
 
 @contextmanager
 def content_of(name: object) -> Iterator[None]:
     """Turn whatever is raised within into one sentence: the content of a file may be anything.
-
-    What reads a file checks its form; the code that then works with its values would have to doubt
-    every one of them.
 
     Args:
         name: Of the file, for the message.
@@ -183,8 +146,6 @@ def check_writable(path: Path, what: str) -> None:
     except OSError as error:
         folder = path.absolute().parent
         why = error.strerror if folder.is_dir() else f"there is no folder {folder}"
-        if error.errno == errno.ENXIO:  # which is said of a pipe, too
-            why = "nobody reads at its other end"
         raise ConfigError(f"cannot write {what} {path}: {why}") from error
 
 

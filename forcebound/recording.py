@@ -241,10 +241,9 @@ class Recording:
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
         """Yield topic and data of the messages until the end, or the damage; notes which it was."""
         try:
-            with mcap_file.opened(self.path) as file:
-                for content in mcap_file.contents(file, topics):
-                    if isinstance(content, tuple):
-                        yield content
+            for content in mcap_file.contents(self.path, topics):
+                if isinstance(content, tuple):
+                    yield content
             self._complete = True
         except mcap_file.DamagedError:
             self._complete = False  # what came before the damage is good

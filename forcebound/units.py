@@ -1,22 +1,14 @@
 """Units: a quantity as it is written, to a float in SI units.
 
-A number without a unit is SI. Units of another dimension are refused, and so is what is too large
-or too small to be meant.
+A number without a unit is SI. Units of another dimension are refused.
 """
 
 import math
 import re
 from decimal import Decimal
-from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import cache
 
 from forcebound.errors import ConfigError
-
-if TYPE_CHECKING:
-    import pint
-
-SMALLEST, LARGEST = 1e-30, 1e30  # SI; beyond is a slip of the pen, and its square may be 0 or inf
-LONGEST = 9e9  # s, 285 years: all that 64 bits of nanoseconds hold
 
 
 def parse_quantity(value: object, unit: str) -> float:
@@ -27,27 +19,19 @@ def parse_quantity(value: object, unit: str) -> float:
         unit: Symbol of the expected SI unit, such as ``"N/m"``; ``""`` for a plain ratio.
 
     Raises:
-        ConfigError: If it is not a finite number, its unit is unknown, its dimension differs, or
-            it is a time beyond ``LONGEST``.
+        ConfigError: If it is not a finite number, its unit is unknown, or its dimension differs.
     """
     expected = _expected(unit)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ConfigError(f"expected {expected}; got {_shown(value)}")
-    if isinstance(value, str):
-        number, given = split_quantity(value, expected)
-        if given:
-            # 0.03 mm is 3e-5, the float nearest to what is written: floats would round twice.
-            factor = _factor(given, unit, value, expected)
-            number = _finite(float(Decimal(repr(number)) * factor), value, expected)
-    else:
-        number = _finite(value, value, expected)
-    if unit == "s" and abs(number) > LONGEST:
-        raise ConfigError(f"expected {expected}, at most {LONGEST:g} s; got {_shown(value)}")
-    if number and not SMALLEST <= abs(number) <= LARGEST:
-        raise ConfigError(
-            f"expected {expected}, 0 or {SMALLEST:g} to {LARGEST:g} in size; got {_shown(value)}"
-        )
-    return number
+    if not isinstance(value, str):
+        return _finite(value, value, expected)
+    number, given = split_quantity(value, expected)
+    if not given:
+        return number
+    # 0.03 mm is 3e-5, the float nearest to what is written: floats would round twice.
+    size = _size(given, unit, value, expected)
+    return _finite(float(Decimal(repr(number)) * size), value, expected)
 
 
 def split_quantity(
@@ -64,7 +48,7 @@ def split_quantity(
     return _finite(float(match["number"]), text, expected), match["unit"] or ""
 
 
-@lru_cache(maxsize=65536)
+@cache
 def to_si(text: str) -> float | None:
     """Return a quantity of any dimension that parameters have, in SI; None if it is none."""
     for symbol in ("", *NAMES):
@@ -75,7 +59,6 @@ def to_si(text: str) -> float | None:
     return None
 
 
-# The unit part is matched before pint sees it: pint evaluates arithmetic, also `9**9**9**9`.
 _FACTOR_PATTERN = r"(?:1|[A-Za-zµμ%]+(?:(?:\^|\*\*)-?[1-9]|[²³])?)"
 _QUANTITY = re.compile(
     r"(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
@@ -105,92 +88,89 @@ NAMES = {
     "s": ("time", "5 ms"),
 }
 
-# Only what a force-feedback experiment needs: pint's own list takes 0.13 s to read and knows so
-# many words (`a` is a year, `p` a pico) that a slip of the pen is often a unit of something.
-_DEFINITIONS = """
-nano- = 1e-9 = n-
-micro- = 1e-6 = µ- = μ- = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-meter = [length] = m = metre
-second = [time] = s = sec
-gram = [mass] = g
-radian = [] = rad
-degree = 0.017453292519943295 * radian = deg
-percent = 0.01 = %
-byte = [data] = B
-bit = 0.125 * byte
-newton = kilogram * meter / second ** 2 = N = Newton
-joule = newton * meter = J
-watt = joule / second = W
-hertz = 1 / second = Hz = Hertz
-minute = 60 * second = min
-inch = 0.0254 * meter = in
-pound_force = 4.4482216152605 * newton = lbf
-"""
+#: Spellings of each unit, its size in SI, and the powers of m, s, kg and byte in it. Only what a
+#: force-feedback experiment needs: of more words, a slip of the pen would often be one.
+_UNITS = {
+    name: (Decimal(size), powers)
+    for names, size, powers in (
+        ("m meter metre", "1", (1, 0, 0, 0)),
+        ("in inch", "0.0254", (1, 0, 0, 0)),
+        ("s sec second", "1", (0, 1, 0, 0)),
+        ("min minute", "60", (0, 1, 0, 0)),
+        ("Hz Hertz hertz", "1", (0, -1, 0, 0)),
+        ("g gram", "0.001", (0, 0, 1, 0)),
+        ("N Newton newton", "1", (1, -2, 1, 0)),
+        ("lbf", "4.4482216152605", (1, -2, 1, 0)),
+        ("J joule", "1", (2, -2, 1, 0)),
+        ("W watt", "1", (2, -3, 1, 0)),
+        ("B byte", "1", (0, 0, 0, 1)),
+        ("bit", "0.125", (0, 0, 0, 1)),
+        ("1 rad radian", "1", (0, 0, 0, 0)),
+        ("deg degree", "0.0174532925199433", (0, 0, 0, 0)),
+        ("% percent", "0.01", (0, 0, 0, 0)),
+    )
+    for name in names.split()
+}
+_PREFIXES = {
+    name: Decimal(size)
+    for names, size in (
+        ("n nano", "1e-9"),
+        ("u µ μ micro", "1e-6"),
+        ("m milli", "1e-3"),
+        ("c centi", "1e-2"),
+        ("k kilo", "1e3"),
+        ("M mega", "1e6"),
+    )
+    for name in names.split()
+}
+_FACTOR = re.compile(r"([*·/]?)\s*(1|[A-Za-zµμ%]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[float]":
-    import pint  # 0.15 s, with dask 0.25 s: only for units that are not in COMMON_FACTORS
+def _unit(text: str) -> tuple[Decimal, tuple[int, ...]]:
+    """Return size and powers of a unit as it is written.
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]
-    registry.load_definitions(_DEFINITIONS.strip().splitlines())
-    return registry
-
-
-#: The units of most launch files, SI unit -> unit -> factor, as pint has them: a launch that needs
-#: no others starts without it.
-COMMON_FACTORS = {
-    "": {"%": "0.01"},
-    "Hz": {"kHz": "1000"},
-    "N/m": {"N/mm": "1000"},
-    "N/m/s": {"N/mm/s": "1000"},
-    "kg": {"g": "0.001"},
-    "m": {"mm": "0.001"},
-    "m/s": {"mm/s": "0.001"},
-    "s": {"ms": "0.001", "us": "0.000001", "min": "60"},
-}
-
-# Found before: a sweep reads the same units often.
-_FACTORS = {
-    (given, unit): Decimal(factor)
-    for unit, factors in COMMON_FACTORS.items()
-    for given, factor in factors.items()
-}
+    Raises:
+        KeyError: If one of its names is none of a unit.
+    """
+    size = Decimal(1)
+    powers: tuple[int, ...] = (0, 0, 0, 0)
+    for sign, name, exponent in _FACTOR.findall(text):
+        factor, inner = _named(name)
+        power = int(exponent.translate({ord("²"): "2", ord("³"): "3"}) or 1)
+        power = -power if sign == "/" else power
+        size *= factor**power
+        powers = tuple(a + power * b for a, b in zip(powers, inner, strict=True))
+    return size, powers
 
 
-def _factor(given: str, unit: str, value: str, expected: str) -> Decimal:
-    """How many of ``unit`` one of ``given`` is; powers of ten exactly."""
-    known = Decimal(1) if given == unit else _FACTORS.get((given, unit))
-    if known is not None:
-        return known
-    import pint
+def _named(name: str) -> tuple[Decimal, tuple[int, ...]]:
+    """Return size and powers of a unit by its name, which may have a prefix or be a plural."""
+    for spelling in (name, name.removesuffix("s") if len(name) > 3 else name):
+        if spelling in _UNITS:
+            return _UNITS[spelling]
+        for prefix, factor in _PREFIXES.items():
+            unit = (
+                _UNITS.get(spelling.removeprefix(prefix)) if spelling.startswith(prefix) else None
+            )
+            if unit is not None:
+                return factor * unit[0], unit[1]
+    raise KeyError(name)
 
-    registry = _registry()
-    text = given.replace("²", "^2").replace("³", "^3").replace("·", "*")
+
+def _size(given: str, unit: str, value: str, expected: str) -> Decimal:
+    """Return how many of ``unit`` one of ``given`` is."""
     try:
-        source = registry.parse_units(text)
-    except pint.UndefinedUnitError as error:
-        names = error.unit_names
-        unknown = names if isinstance(names, str) else ", ".join(names)
-        raise ConfigError(f"unknown unit {unknown!r} in {value!r}: expected {expected}") from None
-    target = registry.parse_units(unit)
-    if source.dimensionality != target.dimensionality:
-        raise ConfigError(f"expected {expected}; got {value!r}, which is {_named(source)}")
-    number = _finite(registry.convert(1.0, source, target), value, expected)
-    factor = _FACTORS[given, unit] = Decimal(f"{number:.15g}")
-    return factor
-
-
-def _named(unit: Any) -> str:
-    """The quantity that a unit of pint measures, with its article."""
-    for symbol, (name, _) in NAMES.items():
-        if _registry().parse_units(symbol).dimensionality == unit.dimensionality:
-            return _article(name)
-    return f"of dimension {unit.dimensionality}"
+        size, powers = _unit(given)
+    except KeyError as error:
+        raise ConfigError(f"unknown unit {error} in {value!r}: expected {expected}") from None
+    if powers != _unit(unit)[1]:
+        kinds = (
+            _article(name) for symbol, (name, _) in NAMES.items() if _unit(symbol)[1] == powers
+        )
+        known = next(kinds, "no quantity of a launch file")
+        raise ConfigError(f"expected {expected}; got {value!r}, which is {known}")
+    return size
 
 
 def _expected(unit: str) -> str:
@@ -216,8 +196,6 @@ def _finite(number: float, value: object, expected: str) -> float:
 def _shown(value: object) -> str:
     if value is None:
         return "nothing"
-    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print some
-        return "an enormous number"
     text = repr(value) if isinstance(value, str | int | float) else f"a {type(value).__name__}"
     if isinstance(value, bool):
         text = text.lower()

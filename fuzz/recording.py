@@ -20,7 +20,7 @@ import_module("forcebound.devices")  # before: numba cannot compile what atheris
 with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
     include=[
         "forcebound.analysis",
-        "forcebound.config.traces",
+        "forcebound.analysis.delay_traces",
         "forcebound.environments.recorded",
         "forcebound.hops",
         "forcebound.mcap_file",
@@ -28,9 +28,9 @@ with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
         "mcap",
     ]
 ):
+    from forcebound.analysis.delay_traces import as_link_trace, of_recording, read_trace
     from forcebound.analysis.plots import figure
     from forcebound.analysis.tables import phase_rows, summary_rows
-    from forcebound.config.traces import as_link_trace, of_recording, read_trace
     from forcebound.environments.recorded import RecordedEnvironment
     from forcebound.errors import ConfigError
     from forcebound.files import content_of

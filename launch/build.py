@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from forcebound.analysis.delay_traces import trace_of
 from forcebound.config.graph import EnvironmentConfig, GraphConfig
 from forcebound.config.resolved import made
-from forcebound.config.traces import trace_of
 from forcebound.devices import Device
 from forcebound.devices.guard import guarded
 from forcebound.devices.simulated import SimulatedDevice

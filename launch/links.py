@@ -1,7 +1,7 @@
 """Links of a graph: their models, and whether anything comes through."""
 
+from forcebound.analysis.delay_traces import trace_of
 from forcebound.config.graph import GraphConfig
-from forcebound.config.traces import trace_of
 from forcebound.errors import ConfigError
 from forcebound.launch.actions import Limits
 from forcebound.messages.packets import Packet

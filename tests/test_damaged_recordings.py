@@ -16,10 +16,10 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from msgspec.structs import asdict
 
+from forcebound.analysis.delay_traces import read_trace
 from forcebound.cli import main
 from forcebound.config.loader import load
 from forcebound.config.resolved import to_document
-from forcebound.config.traces import read_trace
 from forcebound.errors import ConfigError
 from forcebound.mcap_file import MAGIC, MAX_RECORD
 from forcebound.recording import read
@@ -132,16 +132,11 @@ def one_large_bomb() -> tuple[Chunk, ...]:
     return (bomb(MAX_RECORD + 1),)
 
 
-@pytest.mark.parametrize(
-    ("chunks", "words"),
-    [
-        (one_large_bomb, "a chunk unpacks to 33554433 bytes; at most 33554432 are read"),
-        (many_bombs, "it unpacks to far more than a recording does"),
-    ],
-)
+@pytest.mark.parametrize("chunks", [one_large_bomb, many_bombs])
 def test_a_bomb_is_refused_in_bounded_memory(
-    path: Path, chunks: Callable[[], tuple[Chunk, ...]], words: str
+    path: Path, chunks: Callable[[], tuple[Chunk, ...]]
 ) -> None:
+    words = "unpacks to far more than a recording does"
     write(path, *chunks())
     assert path.stat().st_size < 50_000
     tracemalloc.start()

@@ -13,11 +13,11 @@ from launch_texts import GOOD, written
 from msgspec import structs
 from waiting import PATIENCE
 
+from forcebound.analysis.delay_traces import hop_delays, loop_delays, read_trace
 from forcebound.cli import main
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change, from_document, load
 from forcebound.config.resolved import to_document
-from forcebound.config.traces import hop_delays, loop_delays, read_trace
 from forcebound.errors import ConfigError, RunError
 from forcebound.hops import Hops
 from forcebound.launch.run_directory import RUN_FILE, RunDocument

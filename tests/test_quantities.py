@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from forcebound.errors import ConfigError
 from forcebound.quantities import POSITIVE, Range, Time
-from forcebound.units import COMMON_FACTORS, parse_quantity
+from forcebound.units import parse_quantity, to_si
 
 
 @pytest.mark.parametrize(
@@ -49,13 +49,20 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(
     assert parse_quantity(text, unit) == value
 
 
-@pytest.mark.parametrize("number", ["1", "0.03", "8.7"])
 @pytest.mark.parametrize(
-    ("given", "unit"), [(each, unit) for unit, units in COMMON_FACTORS.items() for each in units]
+    ("one", "other"),
+    [
+        ("3 meters", "3000 mm"),
+        ("8 kbit/s", "1 kilobyte/second"),
+        ("2 W s", "2 N m"),
+        ("3 1/min", "0.05 Hz"),
+        ("5 g cm^2", "5e-7 kg m**2"),
+        ("7 mN s/mm", "7 N·s m^-1"),
+        ("12 kg/s²", "0.012 N/mm"),
+    ],
 )
-def test_a_common_unit_is_what_the_units_library_says(number: str, given: str, unit: str) -> None:
-    spelled = f"{number} 1*{given}"  # not in the table, so the library reads it
-    assert parse_quantity(f"{number} {given}", unit) == parse_quantity(spelled, unit)
+def test_a_quantity_is_the_same_in_other_units(one: str, other: str) -> None:
+    assert to_si(one) == to_si(other) is not None
 
 
 @pytest.mark.parametrize(
@@ -63,7 +70,7 @@ def test_a_common_unit_is_what_the_units_library_says(number: str, given: str, u
     [
         ("5 s", "N/m", "a stiffness in N/m, for example 10 N/mm; got '5 s', which is a time"),
         ("5 N", "m/s", "a speed in m/s, for example 200 mm/s; got '5 N', which is a force"),
-        ("5 m^2", "m", "of dimension [length] ** 2"),
+        ("5 m^2", "m", "'5 m^2', which is no"),
         ("20 periods", "s", "unknown unit 'periods' in '20 periods': expected a time in s"),
         ("5 ns m q", "s", "unknown unit 'q'"),
         ("fast", "m/s", "got 'fast'"),
@@ -80,8 +87,7 @@ def test_a_common_unit_is_what_the_units_library_says(number: str, given: str, u
         ("0 Mm^9 Mm^9 Mm^9 Mm^9 Mm^9 Mm^9/m^9/m^9", "m", "expected a length"),
         (float("nan"), "s", "finite; got nan"),
         (float("-inf"), "s", "finite; got -inf"),
-        (10**400, "s", "finite; got an enormous number"),
-        pytest.param(10**5000, "s", "got an enormous number", id="too long to print"),
+        (10**400, "s", "finite; got 1000"),
         (True, "s", "expected a time in s, for example 5 ms; got true"),
         (None, "s", "got nothing"),
         ([1], "s", "got a list"),
@@ -105,15 +111,9 @@ def test_any_text_is_a_finite_float_or_a_config_error(text: str) -> None:
     assert abs(value) < float("inf")
 
 
-@given(st.just(0.0) | st.floats(1e-30, 1e30) | st.floats(-1e30, -1e-30))
+@given(st.floats(allow_nan=False, allow_infinity=False))
 def test_a_number_and_its_text_are_the_same_quantity(value: float) -> None:
     assert parse_quantity(value, "m") == parse_quantity(repr(value), "m") == value
-
-
-@pytest.mark.parametrize("value", [1e-320, -1e-31, 1.1e30, "1e300", "1e28 km", "1e-29 mm"])
-def test_a_number_that_no_quantity_has_is_refused(value: float | str) -> None:
-    with pytest.raises(ConfigError, match=r"expected a length .*, 0 or 1e-30 to 1e\+30 in size"):
-        parse_quantity(value, "m")
 
 
 @pytest.mark.parametrize(

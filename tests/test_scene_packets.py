@@ -178,11 +178,11 @@ class OpenFloor(Environment):
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [
-        ("if inside else None", "", "contact(): expected a tuple with 1 number in m"),
+        ("if inside else None", "", "contact() after force"),
         (
             '"plane", (0.01, 0.0, 0.0)',
             '"plane", (0.01,)',
-            "scene(): PacketError: scene: ",
+            "scene() before the first query",
         ),
     ],
 )

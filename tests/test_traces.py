@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from launch_texts import GOOD, problems_of, written
 from live_graph import live_graph
 
+from forcebound.analysis.delay_traces import read_trace, shortest_of
 from forcebound.config.loader import from_document, load
 from forcebound.config.resolved import to_document
-from forcebound.config.traces import read_trace, shortest_of
 from forcebound.errors import ConfigError
 from forcebound.launch.links import build_links
 from forcebound.launch.virtual import run_virtual
@@ -67,9 +67,8 @@ def test_empty_lines_and_the_mark_of_spreadsheets_are_passed_over(tmp_path: Path
         ("time_s,delay_s\nnan,0\n", r"wrong.csv:2: "),
         ("time_s,delay_s\n1e300,0\n", r"wrong.csv:2: expected .*within 4e\+09 s"),
         ("time_s,delay_s\n0,1e300\n", r"wrong.csv:2: expected .*within 4e\+09 s"),
-        ("time_s,delay_s\n" + "0" * 20_000, r"wrong.csv:2: more than 10000 characters"),
-        ("time_s,delay_s\n0,0\n0,0\n", r"wrong.csv:3: time must increase: 0.0 after 0.0"),
-        ("time_s,delay_s\n0,0\n1e-10,0\n", r"wrong.csv: times of a trace must increase"),
+        ("time_s,delay_s\n0,0\n0,0\n", r"wrong.csv:3: times must increase"),
+        ("time_s,delay_s\n0,0\n1e-10,0\n", r"wrong.csv:3: times must increase"),
     ],
 )
 def test_what_is_no_trace_is_refused_at_its_line(tmp_path: Path, text: str, message: str) -> None:
@@ -92,10 +91,10 @@ def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
     [
         ((), (), "as many delays as times"),
         ((0.0,), (), "as many delays as times, got 0 and 1"),
-        ((0.0,), (-1.0,), ">= 0 s, got -1.0 s"),
-        ((0.0,), (math.nan,), "finite"),
-        ((math.inf,), (0.0,), "times of a trace must be finite"),
-        ((0.0, 0.0), (0.0, 0.0), "must increase: 0.0 s after 0.0 s"),
+        ((0.0,), (-1.0,), "delay >= 0 s"),
+        ((0.0,), (math.nan,), "delay >= 0 s"),
+        ((math.inf,), (0.0,), "within"),
+        ((0.0, 0.0), (0.0, 0.0), "must increase"),
     ],
 )
 def test_impossible_traces_are_refused(

@@ -276,7 +276,7 @@ def delay(
     forcebound delay stiff_wall --links --duration 10s
     forcebound delay run.mcap -o trace.csv
     """
-    from forcebound.config.traces import as_link_trace
+    from forcebound.analysis.delay_traces import as_link_trace
     from forcebound.monitor.delay import measure
     from forcebound.network.trace import check_output
 

@@ -7,17 +7,19 @@ one substitution takes the substitute's type: ``seed: $(arg seed)`` with ``seed:
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from forcebound.config.names import split_setting
 from forcebound.config.problems import Place, Problems, Related, shortened, unknown
 from forcebound.config.tree import BROKEN, Scalar, Value, scalar
+from forcebound.errors import ConfigError
 
-_SUBSTITUTION = re.compile(r"\$\((?P<call>[^()]*)\)?|\$\{(?P<braces>[^{}]*)\}?")
-_ARG = re.compile(r"\s*arg\s+(?P<name>\S+)\s*")
-_ENV = re.compile(r"env:(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?P<fallback>:-.*)?", re.DOTALL)
-MAX_PASTED = 4096  # characters of a value that substitutes are pasted into: they could fill memory
-
+_SUBSTITUTION = re.compile(
+    r"\$\(\s*arg\s+(?P<argument>[^\s()]+)\s*\)"
+    r"|\$\{env:(?P<variable>[A-Za-z_][A-Za-z0-9_]*)(:-(?P<default>[^{}]*))?\}"
+    r"|\$[({][^(){}]*[)}]?"  # anything else is a mistake
+)
 _KNOWN = "known are $(arg name), ${env:NAME} and ${env:NAME:-default}"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _KEYS = ("default", "help", "choices")
@@ -28,9 +30,15 @@ class Argument:
     """One argument that a launch file declares."""
 
     name: str
-    default: Scalar  # None: it must be given
+    value: Value  # its default; without content if it must be given
     help: str = ""
     choices: tuple[Scalar, ...] = ()  # empty: any
+
+    @property
+    def default(self) -> Scalar:
+        """The default as a plain value; None: it must be given."""
+        default: Scalar = None if self.value.is_broken else self.value.plain
+        return default
 
 
 class Arguments:
@@ -42,30 +50,41 @@ class Arguments:
 
     def __init__(self, root: Value, problems: Problems) -> None:
         self._problems = problems
-        self._defaults: dict[str, Value] = {}
-        self.declared: dict[str, Argument] = {}
-        section = root.entries.get("arguments")
-        if section is None or section.content is None:
-            return
-        if not isinstance(section.content, Mapping):
+        section = root.entries.get("arguments", Value(None, root.place))
+        if section.content is not None and not isinstance(section.content, Mapping):
             problems.add(f"arguments must be a mapping, got {section}", section.place)
-        for name, value in section.entries.items():
-            self._declare(name, value)
+        self.declared = {n: self._declared(n, value) for n, value in section.entries.items()}
 
     def values(self, overrides: Sequence[str]) -> dict[str, Value]:
         """Return the value of each argument; broken where a problem was noted."""
-        values = dict(self._defaults)
-        given: dict[str, Place] = {}
+        values = {name: argument.value for name, argument in self.declared.items()}
+        given: set[str] = set()
         for text in overrides:
-            name, value = self._override(text)
-            if name in given:
-                message = f"argument {name!r} is given twice"
-                self._problems.add(message, _place(text), Related("first", given[name]))
-            elif name is not None:
-                values[name], given[name] = value, value.place
+            place = _place(text)
+            try:
+                name, word = split_setting(text)
+            except ConfigError as error:
+                self._problems.add(str(error), place)
+                continue
+            if name not in values:
+                self._problems.add(unknown("argument", name, values), place)
+            elif name in given:
+                first_place = Related("first", values[name].place)
+                self._problems.add(f"argument {name!r} is given twice", place, first_place)
+            else:
+                given.add(name)
+                content = scalar(word)
+                values[name] = Value("" if content is None else content, place, text=word)
         return {name: self._chosen(name, value) for name, value in values.items()}
 
-    def _declare(self, name: str, value: Value) -> None:
+    def note_unused(self, overrides: Sequence[str], used: Collection[str]) -> None:
+        """Note each override that changes nothing, because no value uses its argument."""
+        for text in overrides:
+            name = text.partition(":=")[0]
+            if name in self.declared and name not in used:
+                self._problems.add("nothing in the launch file uses this argument", _place(text))
+
+    def _declared(self, name: str, value: Value) -> Argument:
         place = value.key or value.place
         if not _NAME.fullmatch(name):
             message = f"an argument's name has letters, digits and _, got {name!r}"
@@ -80,34 +99,13 @@ class Arguments:
             self._problems.add(f"a default is a single value, got {default}", default.place)
             default = replace(default, content=BROKEN)
         default = Substitution(None, self._problems).apply(default)
-        self._defaults[name] = replace(default, key=place)
-        choices = entries.get("choices", nothing).plain or []
+        listed = entries.get("choices", nothing)
+        choices = listed.plain or []
         if not isinstance(choices, list) or any(isinstance(one, dict | list) for one in choices):
-            listed = entries["choices"]
             self._problems.add(f"choices must be a list of values, got {listed}", listed.place)
             choices = []
-        known = None if default.is_broken else default.plain
         words = entries.get("help", nothing).text
-        self.declared[name] = Argument(name, known, words, tuple(choices))
-
-    def _override(self, text: str) -> tuple[str | None, Value]:
-        """Name and value of ``name:=value``; no name, with a problem noted, if it is wrong."""
-        place = _place(text)
-        name, separator, word = text.partition(":=")
-        word = word.strip()
-        content = scalar(word)
-        value = Value("" if content is None else content, place, text=word)
-        if name in self.declared and separator:
-            return name, value
-        if separator:
-            self._problems.add(unknown("argument", name, self.declared), place)
-        else:
-            first, equals, rest = text.partition("=")
-            hint = '; a value with a space needs quotes, as in delay:="2 ms"'
-            if equals:
-                hint = f"; did you mean '{first.rstrip(':')}:={rest}'?"
-            self._problems.add(f"expected name:=value{hint}", place)
-        return None, value
+        return Argument(name, replace(default, key=place), words, tuple(choices))
 
     def _chosen(self, name: str, value: Value) -> Value:
         choices = self.declared[name].choices
@@ -121,16 +119,6 @@ class Arguments:
             message = unknown(f"choice for argument {name!r}:", value.text, known)
             self._problems.add(message, value.place)
         return replace(value, content=BROKEN)
-
-
-def check_overrides_are_used(
-    overrides: Sequence[str], used: set[str], declared: Mapping[str, Argument], problems: Problems
-) -> None:
-    """Note each override that changes nothing, because no value of the launch file uses it."""
-    for text in overrides:
-        name = text.partition(":=")[0]
-        if name in declared and name not in used:
-            problems.add("nothing in the launch file uses this argument", _place(text))
 
 
 def _place(override: str) -> Place:
@@ -157,39 +145,30 @@ class Substitution:
             return value.with_entries({n: self.apply(entry) for n, entry in content.items()})
         if isinstance(content, tuple):
             return replace(value, content=tuple(self.apply(entry) for entry in content))
-        if not isinstance(content, str) or "$" not in content:
+        matches = list(_SUBSTITUTION.finditer(content)) if isinstance(content, str) else []
+        if not matches or not isinstance(content, str):
             return value
-        text, end, related, length = "", 0, None, 0
-        for match in _SUBSTITUTION.finditer(content):
-            substitute = self._substitute(match, value)
-            if substitute is None or substitute.is_broken:
-                return replace(value, content=BROKEN)
-            if match.span() == (0, len(content)):
-                return replace(substitute, key=value.key)
-            text += content[end : match.start()] + substitute.text
-            end, length = match.end(), len(text)
-            if length > MAX_PASTED:
-                break
-            if substitute.related is not None:
-                related = Related("with", substitute.place)
-        if length > MAX_PASTED:
-            words = f"filled in, this has more than {MAX_PASTED} characters"
-            self._problems.add(words, value.place)
+        found = [self._substitute(match, value) for match in matches]
+        if any(one.is_broken for one in found):
             return replace(value, content=BROKEN)
-        text += content[end:]
-        return replace(value, content=text, text=text, related=related)
+        if matches[0][0] == content:
+            return replace(found[0], key=value.key)
+        texts = iter(found)
+        text = _SUBSTITUTION.sub(lambda match: next(texts).text, content)
+        origins = [Related("with", one.place) for one in found if one.related is not None]
+        return replace(value, content=text, text=text, related=origins[-1] if origins else None)
 
-    def _substitute(self, match: re.Match[str], value: Value) -> Value | None:
-        opened, closed = match[0][1], match[0][-1]  # "$(arg}" is neither
-        if (opened, closed) == ("(", ")") and (call := _ARG.fullmatch(match["call"])):
-            return self._argument(call["name"], value)
-        if (opened, closed) == ("{", "}") and (braces := _ENV.fullmatch(match["braces"])):
-            return self._variable(braces["name"], braces["fallback"], value)
-        self._problems.add(f"unknown substitution {match[0]!r}; {_KNOWN}", value.place)
-        return None
-
-    def _argument(self, name: str, value: Value) -> Value | None:
-        if self._arguments is None:
+    def _substitute(self, match: re.Match[str], value: Value) -> Value:
+        name, variable = match["argument"], match["variable"]
+        if variable is not None:
+            text = os.environ.get(variable, match["default"])
+            if text is not None:
+                return replace(value, content=scalar(text), text=text)
+            hint = f"${{env:{variable}:-default}} would give it a default"
+            message = f"environment variable {variable} is not set; {hint}"
+        elif name is None:
+            message = f"unknown substitution {match[0]!r}; {_KNOWN}"
+        elif self._arguments is None:
             message = f"$(arg {name}) cannot stand here: the arguments are not known yet"
         elif name not in self._arguments:
             message = unknown("argument", name, self._arguments)
@@ -197,12 +176,4 @@ class Substitution:
             self.used.add(name)
             return replace(self._arguments[name], related=Related("used at", value.place))
         self._problems.add(message, value.place)
-        return None
-
-    def _variable(self, name: str, fallback: str | None, value: Value) -> Value | None:
-        text = os.environ.get(name, None if fallback is None else fallback[2:])
-        if text is None:
-            hint = f"${{env:{name}:-default}} would give it a default"
-            self._problems.add(f"environment variable {name} is not set; {hint}", value.place)
-            return None
-        return replace(value, content=scalar(text), text=text)
+        return replace(value, content=BROKEN)

@@ -4,23 +4,20 @@ Each raises ConfigError, with the key of the section that is wrong where it is o
 """
 
 import logging
-import math
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
 
+from forcebound.analysis.delay_traces import shortest_of
 from forcebound.bounding import LAWS, ForceBounder
 from forcebound.config.graph import KINDS, DeviceConfig, EnvironmentConfig, GraphConfig
-from forcebound.config.traces import shortest_of
-from forcebound.controllers import ControllerModel
-from forcebound.environments import EnvironmentModel, open_environment
 from forcebound.errors import ConfigError
-from forcebound.messages.codec import decode, encode
-from forcebound.messages.packets import MAX_AXES, DeviceState, EnvironmentReply, Scene, Vector
+from forcebound.messages.packets import MAX_AXES
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings, dissipation_of
 from forcebound.operators import Operator
-from forcebound.parts.contract import vector_fault
-from forcebound.parts.user_module import describe_user_error, kind_of
+from forcebound.parts.contract import Findings
+from forcebound.parts.user_module import kind_of, user_code
 
 FAR = 2.0  # m; no hand reaches so far
 TRIED = 20  # times at which the target is evaluated
@@ -78,67 +75,31 @@ def check_delays(
     )
 
 
-def check_environment(model: EnvironmentModel, axes: int) -> None:
-    """Call a user's environment once, with all that it offers."""
+def check_part(section: str, model: Any, axes: int) -> None:
+    """Ask a user's environment or controller once for all that its contract promises."""
     if kind_of(type(model)) is None:
         return
-    still = (0.0,) * axes
-    with user_code(f"open({axes})", "kind"):
-        opened = open_environment(model, axes)
-    with closing(opened):
-        with user_code(f"force('', {still}, {still}, 0.0)", "kind"):
-            _check_vector(opened.force("", still, still, 0.0), axes, "N")
-        with user_code("contact()", "kind"):
-            touched = opened.contact("")
-            if touched is not None:
-                proxy, normal = touched
-                _check_vector(proxy, axes, "m")
-                _check_vector(normal, axes, "1")
-        with user_code("scene()", "kind"):
-            objects = tuple(opened.scene() or ())
-            decode(encode(Scene(0, 0, objects)), Scene)
-
-
-def check_controller(model: ControllerModel, axes: int) -> None:
-    """Give a user's controller its first state and reply."""
-    if kind_of(type(model)) is None:
-        return
-    zero = (0.0,) * axes
-    state = DeviceState(0, 0, 0.0, zero, zero, zero)
-    reply = EnvironmentReply(0, 0, 0, 0, 0, 0, zero, "environment")
-    with user_code("its first state and reply", "kind"), closing(model.open(axes)) as opened:
-        forces = [opened.on_state(state, 0)]
-        position, velocity = opened.query(state)
-        forces.append(opened.on_reply(reply, 0))
-        _check_vector(position, axes, "m")
-        _check_vector(velocity, axes, "m/s")
-        for force in forces:
-            if force is not None:
-                _check_vector(force, axes, "N")
-
-
-def _check_vector(vector: Vector, axes: int, unit: str) -> None:
-    fault = vector_fault(vector, axes, unit)
-    if fault is not None:
-        raise ConfigError(str(fault))
-
-
-@contextmanager
-def user_code(call: str, field: str | None = None) -> Iterator[None]:
-    """Turn whatever code of a user raises into a ConfigError that names the call."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(f"{call}: {error}", field=field) from error
-    except (Exception, SystemExit) as error:
-        raise ConfigError(f"{call}: {describe_user_error(error)}", field=field) from error
+    contract = import_module(f"forcebound.{section}s.contract")
+    found = Findings()
+    contract.ask_once(model, axes, found)
+    for violation in found.report({}, 1).violations[:1]:
+        words = f"{violation.where}: expected {violation.expected}; got {violation.got}"
+        raise ConfigError(words, field="kind")
 
 
 def warn(config: GraphConfig) -> None:
     """Log what is not wrong but worth knowing before a run."""
     _warn_uncertified(config)
-    _warn_far(config)
-    _warn_cautions(config)
+    kind = KINDS["operator"].kind_of(type(config.operator))
+    if config.operator is not None and kind is not None and KINDS["operator"].is_shipped(kind):
+        _warn_far(config.operator, config.duration)
+    servo = config.device.servo
+    damping = dissipation_of(config.device.model, servo).least_damping
+    period = servo.period_ns * 1e-9
+    with user_code("controller: cautions"):
+        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
+    for caution in cautions:
+        _logger.warning("controller: %s", caution)
 
 
 def _warn_uncertified(config: GraphConfig) -> None:
@@ -158,24 +119,9 @@ def _warn_uncertified(config: GraphConfig) -> None:
         )
 
 
-def _warn_far(config: GraphConfig) -> None:
+def _warn_far(operator: Operator, duration: float) -> None:
     """Log a target so far away that its unit is missing: 14 for 14 mm."""
-    kind = KINDS["operator"].kind_of(type(config.operator))
-    if config.operator is None or kind is None or not KINDS["operator"].is_shipped(kind):
-        return
-    length = config.duration if math.isfinite(config.duration) else 0.0
-    times = [*(length * share / TRIED for share in range(TRIED)), END_OF_APPROACH]
-    far = max(abs(x) for time in times for x in config.operator.target(time))
+    times = [*(duration * share / TRIED for share in range(TRIED)), END_OF_APPROACH]
+    far = max(abs(x) for time in times for x in operator.target(time))
     if far > FAR:
         _logger.warning("the operator's target goes as far as %g m: is a unit missing?", far)
-
-
-def _warn_cautions(config: GraphConfig) -> None:
-    """Log the controller's cautions about its parameters on this device."""
-    servo = config.device.servo
-    damping = dissipation_of(config.device.model, servo).least_damping
-    period = servo.period_ns * 1e-9
-    with user_code("controller: cautions"):
-        cautions = config.controller.cautions(damping, period, servo.reply_wait * period)
-    for caution in cautions:
-        _logger.warning("controller: %s", caution)

@@ -11,18 +11,15 @@ does not keep.
 """
 
 from collections.abc import Mapping
-from itertools import islice
 from pathlib import Path
 
 from forcebound.config.arguments import Substitution
 from forcebound.config.problems import Place, Problems, nearest_file
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
-from forcebound.files import not_text, place_in, read_bytes, read_text, reason
+from forcebound.files import read_text
 
 MAX_BYTES = 256_000  # a launch file is a page or two; more is a mistake, and slow to read
-MAX_INCLUDES = 10  # files that include one another, one after the other
-MOST_BESIDE = 200  # files of a folder that are looked through for the nearest name
 DEVICE_FILE = "the file of the device"
 
 SHIPPED = Path(__file__).parent.parent / "launch"
@@ -31,16 +28,11 @@ SHIPPED = Path(__file__).parent.parent / "launch"
 def find(path: Path, folder: Path = Path()) -> Path | None:
     """Return the launch file meant by ``path`` in a folder: on disk, or else of those shipped."""
     on_disk = folder / path
-    try:
-        if on_disk.is_file():
-            return on_disk
-        if path.parent in (Path(), Path("launch")):
-            for name in (path.name, f"{path.name}.yaml"):
-                if name in shipped():
-                    return SHIPPED / name
-        return on_disk if on_disk.exists() else None
-    except (OSError, ValueError):  # a path that no file can have
-        return None
+    if not on_disk.is_file() and path.parent in (Path(), Path("launch")):
+        for name in (path.name, f"{path.name}.yaml"):
+            if name in shipped():
+                return SHIPPED / name
+    return on_disk if on_disk.exists() else None
 
 
 def folder_of(path: Path) -> Path:
@@ -67,10 +59,7 @@ def descriptions() -> dict[str, str]:
 def missing(path: str | Path, folder: Path = Path()) -> str:
     """Return the message for a launch file that does not exist, with the nearest one."""
     named = folder / path
-    try:
-        beside = [one.name for one in islice(named.parent.glob("*.y*ml"), MOST_BESIDE)]
-    except (OSError, ValueError):  # a path that no file can have
-        beside = []
+    beside = [one.name for one in named.parent.glob("*.y*ml")]
     guess = nearest_file(named.name, [*shipped(), *beside])
     return (
         f"there is no launch file {str(path)!r}; {guess}"
@@ -80,8 +69,12 @@ def missing(path: str | Path, folder: Path = Path()) -> str:
 
 def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Value | None:
     """Return the tree of the file and all that it includes; None if nothing can be made of it."""
-    text = _text_of(path, problems)
-    root = None if text is None else parse(text, str(path), problems)
+    try:
+        text = read_text(path, "the launch file", MAX_BYTES)
+    except ConfigError as error:
+        problems.add(str(error), Place(""))
+        return None
+    root = parse(text, str(path), problems)
     if root is None or "include" not in root.entries:
         return root
     named = Substitution(None, problems).apply(root.entries["include"])
@@ -92,9 +85,6 @@ def read(path: Path, problems: Problems, including: tuple[Path, ...] = ()) -> Va
         problems.add(f"include must name one launch file, got {named}", named.place)
     elif (found := find(Path(named.content), path.parent)) is None:
         problems.add(missing(named.content, path.parent), named.place)
-    elif len(including) >= MAX_INCLUDES:
-        problems.add(f"more than {MAX_INCLUDES} files include one another", named.place)
-        found = None
     elif found.resolve() in (*including, path.resolve()):
         files = (*including, path, found)
         chain = " includes ".join(str(file.name) for file in files)
@@ -168,17 +158,3 @@ def device_section(path: Path, problems: Problems) -> Value:
     if device is None or "kind" not in device.entries:
         raise ConfigError(f"{path} has no section device: with a kind")
     return device
-
-
-def _text_of(path: Path, problems: Problems) -> str | None:
-    try:
-        data = read_bytes(path, MAX_BYTES)
-    except OSError as error:
-        problems.add(f"cannot read the launch file: {reason(error)}", Place(str(path)))
-        return None
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        place = Place(str(path), *place_in(data, error.start))
-        problems.add(not_text(data, error.start), place)
-        return None

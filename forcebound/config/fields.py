@@ -1,19 +1,17 @@
 """Keys of a section: the fields of a frozen dataclass that a launch file can set."""
 
 import dataclasses
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 
-@dataclass(frozen=True, eq=False)
-class Field:
+class Field(NamedTuple):
     """One key of a section, and its permitted values."""
 
     name: str
     hint: Any
-    required: bool
-    default: Any
+    required: bool = False
+    default: Any = None
 
 
 @cache
@@ -22,12 +20,10 @@ def fields_of(kind: type, names: tuple[str, ...] | None = None) -> dict[str, Fie
     hints = get_type_hints(kind, include_extras=True)
     found: dict[str, Field] = {}
     for field in dataclasses.fields(kind):
-        if not field.init or (names is not None and field.name not in names):
-            continue
-        factory = field.default_factory
-        default = field.default if factory is dataclasses.MISSING else factory()
-        required = default is dataclasses.MISSING
-        found[field.name] = Field(
-            field.name, hints[field.name], required, None if required else default
-        )
+        if field.init and (names is None or field.name in names):
+            factory = field.default_factory
+            default = field.default if factory is dataclasses.MISSING else factory()
+            required = default is dataclasses.MISSING
+            given = None if required else default
+            found[field.name] = Field(field.name, hints[field.name], required, given)
     return found

@@ -9,14 +9,15 @@ Each step notes its problems and passes on what is sound, so that all of them ar
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from forcebound.config import checks
-from forcebound.config.arguments import Argument, Arguments, Substitution, check_overrides_are_used
+from forcebound.config.arguments import Argument, Arguments, Substitution
 from forcebound.config.document import find, missing, read, with_device_file
 from forcebound.config.graph import KINDS, RUN_KEYS, GraphConfig, PhaseHead
 from forcebound.config.model import PHASES, form_of
@@ -27,7 +28,7 @@ from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import to_document
 from forcebound.config.tree import Value, from_plain
 from forcebound.config.users_code import tried
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.parts.user_module import file_of, names_file
 from forcebound.topology import LINKS
 
@@ -44,7 +45,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> GraphConfig:
             problem with its place.
     """
     problems = Problems()
-    return build(_read(path, problems), overrides, problems)
+    with _sane(path):
+        return build(_read(path, problems), overrides, problems)
 
 
 Trial: TypeAlias = Callable[[GraphConfig], None]  # raises ConfigError if it fails
@@ -69,11 +71,13 @@ def load_tried(
         ConfigError: As :func:`load`; or if the user's code was too slow or ended its process.
     """
     problems = Problems()
-    filled = _filled(_read(path, problems), overrides, problems)
+    with _sane(path):
+        filled = _filled(_read(path, problems), overrides, problems)
     files = user_files(filled)
     if files:
         tried(partial(_try, path, overrides, trial), files, TRIAL_S)
-    config = _build(filled, problems, asks=not files)
+    with _sane(path):
+        config = _build(filled, problems, asks=not files)
     if trial is not None and not files:
         trial(config)
     checks.warn(config)
@@ -117,7 +121,7 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
     arguments = Arguments(template, problems)
     substitution = Substitution(arguments.values(overrides), problems)
     filled = substitution.apply(template.without("arguments"))
-    check_overrides_are_used(overrides, substitution.used, arguments.declared, problems)
+    arguments.note_unused(overrides, substitution.used)
     return with_device_file(filled, problems)
 
 
@@ -176,6 +180,17 @@ def _check_law(law: Any, present: str) -> None:
     raise ConfigError(f"{LAW}: {message}")
 
 
+@contextmanager
+def _sane(path: str | Path) -> Iterator[None]:
+    """Turn what a value raises that no launch file has, such as a name with a zero byte."""
+    try:
+        yield
+    except ForceboundError:
+        raise
+    except (ValueError, OverflowError, RecursionError, OSError) as error:
+        raise ConfigError(f"{path}: it holds what no launch file has: {error}") from error
+
+
 def _read(path: str | Path, problems: Problems) -> Value:
     found = find(Path(path))
     if found is None:
@@ -199,12 +214,12 @@ def _build(root: Value, problems: Problems, asks: bool = True) -> GraphConfig:
     """Return what the tree says; ``asks``: whether to call a user's own parts once."""
     form, root = form_of(root, problems)
     made = form.read(root, problems)
+    made["links"] = {t: made[f"links.{t}"] for t in LINKS if f"links.{t}" in made}
     _check_together(made, root, problems, asks)
     problems.raise_if_any()
-    links = {topic: made[f"links.{topic}"] for topic in LINKS if f"links.{topic}" in made}
-    names = (*KINDS, "realtime", "remote", *RUN_KEYS)
+    names = (*KINDS, "links", "realtime", "remote", *RUN_KEYS)
     known = {name: made[name] for name in names if name in made}
-    config = GraphConfig(**{"operator": None, "duration": 1.0, **known, "links": links})
+    config = GraphConfig(**{"operator": None, "duration": 1.0, **known})
     if PHASES not in root.entries:
         return config
     heads = [PhaseHead(one["name"], one["duration"]) for one in made[PHASES]]
@@ -217,7 +232,6 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
     """Check what concerns several sections, as far as they could be made."""
     device, environment = made.get("device"), made.get("environment")
     controller, operator = made.get("controller"), made.get("operator")
-    links = {topic: made[f"links.{topic}"] for topic in LINKS if f"links.{topic}" in made}
 
     def check(section: str, what: Callable[..., None], *arguments: Any) -> bool:
         try:
@@ -239,8 +253,8 @@ def _check_together(made: Mapping[str, Any], root: Value, problems: Problems, as
         check("operator", checks.check_path, operator, axes)
     answers_states = controller is not None and controller.answers_states
     if environment is not None and not answers_states:
-        check("device", checks.check_delays, device.servo, environment, links)
+        check("device", checks.check_delays, device.servo, environment, made["links"])
     if environment is not None and asks:
-        check("environment", checks.check_environment, environment.model, axes)
+        check("environment", checks.check_part, "environment", environment.model, axes)
     if controller is not None and asks:
-        check("controller", checks.check_controller, controller, axes)
+        check("controller", checks.check_part, "controller", controller, axes)

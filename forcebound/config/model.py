@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Annotated, Any
 
+from forcebound.analysis.delay_traces import trace_of
 from forcebound.bounding import LAWS
 from forcebound.config.fields import Field, fields_of
 from forcebound.config.forms import Form
@@ -22,12 +23,11 @@ from forcebound.config.graph import (
 )
 from forcebound.config.problems import Problems, unknown
 from forcebound.config.resolved import check_plain
-from forcebound.config.traces import trace_of
 from forcebound.config.tree import BROKEN, Value
 from forcebound.errors import ConfigError
 from forcebound.network.impairment import Impairment
 from forcebound.nodes.servo import ServoSettings
-from forcebound.parts.user_module import describe_user_error, kind_of
+from forcebound.parts.user_module import describe_user_error, kind_of, user_code
 from forcebound.quantities import CheckedText
 from forcebound.topology import LINKS
 
@@ -43,27 +43,25 @@ def _check_format(version: Any) -> None:
 
 
 PHASES = "phases"
-_FORMAT = Field("forcebound", Annotated[int, CheckedText(_check_format)], True, None)
+_FORMAT = Field("forcebound", Annotated[int, CheckedText(_check_format)], True)
 _LAW = Field("law", Annotated[str, CheckedText(_check_law)], False, ServoSettings.law)
 #: Sections of a part -> settings that stand beside the parameters of its kind.
 BESIDE: Mapping[str, Mapping[str, Field]] = {
     "device": {**fields_of(ServoSettings), "law": _LAW},
     "environment": fields_of(EnvironmentConfig, BESIDE_MODEL),
 }
-_KIND = Field("kind", str, False, None)
+_KIND = Field("kind", str)
 
 
 def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
     """Return the form of a launch file, and the file with every section that it must have."""
     root = _completed(root)
-    kinds: list[tuple[str, type | None]] = []
+    kinds: list[tuple[str, type]] = []
     for name in KINDS:
         value = root.entries.get(name)
         if value is None or value.content is BROKEN:
             continue
-        if value.content is not None and not isinstance(value.content, Mapping):
-            kinds.append((name, None))
-        elif (kind := _class_of(name, value, problems)) is not None:
+        if (kind := _class_of(name, value, problems)) is not None:
             kinds.append((name, kind))
         else:  # its problem has been noted
             root = root.with_entries({**root.entries, name: replace(value, content=BROKEN)})
@@ -71,21 +69,17 @@ def form_of(root: Value, problems: Problems) -> tuple[Form, Value]:
 
 
 @lru_cache(maxsize=64)
-def _form(kinds: tuple[tuple[str, type | None], ...], has_phases: bool) -> Form:
-    """The form for these kinds; a section without one must be a mapping and is none."""
+def _form(kinds: tuple[tuple[str, type], ...], has_phases: bool) -> Form:
+    """The form for these kinds."""
     sections = dict(FIXED)
     for name, kind in kinds:
-        sections[name] = Form(name, {}) if kind is None else _section(name, kind)
+        fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
+        sections[name] = Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
     fields = {"forcebound": _FORMAT, **fields_of(GraphConfig, RUN_KEYS)}
     others = (*KINDS, "arguments", "include", "identified")  # no run reads these three
     free = [name for name in others if name not in sections] + ["duration"] * has_phases
-    fields |= {name: Field(name, Any, False, None) for name in free}
+    fields |= {name: Field(name, Any) for name in free}
     return Form("the launch file", fields, inner=sections)
-
-
-def _section(name: str, kind: type) -> Form:
-    fields = {"kind": _KIND, **fields_of(kind), **BESIDE.get(name, {})}
-    return Form(name, fields, partial(_MAKE.get(name, _part), name, kind))
 
 
 def _completed(root: Value) -> Value:
@@ -120,7 +114,9 @@ def _class_of(section: str, value: Value, problems: Problems) -> type | None:
     """The class of the kind that a section names; None with a problem noted."""
     table, kind = KINDS[section], value.entries.get("kind")
     names = ", ".join(sorted(table))
-    if kind is None:
+    if not isinstance(value.content, Mapping | None):
+        problems.add(f"{section}: expected a mapping, got {value}", value.place, value.related)
+    elif kind is None:
         problems.add(f"{section} needs 'kind', one of {names}", value.key or value.place)
     elif not isinstance(kind.content, str):
         if not kind.is_broken:
@@ -166,29 +162,24 @@ def _check_fields(kind: type, taken: frozenset[str]) -> None:
 def _part(section: str, kind: type, values: dict[str, Any], written: Value) -> Any:
     """A part of its values; ConfigError whatever its own code raises."""
     values.pop("kind", None)
-    try:
-        part = kind(**values)
-    except (ValueError, ArithmeticError) as error:
-        raise ConfigError(
-            str(error), field=error.field if isinstance(error, ConfigError) else None
-        ) from error
-    except Exception as error:
-        if kind_of(kind) is None:
+    if kind_of(kind) is None:
+        try:
+            return kind(**values)
+        except ConfigError:
             raise
-        raise ConfigError(describe_user_error(error)) from error
-    if kind_of(kind) is not None:
-        check_plain(part)
+        except (ValueError, ArithmeticError) as error:
+            raise ConfigError(str(error)) from error
+    with user_code(""):
+        part = kind(**values)
+    check_plain(part)
     return part
 
 
 def _device(section: str, kind: type, values: dict[str, Any], written: Value) -> DeviceConfig:
     servo, parameters = _split(values, BESIDE[section])
     if "law" in servo:
-        law = written.entries["law"]
-        try:
-            servo["law"] = LAWS.resolve(servo["law"], law.folder)
-        except ConfigError as error:
-            raise ConfigError(str(error), field="law") from error
+        with user_code("", "law"):
+            servo["law"] = LAWS.resolve(servo["law"], written.entries["law"].folder)
     return DeviceConfig(_part(section, kind, parameters, written), ServoSettings(**servo))
 
 
@@ -198,7 +189,8 @@ def _environment(
     beside, parameters = _split(values, BESIDE[section])
     model = _part(section, kind, parameters, written)
     environment = EnvironmentConfig(model, **beside)
-    _check_trace(environment.computation, "compute_trace")
+    with user_code("compute_trace", "compute_trace"):
+        trace_of(environment.computation)
     try:
         model.check_files()
     except ConfigError as error:
@@ -216,15 +208,9 @@ def _split(
 
 def _link(values: dict[str, Any], written: Value) -> Impairment:
     impairment = Impairment(**values)
-    _check_trace(impairment, "trace")
-    return impairment
-
-
-def _check_trace(impairment: Impairment, key: str) -> None:
-    try:
+    with user_code("trace", "trace"):
         trace_of(impairment)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}", field=key) from error
+    return impairment
 
 
 def _settings(kind: type) -> Form:
@@ -234,7 +220,7 @@ def _settings(kind: type) -> Form:
 
 _MAKE: Mapping[str, Callable[..., Any]] = {"device": _device, "environment": _environment}
 
-_SET = {"set": Field("set", dict[str, Any] | None, False, None)}
+_SET = {"set": Field("set", dict[str, Any] | None)}
 FIXED: Mapping[str, Form] = {
     "links": Form(
         "links",

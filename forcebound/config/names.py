@@ -7,6 +7,8 @@ from collections.abc import MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
+from forcebound.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class ParameterName:
@@ -57,6 +59,22 @@ class ParameterName:
 
     def __str__(self) -> str:
         return ".".join(self.steps)
+
+
+def split_setting(text: str) -> tuple[str, str]:
+    """Return name and value of ``name:=value``, as it is written on a command line.
+
+    Raises:
+        ConfigError: If it is not of this form.
+    """
+    name, sign, value = text.partition(":=")
+    if sign and name:
+        return name, value.strip()
+    name, equals, value = text.partition("=")
+    hint = '; a value with a space needs quotes, as in delay:="2 ms"'
+    if equals:
+        hint = f"; did you mean '{name.rstrip(':')}:={value}'?"
+    raise ConfigError(f"expected name:=value, got {text!r}{hint}")
 
 
 LAW = "device.law"  # the one parameter of a device that can change while a graph runs

@@ -7,6 +7,7 @@ from typing import Any
 from forcebound.bounding import LAWS
 from forcebound.config.document import device_section
 from forcebound.config.model import make_part
+from forcebound.config.names import split_setting
 from forcebound.config.problems import Place, Problems, unknown
 from forcebound.config.tree import Value, scalar
 from forcebound.errors import ConfigError
@@ -25,15 +26,12 @@ def member_of(section: str, kind: str, overrides: Sequence[str] = ()) -> Any:
     """
     problems = Problems()
     entries = {"kind": Value(kind, Place(section), text=kind)}
-    for text in overrides:
-        place = Place(f"argument {text}")
-        name, separator, word = text.partition(":=")
-        if not separator:
-            problems.add("expected name:=value", place)
-        elif name in entries:
+    for name, word in map(split_setting, overrides):
+        place = Place(f"argument {name}:={word}")
+        if name in entries:
             problems.add(f"{name!r} is given twice, or is no parameter", place)
         else:
-            entries[name] = Value(scalar(word.strip()), place, text=word.strip())
+            entries[name] = Value(scalar(word), place, text=word)
     return make_part(section, Value(entries, Place(section)), problems)
 
 

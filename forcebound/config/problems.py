@@ -22,7 +22,8 @@ class Place:
     """Where a value was written.
 
     Attributes:
-        name: File, or what else it came from: ``argument law:=none``, ``document: device.law``.
+        name: File, or what else it came from: ``argument law:=none``, ``document: device.law``;
+            empty if the message has it.
         line: Counts from 1; 0 if the place has no lines.
         column: Counts from 1, in characters.
         text: The line itself.
@@ -67,7 +68,9 @@ class Problem:
         message = self.message
         if not self.place.line:  # then the place's name ends with that of the value
             message = message.removeprefix(f"{str(self.place).rpartition('.')[2]}: ")
-        lines = [f"{self.place}: {message}", *self.place.excerpt()]
+        if self.place.name:
+            message = f"{self.place}: {message}"
+        lines = [message, *self.place.excerpt()]
         if self.related is not None:
             lines += [f"  {self.related.words} {self.related.place}", *self.related.place.excerpt()]
         return "\n".join(lines)
@@ -81,7 +84,6 @@ class Problems:
 
     def add(self, message: str, place: Place, related: Related | None = None) -> None:
         """Note one problem; the same one twice counts once."""
-        message = message.encode("utf-8", "backslashreplace").decode()  # it can be printed
         self._found[Problem(message, place, related)] = None
 
     def extend(self, others: "Problems") -> None:
@@ -115,8 +117,7 @@ def nearest_file(name: str, names: Iterable[str]) -> str:
 
 
 def shortened(text: str) -> str:
-    """Return a text for a message: it can be printed, and is cut if it is long."""
-    text = text.encode("utf-8", "backslashreplace").decode()
+    """Return a text for a message, cut if it is long."""
     return text if len(text) <= 60 else text[:57] + "..."
 
 

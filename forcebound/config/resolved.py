@@ -6,7 +6,8 @@ no part; each process makes the part that it runs (:func:`made`).
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -40,7 +41,8 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
 
     :func:`restore` reads it back.
     """
-    device = config.device
+    device, environment = config.device, config.environment
+    beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
     document: dict[str, Any] = {
         "forcebound": FORMAT,
         "description": config.description,
@@ -48,7 +50,7 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
         "duration": config.duration,
         "device": {**member_document("device", device.model), **plain(device.servo)},
         "controller": member_document("controller", config.controller),
-        "environment": _environment_document(config.environment),
+        "environment": {**member_document("environment", environment.model), **beside},
         "links": {topic: plain(impairment) for topic, impairment in config.links.items()},
         "realtime": plain(config.realtime),
     }
@@ -67,11 +69,6 @@ def to_document(config: GraphConfig) -> dict[str, Any]:
 def run_document(config: GraphConfig) -> dict[str, Any]:
     """Return the document for the processes of a run: with facts of the device."""
     return {**to_document(config), FACTS: plain(config.device.facts)}
-
-
-def _environment_document(environment: EnvironmentConfig) -> dict[str, Any]:
-    beside = {name: plain_value(getattr(environment, name)) for name in BESIDE_MODEL}
-    return {**member_document("environment", environment.model), **beside}
 
 
 def kind_of(section: str, member: object) -> str:
@@ -117,10 +114,8 @@ def restore(document: Mapping[str, Any]) -> GraphConfig:
     Raises:
         ConfigError: If it is no such document, or a file that it names is gone.
     """
-    try:
+    with _refusing("this is no resolved launch document"):
         return _graph(document)
-    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
-        raise ConfigError(f"this is no resolved launch document: {error!r}") from error
 
 
 def made(section: str, part: Any) -> Any:
@@ -131,10 +126,8 @@ def made(section: str, part: Any) -> Any:
     """
     if not isinstance(part, PartSpec):
         return part
-    try:
+    with _refusing(f"the {section} {part.kind} cannot be made"):
         return _restored(KINDS[section][part.kind], part.values)
-    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
-        raise ConfigError(f"the {section} {part.kind} cannot be made: {error!r}") from error
 
 
 def with_parts(config: GraphConfig, of_users: bool = True) -> GraphConfig:
@@ -174,14 +167,12 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
     """
     document = to_document(config)
     names = {ParameterName.parse(name): value for name, value in settings.items()}
-    try:
+    with _refusing("these are no parameters of this graph"):
         for name, value in names.items():
             if name.topic is not None:
                 document["links"].setdefault(name.topic, plain(Impairment()))
             name.put(document, value)
         changed = _graph(document)
-    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
-        raise ConfigError(f"these are no parameters of this graph: {error!r}") from error
     has_environment = any(name.section == "environment" for name in names)
     return replace(
         config,
@@ -191,17 +182,31 @@ def with_parameters(config: GraphConfig, settings: Mapping[str, Any]) -> GraphCo
     )
 
 
+@contextmanager
+def _refusing(words: str) -> Iterator[None]:
+    """Turn what the values of a document raise into a ConfigError."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
+        raise ConfigError(f"{words}: {error!r}") from error
+
+
 def _graph(document: Mapping[str, Any]) -> GraphConfig:
-    remote, operator = document.get("remote"), document.get("operator")
+    remote, operator, facts = (document.get(name) for name in ("remote", "operator", FACTS))
+    device, environment = document["device"], document["environment"]
+    stated = None if facts is None else _restored(DeviceFacts, facts)
     return GraphConfig(
         description=document["description"],
         seed=document["seed"],
         duration=float(document["duration"]),
-        device=_device(document),
+        device=DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated),
         operator=None if operator is None else _spec("operator", operator),
         controller=_spec("controller", document["controller"]),
-        environment=_environment(document["environment"]),
-        links=_links(document["links"]),
+        environment=EnvironmentConfig(
+            _spec("environment", environment),
+            **_values(EnvironmentConfig, environment, BESIDE_MODEL),
+        ),
+        links={t: _restored(Impairment, link) for t, link in document["links"].items()},
         realtime=_restored(RealtimeConfig, document["realtime"]),
         remote=None if remote is None else _restored(RemoteConfig, remote),
         phases=tuple(
@@ -209,21 +214,6 @@ def _graph(document: Mapping[str, Any]) -> GraphConfig:
             for phase in document.get("phases", ())
         ),
     )
-
-
-def _device(document: Mapping[str, Any]) -> DeviceConfig:
-    device, facts = document["device"], document.get(FACTS)
-    stated = None if facts is None else _restored(DeviceFacts, facts)
-    return DeviceConfig(_spec("device", device), _restored(ServoSettings, device), stated)
-
-
-def _links(document: Mapping[str, Any]) -> dict[str, Impairment]:
-    return {topic: _restored(Impairment, link) for topic, link in document.items()}
-
-
-def _environment(document: Mapping[str, Any]) -> EnvironmentConfig:
-    beside = _values(EnvironmentConfig, document, BESIDE_MODEL)
-    return EnvironmentConfig(_spec("environment", document), **beside)
 
 
 def _spec(section: str, document: Mapping[str, Any]) -> Any:

@@ -13,7 +13,6 @@ from typing import Any, Final, TypeAlias
 
 from forcebound.config.problems import Place, Problems, Related, shortened
 
-MAX_DEPTH = 40  # levels of nesting
 _LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")  # as the parser counts lines
 
 
@@ -140,7 +139,7 @@ def parse(text: str, name: str, problems: Problems) -> Value | None:
     except _StopError:
         return None
     except RecursionError:
-        problems.add(f"nested deeper than {MAX_DEPTH} levels", Place(name))
+        problems.add("nested too deeply", Place(name))
         return None
     except Exception as error:  # the parser has no list of what it raises on damaged text
         reader.note_syntax(error)
@@ -175,7 +174,7 @@ class _Reader:
         place = Place(self._name)
         if mark is not None:
             place = self._at(mark.line, mark.column)
-        elif isinstance(position, int):
+        elif position is not None:
             *before, last = _LINE_END.split(self._text[:position])
             place = self._at(len(before), len(last))
         if "${" in place.text:  # YAML reads the brace as the beginning of a mapping
@@ -186,13 +185,11 @@ class _Reader:
         text = self._lines[line] if line < len(self._lines) else ""
         return Place(self._name, line + 1, column + 1, text)
 
-    def value(self, node: Any, depth: int = 0) -> Value:
+    def value(self, node: Any) -> Value:
         """Return the value of a node; the kinds of its ``value`` are str, pairs or nodes."""
         place = self._at(node.start_mark.line, node.start_mark.column)
         fault = None
-        if depth > MAX_DEPTH:
-            fault = f"nested deeper than {MAX_DEPTH} levels"
-        elif node.anchor is not None:  # an alias could repeat itself without end
+        if node.anchor is not None:  # an alias could repeat itself without end
             fault = f"anchors and aliases are not supported; use $(arg {node.anchor})"
         elif not str(node.tag).startswith("tag:yaml.org,2002:"):
             fault = f"tags such as {node.tag} have no meaning here"
@@ -202,14 +199,14 @@ class _Reader:
         if isinstance(node.value, str):
             return Value(node.value if node.style else scalar(node.value), place, text=node.value)
         if node.id == "mapping":
-            return Value(self._entries(node, depth), place)
-        return Value(tuple(self.value(one, depth + 1) for one in node.value), place)
+            return Value(self._entries(node), place)
+        return Value(tuple(self.value(one) for one in node.value), place)
 
-    def _entries(self, node: Any, depth: int) -> dict[str, Value]:
+    def _entries(self, node: Any) -> dict[str, Value]:
         entries: dict[str, Value] = {}
         for key_node, value_node in node.value:
-            key = self.value(key_node, depth + 1)
-            value = replace(self.value(value_node, depth + 1), key=key.place)
+            key = self.value(key_node)
+            value = replace(self.value(value_node), key=key.place)
             if value.content is None and not value.text:  # the parser places it a line below
                 value = replace(value, place=key.place)
             if not key.is_scalar:

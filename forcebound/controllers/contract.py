@@ -42,14 +42,28 @@ def check(
         runs = []
         for one in (model, copy_of(model)):
             questions += states
-            with found.noting("opens", "an instance that closes", f"axes: {count}"):
-                controller = one.open(count)
-                runs.append(list(_drive(controller, count, Random(seed), states, found)))
-                controller.close()
+            runs += _answers(one, count, Random(seed), states, found)
         if len(runs) == 2:
             found.check_repeats(runs[0], runs[1], f"axes: {count}")
     fails = found.is_broken("opens") or found.is_broken("answers")
     return found.report(PROMISES, questions, unseen=OF_ANSWERS if fails else ())
+
+
+def ask_once(model: ControllerModel, axes: int, found: Findings) -> None:
+    """Give a new instance a state and, as the case may be, a reply."""
+    _answers(model, axes, Random(1), 1, found)
+
+
+def _answers(
+    model: ControllerModel, axes: int, random: Random, states: int, found: Findings
+) -> list[list[str]]:
+    """The answers of a new instance; none if it does not open or close."""
+    with found.noting("opens", "an instance that closes", f"axes: {axes}"):
+        controller = model.open(axes)
+        answers = list(_drive(controller, axes, random, states, found))
+        controller.close()
+        return [answers]
+    return []
 
 
 def _drive(

@@ -13,7 +13,8 @@ from forcebound.devices.guard import guarded
 from forcebound.errors import DeviceError
 from forcebound.messages.packets import MAX_AXES, MAX_COUNT
 from forcebound.parts import overridden
-from forcebound.parts.contract import VALUE, Findings, Report, describe_raised, is_unit
+from forcebound.parts.contract import VALUE, Findings, Report, is_unit
+from forcebound.parts.user_module import describe_user_error
 
 PROMISES: dict[str, str] = {
     "states": f"states axes (1 to {MAX_AXES}), damping, friction, resolution, saturation and"
@@ -88,7 +89,7 @@ def _check_port(model: Any, hold_limit: float, found: Findings) -> None:
     except DeviceError:
         return
     except Exception as error:
-        found.add("port", "a DeviceError", describe_raised(error), where)
+        found.add("port", "a DeviceError", describe_user_error(error), where)
     else:
         found.add("port", "a DeviceError", "an open device", where)
 

@@ -124,6 +124,12 @@ def check(
 _is_close = functools.partial(math.isclose, rel_tol=1e-9, abs_tol=1e-12)
 
 
+def ask_once(model: EnvironmentModel, axes: int, found: Findings) -> None:
+    """Ask a new instance for a force at rest, a contact and its scene."""
+    still = (0.0,) * axes
+    _answers(model, axes, [Question(still, still, 0.0)], found, seen=set())
+
+
 def _answers(
     model: EnvironmentModel,
     axes: int,

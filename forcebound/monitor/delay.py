@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from forcebound.config.traces import loop_delays, of_recording
+from forcebound.analysis.delay_traces import loop_delays, of_recording
 from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX
 from forcebound.hops import HOPS, Hops
@@ -65,7 +65,7 @@ class DelayFigures(Struct, frozen=True, omit_defaults=True):
 class Measured:
     """The loop delays of a graph."""
 
-    trace: DelayTrace  # see :func:`forcebound.config.traces.loop_delays`
+    trace: DelayTrace  # see :func:`forcebound.analysis.delay_traces.loop_delays`
     document: Mapping[str, Any]  # launch file of the graph, as resolved
     is_complete: bool = True  # False: a recording that was cut off
     hops: Hops | None = None  # None: not asked for

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from forcebound.config.graph import GraphConfig
 from forcebound.config.loader import change
-from forcebound.config.names import LAW
+from forcebound.config.names import LAW, split_setting
 from forcebound.config.parameters import (
     differences,
     parameters,
@@ -132,12 +132,7 @@ def read_settings(texts: Sequence[str]) -> Parameters:
         ConfigError: If a text is not of this form.
     """
     settings: Parameters = {}
-    for text in texts:
-        name, sign, value = text.partition(":=")
-        if not sign or not name:
-            raise ConfigError(
-                f"expected NAME:=VALUE, such as environment.stiffness:=2 N/mm, got {text}"
-            )
+    for name, value in map(split_setting, texts):
         problems = Problems()
         tree = parse(f"value: {value}", name, problems)
         problems.raise_if_any()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from forcebound.errors import ConfigError
+from forcebound.files import reason
 from forcebound.network.sockets import ADVICE
 
 IpAddress: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
@@ -57,21 +58,14 @@ def resolve(address: str) -> Host:
     numeric_address(address)
     try:
         found = socket.getaddrinfo(_bare(address), None, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else None
+    except (OSError, UnicodeError) as error:  # UnicodeError: a part of the name is too long
         raise ConfigError(
-            f"cannot find the address {address!r}: {reason or error}; "
-            "check the spelling (IPv6: [fd00::20]), /etc/hosts and the name server, or write the "
-            "number"
+            f"cannot find the address {address!r}: {reason(error)}; check the spelling (IPv6: "
+            "[fd00::20]), /etc/hosts and the name server, or write the number"
         ) from None
-    family, _, _, _, place = found[0]
-    numeric = str(place[0])
-    zone = ""
-    if family == socket.AF_INET6 and len(place) == 4 and place[3]:
-        numeric, zone = numeric.partition("%")[0], f"%{socket.if_indextoname(int(place[3]))}"
+    numeric = socket.getnameinfo(found[0][4], socket.NI_NUMERICHOST | socket.NI_NUMERICSERV)[0]
     ip = ipaddress.ip_address(numeric)
-    text = f"[{numeric}{zone}]" if family == socket.AF_INET6 else numeric
-    return Host(text, ip.is_loopback, ip.is_unspecified)
+    return Host(f"[{ip}]" if ip.version == 6 else str(ip), ip.is_loopback, ip.is_unspecified)
 
 
 def check_free(host: Host, port: int) -> None:
@@ -82,13 +76,10 @@ def check_free(host: Host, port: int) -> None:
     Raises:
         ConfigError: If the address is not this machine's, or the port is in use or not permitted.
     """
-    family, kind, protocol, _, place = socket.getaddrinfo(
-        _bare(host.numeric), port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST
-    )[0]
-    with socket.socket(family, kind, protocol) as probe:
+    bare = _bare(host.numeric)
+    family, _, _, _, place = socket.getaddrinfo(bare, port, type=socket.SOCK_STREAM)[0]
+    with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:
-            probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
         try:
             probe.bind(place)
         except OSError as error:

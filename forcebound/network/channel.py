@@ -20,7 +20,7 @@ import zmq
 
 from forcebound.network.subscriber import DRAIN_LIMIT
 
-_DONTWAIT, _RCVMORE = int(zmq.DONTWAIT), int(zmq.RCVMORE)
+_DONTWAIT = int(zmq.DONTWAIT)
 _EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
 
 
@@ -89,31 +89,24 @@ class Channel:
         for _ in range(DRAIN_LIMIT):
             if not self.pending():
                 break
-            source = ""
-            if self._is_router:
-                route = self._socket.recv(_DONTWAIT)
-                data = self._receive_from(route)
-                source = self._sources[route]
-            else:
-                data = self._socket.recv(_DONTWAIT)
-            if self._socket.get(_RCVMORE):
-                while self._socket.get(_RCVMORE):
-                    self._socket.recv(_DONTWAIT)  # the frames of a message arrive together
-                arrivals.append(Arrival(source, b""))
-            elif data:
-                arrivals.append(Arrival(source, data))
+            source, frames = self._message()
+            if len(frames) > 1 or frames[0]:
+                arrivals.append(Arrival(source, b"" if len(frames) > 1 else frames[0]))
         return arrivals
 
-    def _receive_from(self, route: bytes) -> bytes:
-        """Return the first frame of a message; a peer that is new is noted in ``greetings``."""
+    def _message(self) -> tuple[str, list[bytes]]:
+        """Return source and frames of a message; a peer that is new is noted in ``greetings``."""
+        if not self._is_router:
+            return "", self._socket.recv_multipart(_DONTWAIT)
+        route = self._socket.recv(_DONTWAIT)
         if route in self._sources:
-            return self._socket.recv(_DONTWAIT)
-        frame = self._socket.recv(_DONTWAIT, copy=False)
+            return self._sources[route], self._socket.recv_multipart(_DONTWAIT)
+        frames = self._socket.recv_multipart(_DONTWAIT, copy=False)
         try:
-            key = str(frame.get("User-Id"))
+            key = str(frames[0].get("User-Id"))
         except zmq.ZMQError:  # it has none
             key = ""
-        greeting = Greeting(route, int(frame.get(zmq.SRCFD)), key)
+        greeting = Greeting(route, int(frames[0].get(zmq.SRCFD)), key)
         self.greetings.append(greeting)
         self._sources[route] = greeting.source
-        return frame.bytes
+        return greeting.source, [frame.bytes for frame in frames]

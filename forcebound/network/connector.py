@@ -14,17 +14,12 @@ import zmq
 from forcebound.network import limits
 from forcebound.network.channel import Channel
 from forcebound.network.ends import RemoteEnd
-from forcebound.network.monitor import OTHER_SECURITY, Monitor, SocketEvent
-from forcebound.network.notices import Notice
+from forcebound.network.monitor import FAILURES, OTHER_SECURITY, Monitor, SocketEvent
+from forcebound.network.notices import Notice, gone
 
 FIRST_PAUSE_NS = 500_000_000
 LONGEST_PAUSE_NS = 5_000_000_000
 _SLOW_NS = limits.HANDSHAKE_MS * 900_000  # a handshake that fails after this timed out
-_FAILURES = (
-    zmq.EVENT_HANDSHAKE_FAILED_AUTH,
-    zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL,
-    zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL,
-)
 
 
 class Connector:
@@ -56,14 +51,9 @@ class Connector:
         self._has_more = False
 
     @property
-    def established(self) -> int:
-        """1 while packets can be exchanged, else 0."""
-        return int(self._is_up)
-
-    @property
     def connections(self) -> int:
         """Number of connections: here at most one."""
-        return self.established
+        return int(self._is_up)
 
     @property
     def peers(self) -> list[str]:
@@ -126,7 +116,7 @@ class Connector:
             self._is_up, self._lost_ns, self._alone_ns = True, None, None
             self._pause_ns = FIRST_PAUSE_NS
             return [self._notice("connected", f"connected to {listener} at {self._address}")]
-        elif event.kind in _FAILURES and self._retry_ns is None:
+        elif event.kind in (*FAILURES, zmq.EVENT_HANDSHAKE_FAILED_AUTH) and self._retry_ns is None:
             self._alone_ns = None
             self._leave(time_ns, self._pause_ns)
             return [self._notice(*self._failure(time_ns, event))]
@@ -136,11 +126,7 @@ class Connector:
                 self._lost_ns = time_ns
             if was_up:
                 self._alone_ns = time_ns
-                sentence = (
-                    f"{listener} at {self._address} has gone: it left, was silent for "
-                    f"{limits.HEARTBEAT_TIMEOUT_MS} ms, or sent a message of over "
-                    f"{limits.MAX_FRAME} bytes; connecting again"
-                )
+                sentence = f"{gone(listener, self._address)}; connecting again"
                 return [self._notice("disconnected", sentence)]
         return []
 

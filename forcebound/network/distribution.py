@@ -29,9 +29,6 @@ from forcebound.files import read_text
 SCALE = 8192  # of an entry is one jitter: NETEM_DIST_SCALE, <linux/pkt_sched.h>
 LONGEST = 16_384  # entries: NETEM_DIST_MAX, <linux/pkt_sched.h>
 MAX_BYTES = 1_000_000  # of a table; the longest of tc's has 100 kB with its comments
-SMALLEST, LARGEST = -32_768, 32_767  # an entry has 16 bits
-
-
 _NORMAL = NormalDist()
 _LARGEST = 4.0  # jitters: an entry of a table has 16 bits, of which 8192 are one jitter
 
@@ -77,21 +74,13 @@ def read_distribution(file: Path) -> tuple[float, ...]:
     text = read_text(file, "the table of a distribution", MAX_BYTES)
     entries: list[int] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        for word in line.partition("#")[0].split():
-            entries.append(_entry(word, f"{file}:{number}"))
+        try:
+            entries += [int(word, 0) for word in line.partition("#")[0].split()]
+        except ValueError:
+            raise ConfigError(
+                f"{file}:{number}: expected whole numbers, of which {SCALE} are one jitter (the"
+                " format of tc's .dist files)"
+            ) from None
     if not 1 <= len(entries) <= LONGEST:
         raise ConfigError(f"{file}: expected 1 to {LONGEST} whole numbers, got {len(entries)}")
     return tuple(entry / SCALE for entry in sorted(entries))
-
-
-def _entry(word: str, place: str) -> int:
-    try:
-        entry = int(word, 0)  # so 010, which is 8 for tc, is refused and not read as 10
-    except ValueError:
-        entry = None
-    if entry is None or not SMALLEST <= entry <= LARGEST:
-        raise ConfigError(
-            f"{place}: expected whole numbers, {SMALLEST} to {LARGEST}, of which {SCALE} are one"
-            " jitter (the format of tc's .dist files)"
-        )
-    return entry

@@ -28,7 +28,7 @@ from zmq.auth import create_certificates, load_certificate
 from zmq.utils import z85
 
 from forcebound.errors import ConfigError
-from forcebound.files import reason
+from forcebound.files import open_file, reason
 
 PUBLIC = ".key"
 SECRET = ".key_secret"
@@ -67,29 +67,12 @@ def check_key(key: str) -> None:
 
 
 def key_folder(variables: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of the keys; it need not exist.
-
-    Raises:
-        ConfigError: If this user has no home and names no folder.
-    """
+    """Return the folder of the keys; it need not exist."""
+    if variables.get("FORCEBOUND_KEYS"):
+        return Path(os.path.expanduser(variables["FORCEBOUND_KEYS"]))
     config = Path(variables.get("XDG_CONFIG_HOME", ""))
-    try:
-        if variables.get("FORCEBOUND_KEYS"):
-            return Path(variables["FORCEBOUND_KEYS"]).expanduser()
-        base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
-    except RuntimeError as error:  # no such user, or no home
-        raise ConfigError(f"no folder of keys ({error})", "name one in FORCEBOUND_KEYS") from None
+    base = config if config.is_absolute() else Path.home() / ".config"  # by the XDG standard
     return base / "forcebound" / "keys"
-
-
-def _folder(folder: Path | None) -> Path:
-    folder = key_folder() if folder is None else folder
-    if os.path.exists(folder) and not os.path.isdir(folder):
-        raise ConfigError(
-            f"keys are kept in the folder {folder}, which is not a folder; name another in"
-            " FORCEBOUND_KEYS, or leave it unset"
-        )
-    return folder
 
 
 def new_key(name: str, folder: Path | None = None) -> KeyPair:
@@ -98,7 +81,7 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
     Raises:
         ConfigError: If the name is invalid, a file exists already or cannot be written.
     """
-    folder = _folder(folder)
+    folder = folder or key_folder()
     _check_name(name)
     files = (folder / f"{name}{SECRET}", folder / f"{name}{PUBLIC}")
     for file in files:
@@ -107,7 +90,7 @@ def new_key(name: str, folder: Path | None = None) -> KeyPair:
     umask = os.umask(0o077)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _check_folder(folder)
+        _check_mode(folder)
         create_certificates(folder, name)
     except OSError as error:
         for file in files:  # leave no half of a pair
@@ -127,18 +110,14 @@ def public_key(key: str, folder: Path | None = None) -> str:
     """
     if _is_key(key):
         return key
-    _check_name(key)
-    folder = _folder(folder)
-    file = folder / f"{key}{PUBLIC}"
-    if not _is_there(file):
-        if _is_there(folder / f"{key}{SECRET}"):
-            return key_pair(key, folder).public
-        raise ConfigError(
-            f"no public key {key!r}: looked for {file}. Copy {key}{PUBLIC} from the machine that "
-            f"made it (`forcebound keys new {key}`), or write the {KEY_LENGTH} characters of the "
-            "key in place of its name"
-        )
-    return _read(file)[0]
+    folder = folder or key_folder()
+    if has_secret(key, folder) and not os.path.exists(folder / f"{key}{PUBLIC}"):
+        return key_pair(key, folder).public
+    advice = (
+        f"copy {key}{PUBLIC} from the machine that made it (`forcebound keys new {key}`), or write "
+        f"the {KEY_LENGTH} characters of the key in place of its name"
+    )
+    return _read(folder, key, PUBLIC, advice)[0]
 
 
 def key_pair(key: str, folder: Path | None = None) -> KeyPair:
@@ -147,25 +126,20 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
     Raises:
         ConfigError: If the secret is not here, is damaged, or others may read it.
     """
-    folder = _folder(folder)
+    folder = folder or key_folder()
     name = key
     if _is_key(key):
-        entries = list_keys(folder)
-        name = next((e.name for e in entries if e.public == key and e.has_secret), "")
+        name = next((e.name for e in list_keys(folder) if e.public == key and e.has_secret), "")
         if not name:
             raise ConfigError(f"the secret of the public key {key} is in no file of {folder}")
-    _check_name(name)
+    advice = (
+        f"make a pair with `forcebound keys new {name}`; if it is another machine's, this end "
+        "needs a pair of its own"
+    )
+    public, secret = _read(folder, name, SECRET, advice)
     file = folder / f"{name}{SECRET}"
-    if not _is_there(file):
-        raise ConfigError(
-            f"no secret key {name!r}: looked for {file}. Make a pair with `forcebound keys new "
-            f"{name}`; if it is another machine's, this end needs a pair of its own"
-        )
-    public, secret = _read(file)
     if secret is None:
-        raise ConfigError(
-            f"{file}: no secret-key in it; make a pair with `forcebound keys new NAME`"
-        )
+        raise ConfigError(f"{file}: no secret-key in it", "make a pair with `forcebound keys new`")
     if zmq.curve_public(secret.encode("ascii")).decode("ascii") != public:
         raise ConfigError(f"{file}: public-key and secret-key are not of one pair")
     return KeyPair(name, public, secret)
@@ -173,19 +147,19 @@ def key_pair(key: str, folder: Path | None = None) -> KeyPair:
 
 def has_secret(key: str, folder: Path | None = None) -> bool:
     """Whether this machine holds the secret of a key, named or given as a public key."""
-    folder = _folder(folder)
+    folder = folder or key_folder()
     if not _is_key(key):
-        return _is_there(folder / f"{key}{SECRET}")
+        return os.path.exists(folder / f"{key}{SECRET}")
     return any(entry.public == key and entry.has_secret for entry in list_keys(folder))
 
 
 def list_keys(folder: Path | None = None) -> list[KeyEntry]:
     """Return the keys of a folder by name; a key that cannot be used has a ``problem``."""
-    folder = _folder(folder)
-    files = [*folder.glob(f"*{PUBLIC}"), *folder.glob(f"*{SECRET}")] if folder.is_dir() else []
+    folder = folder or key_folder()
+    names = {file.stem for ending in (PUBLIC, SECRET) for file in folder.glob(f"*{ending}")}
     entries = []
-    for name in sorted({file.name.removesuffix(file.suffix) for file in files}):
-        secret_here = folder / f"{name}{SECRET}" in files
+    for name in sorted(names):
+        secret_here = has_secret(name, folder)
         try:
             public = key_pair(name, folder).public if secret_here else public_key(name, folder)
         except ConfigError as error:
@@ -203,16 +177,6 @@ def _is_key(text: str) -> bool:
         return False
 
 
-def _is_there(file: Path) -> bool:
-    try:
-        file.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    except OSError as error:
-        raise ConfigError(f"cannot read the key file {file}: {reason(error)}") from None
-    return True
-
-
 def _check_name(name: str) -> None:
     if _NAME.fullmatch(name) is None:
         raise ConfigError(
@@ -221,24 +185,35 @@ def _check_name(name: str) -> None:
         )
 
 
-def _check_folder(folder: Path) -> None:
-    status = folder.stat()
+def _check_mode(path: Path) -> None:
+    """Check that no other user may replace a file or folder of keys, or read a secret."""
+    status = path.stat()
     if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{folder} belongs to another user", "choose a folder of your own")
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise ConfigError(f"{path} belongs to another user", "use a folder and keys of your own")
+    if path.suffix == SECRET and status.st_mode & 0o077:
         raise ConfigError(
-            f"others can replace the keys in {folder}",
-            f"chmod 700 {folder} if it is for keys only; else keep them in a folder of their own, "
-            "mkdir -m 700 DIR, named by FORCEBOUND_KEYS",
+            f"others can read the secret key {path} (mode {stat.S_IMODE(status.st_mode):04o})",
+            f"chmod 600 {path}; if they may have done so: `forcebound keys new NAME`",
+        )
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        own = f"chmod 700 {path} if it is for keys only"
+        raise ConfigError(
+            f"others can replace {path}", own if path.is_dir() else f"chmod 644 {path}"
         )
 
 
-def _read(file: Path) -> tuple[str, str | None]:
+def _read(folder: Path, name: str, ending: str, advice: str) -> tuple[str, str | None]:
     """Return the public and the secret key in a file; None: no secret key."""
+    _check_name(name)
+    file = folder / f"{name}{ending}"
     try:
-        _check_folder(file.parent)
-        _check_file(file)
+        _check_mode(folder)
+        open_file(file).close()
+        _check_mode(file)
         found = load_certificate(file)
+    except FileNotFoundError:
+        kind = "secret" if ending == SECRET else "public"
+        raise ConfigError(f"no {kind} key {name!r}: looked for {file}", advice) from None
     except OSError as error:
         raise ConfigError(f"cannot read the key file {file}: {reason(error)}") from None
     except ConfigError:  # a ValueError, too
@@ -250,18 +225,3 @@ def _read(file: Path) -> tuple[str, str | None]:
         if key is not None and not _is_key(key):
             raise ConfigError(f"{file}: its {kind}-key is not {KEY_LENGTH} characters of Z85")
     return public or "", secret
-
-
-def _check_file(file: Path) -> None:
-    status = file.stat()
-    if not stat.S_ISREG(status.st_mode):
-        raise ConfigError(f"{file} is not a file")
-    if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{file} belongs to another user", "use a key of your own")
-    if file.suffix == SECRET and status.st_mode & 0o077:
-        raise ConfigError(
-            f"others can read the secret key {file} (mode {stat.S_IMODE(status.st_mode):04o})",
-            f"chmod 600 {file}; if they may have done so: `forcebound keys new NAME`",
-        )
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise ConfigError(f"others can replace the public key {file}", f"chmod 644 {file}")

@@ -13,6 +13,4 @@ HEARTBEAT_MS = 100  # tcp only: finds a hung peer in 0.4 s
 HEARTBEAT_TIMEOUT_MS = 300
 MAX_CONNECTIONS = 64  # of one port, established or not
 DESCRIPTORS = 16_384  # of a process with a port, if the system permits so many
-DESCRIPTOR_RESERVE = 32  # descriptors of the process that connections of a port leave free, but ...
-FEW_CONNECTIONS = 8  # ... so many may use it, so that a peer can connect at all
 NO_ANSWER_NS = 3_000_000_000  # after this time without a connection it is reported, once

@@ -10,34 +10,28 @@ handshake names nothing. These facts can be relied on:
    established with its first message, the greeting (:mod:`forcebound.network.channel`).
 4. A descriptor is closed only after its DISCONNECTED is in the monitor's queue. So if the queue has
    no such event after a duplicate was made, the duplicate is of that connection.
-5. A new connection gets the lowest descriptor that is free (POSIX). So a high number shows that the
-   process has few descriptors left, whatever holds the others.
 
-libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``; or
-beyond ``FEW_CONNECTIONS``, if its descriptor is one of the last ``DESCRIPTOR_RESERVE`` that the
-process may have. For each surplus connection, the oldest that is not established is shut (4 makes
-sure that no other is hit): a peer that holds a key completes its handshake in milliseconds, and a
-peer without a key can only wait.
+libzmq has no limit on connections. Here a connection is surplus beyond ``MAX_CONNECTIONS``. For
+each, the oldest that is not established is shut (4 makes sure that no other is hit): a peer that
+holds a key completes its handshake in milliseconds, and a peer without a key can only wait.
 
 Connections come between two turns of the loop, too. If they use up all descriptors then, libzmq's
 thread tries to accept again and again without a pause; with a realtime priority, on the core of the
 loop, it takes all its time. So the process may have many more descriptors than it needs.
 """
 
-import os
 import resource
 import socket
-import weakref
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import zmq
 
 from forcebound.network import limits
 from forcebound.network.channel import Channel, Greeting
-from forcebound.network.monitor import OTHER_SECURITY, WRONG_KEY, Monitor, SocketEvent
-from forcebound.network.notices import Notice
+from forcebound.network.monitor import FAILURES, OTHER_SECURITY, WRONG_KEY, Monitor, SocketEvent
+from forcebound.network.notices import Notice, gone
 
 
 @dataclass
@@ -61,24 +55,12 @@ class Listener:
     def __init__(self, monitor: Monitor, names: Mapping[str, str]) -> None:
         self._monitor = monitor
         self._names = names
-        self._open: dict[int, _Connection] = {}
+        self._open: dict[int, _Connection] = {}  # by descriptor, the oldest first
         self._refused = 0  # handshakes that the authenticator has refused and reported
         self._failure: SocketEvent | None = None
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        most = max(soft, min(hard, limits.DESCRIPTORS))
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-        self._ceiling = most - limits.DESCRIPTOR_RESERVE
-        # Opened now: a connection can then be shut even when there are no more descriptors.
-        self._nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-        self._held = os.dup(self._nothing)
-        for descriptor in (self._nothing, self._held):
-            weakref.finalize(self, os.close, descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, limits.DESCRIPTORS)), hard))
         self.due_ns: int | None = None
-
-    @property
-    def established(self) -> int:
-        """Number of peers that may send and receive packets now."""
-        return len(self.peers)
 
     @property
     def connections(self) -> int:
@@ -116,9 +98,7 @@ class Listener:
         notices: list[Notice] = []
         has_more = self._read(limit, notices)
         alive = [entry for entry in self._open.items() if not entry[1].is_shut]
-        high = sum(descriptor >= self._ceiling for descriptor, _ in alive)
-        high = min(high, len(alive) - limits.FEW_CONNECTIONS)
-        surplus = min(max(len(alive) - limits.MAX_CONNECTIONS, high), limit)
+        surplus = min(len(alive) - limits.MAX_CONNECTIONS, limit)
         if surplus > 0:
             # The oldest that are not established; then, of those that are, the newest.
             victims = [entry for entry in alive if entry[1].greeting is None]
@@ -137,16 +117,13 @@ class Listener:
             if event is None:
                 return False
             if event.kind == zmq.EVENT_ACCEPTED:
-                self._open[event.value] = _Connection(self._address_of(event.value))
+                self._open[event.value] = _Connection(_address_of(event.value))
             elif event.kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
                 self._refused += 1
-            elif event.kind in (
-                zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL,
-                zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL,
-            ):
-                self._failure = event
             elif event.kind == zmq.EVENT_DISCONNECTED:
                 notices += self._lose(event.value)
+            elif event.kind in FAILURES:
+                self._failure = event
         return True
 
     def _lose(self, descriptor: int) -> list[Notice]:
@@ -155,11 +132,7 @@ class Listener:
         if connection is None:
             return []
         if connection.greeting is not None:
-            sentence = (
-                f"{self._name(connection)} at {connection.address} has gone: it left, was silent "
-                f"for {limits.HEARTBEAT_TIMEOUT_MS} ms, or sent a message of over "
-                f"{limits.MAX_FRAME} bytes"
-            )
+            sentence = gone(self._name(connection), connection.address)
             return [self._notice("disconnected", sentence, connection)]
         if failure is None and self._refused:
             self._refused -= 1
@@ -167,18 +140,15 @@ class Listener:
         if connection.is_shut:
             return []
         ours, theirs = ("keys", "no keys") if self._names else ("no keys", "keys")
+        kind = "handshake_failed"
+        cause = (
+            f"it was silent for {limits.HANDSHAKE_MS / 1000:g} s, left during the handshake, uses "
+            f"{theirs}, or does not speak ZMTP, the protocol of ZeroMQ"
+        )
         if failure == WRONG_KEY:
             kind, cause = "wrong_key", "it expects another public key of ours"
         elif failure == OTHER_SECURITY:
             kind, cause = "other_security", f"it uses {theirs} (CURVE), and we use {ours}"
-        else:
-            kind, cause = (
-                "handshake_failed",
-                (
-                    f"it was silent for {limits.HANDSHAKE_MS / 1000:g} s, left during the "
-                    f"handshake, uses {theirs}, or does not speak ZMTP, the protocol of ZeroMQ"
-                ),
-            )
         sentence = f"no connection with {connection.address}: {cause}"
         return [self._notice(kind, sentence, connection)]
 
@@ -197,7 +167,7 @@ class Listener:
         self, descriptor: int, victim: _Connection, limit: int, notices: list[Notice]
     ) -> bool:
         """Shut a connection; False if there are too many events to be certain which one it is."""
-        with suppress(OSError), self._hold(descriptor) as connection:  # an error: it is gone
+        with suppress(OSError), _duplicate(descriptor) as connection:  # an error: it is gone
             if self._read(limit, notices):
                 return False
             if self._open.get(descriptor) is victim:
@@ -205,34 +175,26 @@ class Listener:
         victim.is_shut = True
         sentence = (
             f"ended the connection of {victim.address}: this port has more than "
-            f"{limits.MAX_CONNECTIONS} connections, or the process has no descriptors left for more"
+            f"{limits.MAX_CONNECTIONS} connections"
         )
         notices.append(self._notice("too_many_connections", sentence, victim))
         return True
 
-    def _address_of(self, descriptor: int) -> str:
-        """Return address and port of a connection; unknown if it has gone already."""
-        with suppress(OSError), self._hold(descriptor) as connection:
-            # A connection of another socket may have the number by now, such as one of ipc.
-            if connection.family in (socket.AF_INET, socket.AF_INET6):
-                host, port, *_ = connection.getpeername()
-                host = str(host).removeprefix("::ffff:")
-                return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        return "unknown address"
 
-    @contextmanager
-    def _hold(self, descriptor: int) -> Iterator[socket.socket]:
-        """Give a duplicate of a connection, which libzmq may close at any time.
+def _address_of(descriptor: int) -> str:
+    """Return address and port of a connection; unknown if it has gone already."""
+    with suppress(OSError), _duplicate(descriptor) as connection:
+        name = connection.getpeername()
+        if isinstance(name, tuple):  # else it is of another socket by now, such as one of ipc
+            host = str(name[0]).removeprefix("::ffff:")
+            return f"[{host}]:{name[1]}" if ":" in host else f"{host}:{name[1]}"
+    return "unknown address"
 
-        Raises:
-            OSError: If it has gone.
-        """
-        os.dup2(descriptor, self._held, inheritable=False)
-        try:
-            connection = socket.socket(fileno=self._held)
-            try:
-                yield connection
-            finally:
-                connection.detach()
-        finally:
-            os.dup2(self._nothing, self._held, inheritable=False)
+
+def _duplicate(descriptor: int) -> socket.socket:
+    """Return a duplicate of a connection, which libzmq may close at any time.
+
+    Raises:
+        OSError: If it has gone.
+    """
+    return socket.fromfd(descriptor, socket.AF_INET6, socket.SOCK_STREAM)

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from forcebound.network.limits import HEARTBEAT_TIMEOUT_MS, MAX_FRAME
+
 BURST = 2  # notices of one kind in a window; further ones are counted
 WINDOW_NS = 10_000_000_000
 
@@ -78,6 +80,14 @@ class Notice:
     def is_problem(self) -> bool:
         """Whether the user should do something about it."""
         return KINDS[self.kind].is_problem
+
+
+def gone(peer: str, address: str) -> str:
+    """Return the sentence for a peer that has gone."""
+    return (
+        f"{peer} at {address} has gone: it left, was silent for {HEARTBEAT_TIMEOUT_MS} ms, or sent "
+        f"a message of over {MAX_FRAME} bytes"
+    )
 
 
 class NoticeLimit:

@@ -87,7 +87,7 @@ class RemoteLink:
     @property
     def connected(self) -> bool:
         """Whether a peer is there."""
-        return self._peer.established > 0
+        return bool(self._peer.peers)
 
     @property
     def due_ns(self) -> int:

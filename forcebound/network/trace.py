@@ -9,7 +9,6 @@ import csv
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 from forcebound.errors import ConfigError
@@ -41,22 +40,16 @@ class DelayTrace:
             raise ConfigError(
                 f"a trace needs as many delays as times, got {len(delays)} and {len(times)}"
             )
-        known = [delay for delay in delays if delay is not None]
-        for delay in known:
-            if not 0.0 <= delay < math.inf:
-                raise ConfigError(f"delays of a trace must be finite and >= 0 s, got {delay} s")
+        for time, before, delay in zip(times, (-math.inf, *times), delays, strict=False):
+            if fault := _fault(time, before, delay):
+                raise ConfigError(fault)
         self.times = tuple(times)
         self.delays = tuple(delays)
-        self.shortest = min(known, default=0.0)
-        if not all(map(math.isfinite, times)):
-            raise ConfigError("times of a trace must be finite")
+        self.shortest = min((delay for delay in delays if delay is not None), default=0.0)
         self._times_ns = [round((time - times[0]) * 1e9) for time in times]
-        steps = [after - before for before, after in pairwise(self._times_ns)]
-        for step, (before, after) in zip(steps, pairwise(times), strict=True):
-            if step <= 0:
-                raise ConfigError(f"times of a trace must increase: {after} s after {before} s")
         self._delays_ns = [None if delay is None else round(delay * 1e9) for delay in delays]
-        self._length_ns = self._times_ns[-1] + steps[-1] if steps else 1
+        last_ns = self._times_ns[-2:]
+        self._length_ns = 2 * last_ns[-1] - last_ns[0] or 1
 
     def delay_ns(self, since_ns: int) -> int | None:
         """Return the delay of what is sent ``since_ns`` ns after the first; None if it is lost."""
@@ -112,28 +105,25 @@ def read_csv(file: Path) -> DelayTrace:
     times: list[float] = []
     delays: list[float | None] = []
     for place, row in rows:
-        time, delay = _numbers(row, place)
-        if times and time <= times[-1]:
-            raise ConfigError(f"{place}: time must increase: {time} after {times[-1]}")
+        try:
+            time, delay = (float(cell) if cell.strip() else None for cell in row)
+        except ValueError:
+            time = delay = None
+        before = times[-1] if times else -math.inf
+        if time is None or (fault := _fault(time, before, delay)):
+            words = "expected a time in s and a delay in s (nothing: lost)"
+            raise ConfigError(f"{place}: {words if time is None else fault}")
         times.append(time)
         delays.append(delay)
     if not times:
         raise ConfigError(f"{file}: expected a row for each packet, got none")
-    try:
-        return DelayTrace(times, delays)
-    except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from None
+    return DelayTrace(times, delays)
 
 
-def _numbers(row: Sequence[str], place: str) -> tuple[float, float | None]:
-    try:
-        time, delay = (float(cell) if cell.strip() else None for cell in row)
-    except ValueError:
-        time = delay = None
-    is_wrong_delay = delay is not None and not 0.0 <= delay <= LARGEST
-    if time is None or not abs(time) <= LARGEST or is_wrong_delay:
-        raise ConfigError(
-            f"{place}: expected a time in s and a delay in s (>= 0, or nothing: lost), within"
-            f" {LARGEST:g} s"
-        )
-    return time, delay
+def _fault(time: float, before: float, delay: float | None) -> str | None:
+    """Return what is wrong with a row, all in s; None if nothing."""
+    if not abs(time) <= LARGEST or not 0.0 <= (delay or 0.0) <= LARGEST:
+        return f"expected a time and a delay >= 0 s, within {LARGEST:g} s; got {time}, {delay}"
+    if (time - before) * 1e9 < 0.5:
+        return f"times must increase, by 1 ns and more: {time} s after {before} s"
+    return None

@@ -9,13 +9,12 @@ import dataclasses
 import math
 import numbers
 import pickle
-import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from forcebound.parts.user_module import raised_words
+from forcebound.parts.user_module import describe_user_error
 
 VALUE = {"value": "is a frozen dataclass that can be copied, changed and pickled"}
 SHOWN = 3  # violations of one promise in a report; the others are alike
@@ -99,7 +98,7 @@ class Findings:
         try:
             yield
         except (Exception, SystemExit) as error:
-            self.add(promise, expected, describe_raised(error), where)
+            self.add(promise, expected, describe_user_error(error, anywhere=True), where)
 
     def check_value(self, model: Any) -> None:
         """Check that a model is a frozen dataclass that can be copied and pickled."""
@@ -180,15 +179,6 @@ def copy_of(model: Any) -> Any:
         return dataclasses.replace(model)
     except Exception:
         return model
-
-
-def describe_raised(error: BaseException) -> str:
-    """Return what was raised, and the innermost line; of an error of ours, its cause."""
-    error = error.__cause__ or error
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return (
-        f"{type(error).__name__}: {raised_words(error)} (raised in {last.filename}:{last.lineno})"
-    )
 
 
 def shown(value: object) -> str:

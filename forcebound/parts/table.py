@@ -94,7 +94,7 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         self.section = section
         self.form = form
         self._shipped = dict(shipped)
-        self._added: dict[str, Part] = {}
+        self._added: set[str] = set()
         self._loaded: dict[str, Part] = {}
 
     def __getitem__(self, kind: str) -> Part:
@@ -104,21 +104,20 @@ class Table(MutableMapping[str, Part], Generic[Part]):
             KeyError: If there is no such kind.
             ConfigError: If its module or file cannot be imported, or is not of the form.
         """
-        if kind in self._added:
-            return self._added[kind]
         if kind not in self._loaded:
             self._loaded[kind] = self._load(kind)
         return self._loaded[kind]
 
     def __setitem__(self, kind: str, part: Part) -> None:
         self.form.check(part, kind)
-        if part is self._loaded.get(kind):  # the one that ships is put back
-            self._added.pop(kind, None)
-        else:
-            self._added[kind] = part
+        self._loaded[kind] = part
+        self._added.add(kind)
+        if kind in self._shipped and part is self._load(kind):  # it is put back
+            self._added.remove(kind)
 
     def __delitem__(self, kind: str) -> None:
-        del self._added[kind]
+        self._added.remove(kind)
+        del self._loaded[kind]
 
     def __contains__(self, kind: object) -> bool:
         """Whether a kind is known, or names a file, which is not looked at."""
@@ -130,7 +129,8 @@ class Table(MutableMapping[str, Part], Generic[Part]):
         )
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._shipped, *self._added, *self._entry_points)))
+        yield from (known := dict.fromkeys((*self._shipped, *self._added)))
+        yield from (kind for kind in self._entry_points if kind not in known)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -152,14 +152,11 @@ class Table(MutableMapping[str, Part], Generic[Part]):
     def kind_of(self, part: object) -> str | None:
         """Return the kind under which the table has a part; None if it does not have it."""
         path = f"{part.__module__}:{part.__qualname__}" if isinstance(part, type) else ""
-        for kind, entry in self._shipped.items():
-            if entry == path or self._loaded.get(kind) is part:
-                return kind
-        for kind, added in self._added.items():
-            if added is part:
-                return kind
-        for kind, point in self._entry_points.items():
-            if point.value == path or self._loaded.get(kind) is part:
+        for kind in self:
+            entry = self._shipped.get(kind) or ""
+            if not entry and kind not in self._added:
+                entry = self._entry_points[kind].value
+            if (path and entry == path) or self._loaded.get(kind) is part:
                 return kind
         return user_module.kind_of(part)
 

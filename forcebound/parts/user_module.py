@@ -15,12 +15,12 @@ import hashlib
 import re
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from forcebound.errors import ConfigError
+from forcebound.errors import ConfigError, ForceboundError
 from forcebound.files import read_bytes, reason
 
 MAX_BYTES = 1_000_000  # of a file of code
@@ -93,9 +93,29 @@ def source_of(kind: str) -> str | None:
     return None if file is None else file.source
 
 
-def describe_user_error(error: BaseException) -> str:
-    """Return what was raised and, where code of the user's own raised it, its line."""
-    return _describe(error, {str(path) for path in _files})
+def describe_user_error(error: BaseException, anywhere: bool = False) -> str:
+    """Return what was raised, of ours its cause; its line, in a user's file or ``anywhere``."""
+    if isinstance(error, ForceboundError):
+        error = error.__cause__ or error
+    frames = traceback.extract_tb(error.__traceback__) if anywhere else []
+    return _describe(error, {*map(str, _files), *(frame.filename for frame in frames[-1:])})
+
+
+@contextlib.contextmanager
+def user_code(call: str, field: str | None = None) -> Iterator[None]:
+    """Turn whatever code of a user raises into a ConfigError that names the call.
+
+    Args:
+        call: What is called, for the message; empty if the message says it.
+        field: Key of the section that is wrong, if it is one.
+    """
+    start = f"{call}: " if call else ""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{start}{error}", field=field or error.field) from error
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"{start}{describe_user_error(error)}", field=field) from error
 
 
 def raised_words(error: BaseException) -> str:

@@ -4,9 +4,7 @@ Metadata, schemas, channels and messages are copied as they are, chunk by chunk,
 another version is recovered, too. A metadata record ``forcebound.recovered`` says what was lost.
 """
 
-import os
 import struct
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -48,8 +46,8 @@ def recover(cut: Path, output: Path) -> Recovered:
     if output.exists() and output.samefile(cut):
         raise ConfigError(f"{output} is the recording itself: choose another name")
     try:
-        with mcap_file.opened(cut) as source, output.open("wb") as target:
-            return _Copy(target).run(source)
+        with output.open("wb") as target:
+            return _Copy(target).run(cut)
     except OSError as error:  # the disk is full
         raise ConfigError(f"cannot write the recording {output}: {reason(error)}") from error
 
@@ -65,17 +63,23 @@ class _Copy:
         self._messages = 0
         self._first_ns, self._last_ns = 0, 0
 
-    def run(self, source: BinaryIO) -> Recovered:
-        """Copy what can be read of an open file."""
-        with suppress(mcap_file.DamagedError):
-            for part in mcap_file.parts(source):
+    def run(self, cut: Path) -> Recovered:
+        """Copy what can be read of a file."""
+        lost = 0
+        source = mcap_file.parts(cut)
+        try:
+            for part in source:
                 if isinstance(part, Metadata):
                     self._writer.add_metadata(part.name, part.metadata)
                     continue
-                for opcode, data in mcap_file.records(part):
-                    self._take(opcode, data)
+                try:
+                    for opcode, data in mcap_file.records(part):
+                        self._take(opcode, data)
+                except mcap_file.DamagedError as error:
+                    source.throw(error)
                 self._writer.flush()
-        lost = os.fstat(source.fileno()).st_size - source.tell()
+        except mcap_file.DamagedError as error:
+            lost = cut.stat().st_size - error.at
         result = Recovered(self._messages, (self._last_ns - self._first_ns) * 1e-9, lost)
         texts = {name: str(value) for name, value in asdict(result).items()}
         self._writer.add_metadata(RECOVERED_NAME, texts)

@@ -6,7 +6,7 @@ What can be fed from the recording in place of the graph's own:
   other (a pointer, a person on hardware, none, a hand in a recording that begins later) becomes one
   that follows the recorded path; see :mod:`forcebound.operators.recorded_path`.
 * ``network``: the recorded delays and losses of each link, in place of those of links and
-  environment; see :func:`forcebound.config.traces.hop_delays`.
+  environment; see :func:`forcebound.analysis.delay_traces.hop_delays`.
 * ``environment``: the recorded replies, whatever the hand does; see
   :mod:`forcebound.environments.recorded`.
 """
@@ -21,7 +21,7 @@ from typing import Any, cast
 from forcebound.bounding import LAWS
 from forcebound.config.graph import BESIDE_MODEL, KINDS, DeviceConfig, GraphConfig
 from forcebound.config.loader import from_document
-from forcebound.config.names import ParameterName
+from forcebound.config.names import ParameterName, split_setting
 from forcebound.config.parts import law_of
 from forcebound.config.problems import unknown
 from forcebound.config.resolved import made, restore
@@ -144,9 +144,7 @@ def _feed_hand(document: dict[str, Any], file: str, is_part: bool) -> None:
 
 def _set(document: dict[str, Any], setting: str) -> str:
     """Put a setting into the document; return its name."""
-    name, separator, text = setting.partition(":=")
-    if not separator:
-        raise ConfigError(f"expected name:=value, got {setting!r}")
+    name, text = split_setting(setting)
     if name == "law":
         document["device"]["law"] = law_of(text)
     elif name in KINDS:

@@ -19,6 +19,7 @@ from forcebound.config.fields import Field, fields_of
 from forcebound.config.forms import Form
 from forcebound.config.graph import FORMAT
 from forcebound.config.loader import arguments_of, read_template
+from forcebound.config.names import split_setting
 from forcebound.config.problems import Problems, nearest_file, unknown
 from forcebound.config.tree import Value, parse
 from forcebound.errors import ConfigError
@@ -51,19 +52,19 @@ class _NumberAndUnit:
 
 _COUNT = Annotated[int, Range(at_least=1, at_most=MAX_CASES)]
 _END = Annotated[Any, _NumberAndUnit()]
-_OVER, _ALL = (Field(name, Any, False, None) for name in ("over", "all"))
+_OVER, _ALL = (Field(name, Any) for name in ("over", "all"))
 _RANGE = {
-    "from": Field("from", _END, True, None),
-    "to": Field("to", _END, True, None),
-    "count": Field("count", _COUNT, True, None),
+    "from": Field("from", _END, True),
+    "to": Field("to", _END, True),
+    "count": Field("count", _COUNT, True),
     "scale": Field("scale", Literal["linear", "log"], False, "linear"),
 }
 _REPEAT = {
-    "repeat": Field("repeat", _COUNT, True, None),
+    "repeat": Field("repeat", _COUNT, True),
     "from": Field("from", Annotated[int, NOT_NEGATIVE], False, 1),
 }
 _MAP = {name: Field(name, str, name in ("x", "value"), None) for name in MAP_KEYS}
-_MAP["limits"] = Field("limits", list[str], False, None)
+_MAP["limits"] = Field("limits", list[str])
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def load_sweep(path: str | Path, overrides: Sequence[str] = ()) -> Sweep:
 
 def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems) -> Sweep:
     """Return the sweep in the tree of a sweep file."""
-    rest = {name: Field(name, Any, False, None) for name in KEYS if name not in fields_of(_Head)}
+    rest = {name: Field(name, Any) for name in KEYS if name not in fields_of(_Head)}
     form = Form("the sweep file", {**rest, **fields_of(_Head)})
     head = form.read(root, problems)
     version = root.entries.get("forcebound")
@@ -198,13 +199,10 @@ def _sweep(root: Value, file: Path, overrides: Sequence[str], problems: Problems
 
 def _overrides(overrides: Sequence[str], known: Collection[str]) -> dict[str, str]:
     given = {}
-    for text in overrides:
-        name, separator, value = text.partition(":=")
-        if not separator:
-            raise ConfigError(f"expected name:=value, got {text!r}")
+    for name, value in map(split_setting, overrides):
         if name not in known:
             raise ConfigError(unknown("argument", name, known))
-        given[name] = value.strip()
+        given[name] = value
     return given
 
 
