@@ -3,46 +3,41 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from forcebound.cli import complete
 from forcebound.cli.common import (
-    ARGUMENTS,
-    duration_option,
-    file_option,
+    arguments_argument,
     json_option,
-    json_text,
     print_json,
-    print_rows,
-    print_table,
     record_option,
-    reports_errors,
+    report,
+    run_duration_option,
     show,
     slow_bar,
-    table_of,
+    status_line,
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
-from forcebound.errors import ConfigError, RunError
-from forcebound.files import check_writable, content_of
+from forcebound.errors import ConfigError
+from forcebound.files import check_writable
 from forcebound.processes import PROCESSES
 
 if TYPE_CHECKING:
     from forcebound.config.graph import GraphConfig
-    from forcebound.launch.screen import Screen
 
-PAGE_PATIENCE = 15.0  # s for the farewell to pages, and the end of a recording
+PAGE_END_TIMEOUT_S = 15.0  # for the last message to pages, and the end of a recording
 
 
 def _named_file(context: click.Context, parameter: click.Parameter, file: str | None) -> str:
-    """Return FILE; who names none is told what there is."""
+    """Return FILE; without one, list the shipped launch files."""
     if file is not None:
         return file
     from forcebound.config.document import descriptions
@@ -62,8 +57,8 @@ _OPTIONS = (
         callback=_named_file,
         shell_complete=complete.launch_files,
     ),
-    click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings),
-    duration_option,
+    arguments_argument(shell_complete=complete.settings),
+    run_duration_option,
     record_option,
     click.option("--check", is_flag=True, help="Only check the launch file."),
     click.option("--show-args", is_flag=True, help="List the arguments of the file."),
@@ -80,7 +75,6 @@ def _graph_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.command("launch", short_help="Run a launch file in real time, as processes.")
 @_graph_options
 @click.option("--view", "has_view", is_flag=True, help="Open a live page of it in a browser.")
-@reports_errors
 def launch_graph(
     file: str,
     arguments: tuple[str, ...],
@@ -116,18 +110,6 @@ def launch_graph(
 
 
 @contextmanager
-def status_line(as_json: bool) -> "Iterator[Screen]":
-    """A screen that says what a launcher is doing, if somebody looks; empty at the end."""
-    from forcebound.launch.screen import Screen
-
-    screen = Screen(has_status=sys.stderr.isatty() and not as_json)
-    try:
-        yield screen
-    finally:
-        screen.status("")
-
-
-@contextmanager
 def _page() -> Iterator[None]:
     """A page of the graph that this process launches, from a process of its own."""
     command = [sys.executable, "-m", "forcebound", "view", "--launcher", str(os.getpid())]
@@ -136,13 +118,12 @@ def _page() -> Iterator[None]:
     try:
         yield
     finally:
-        end(page, PAGE_PATIENCE)
+        end(page, PAGE_END_TIMEOUT_S)
 
 
 @click.command(short_help="Run a launch file in virtual time.")
 @_graph_options
 @click.option("--seed", type=click.IntRange(min=0), help="Replace the seed of the launch file.")
-@reports_errors
 def simulate(
     file: str,
     arguments: tuple[str, ...],
@@ -176,9 +157,8 @@ def simulate(
 @click.command(short_help="Serve a graph on another machine.")
 @click.argument("kind", metavar="environment", type=click.Choice([*PROCESSES]))
 @click.argument("file", shell_complete=complete.launch_files)
-@click.argument("arguments", nargs=-1, metavar=ARGUMENTS, shell_complete=complete.settings)
+@arguments_argument(shell_complete=complete.settings)
 @click.option("--run-dir", type=click.Path(path_type=Path), hidden=True, help="Of a launcher.")
-@reports_errors
 def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None) -> None:
     r"""Run the environment of FILE for a graph on another machine, as its section remote: says.
 
@@ -192,80 +172,6 @@ def node(kind: str, file: str, arguments: tuple[str, ...], run_dir: Path | None)
     if kind != "environment":
         raise ConfigError(f"a {kind} runs in `forcebound launch`; by itself, only an environment")
     serve_environment(Path(file), arguments)
-
-
-@click.command(short_help="Draw recordings side by side.")
-@click.argument(
-    "runs", nargs=-1, required=True, metavar="RUN.mcap...", shell_complete=complete.recordings
-)
-@file_option(
-    "-o", "--output", help="Picture file, .png or .svg. Default: name of the first recording, .png."
-)
-@json_option
-@reports_errors
-def plot(runs: tuple[str, ...], output: Path | None, as_json: bool) -> None:
-    r"""Draw recordings side by side: position, forces, energy, loop delay.
-
-    Says whether a hand feels the difference between the first run and each other.
-
-    \b
-    forcebound plot run.mcap
-    forcebound plot none.mcap certified.mcap -o both.svg
-    """
-    from forcebound.analysis.plots import check_picture, figure, save
-    from forcebound.launch.results import RunResult
-
-    output = Path(runs[0]).with_suffix(".png") if output is None else output
-    check_picture(output)
-    results = [RunResult.from_recording(Path(run)) for run in runs]
-    labels = [result.label for result in results]
-    if len(set(labels)) < len(labels):  # same law: distinguished by file
-        labels = [f"{run}: {label}" for run, label in zip(runs, labels, strict=True)]
-    summaries = []
-    for run, result in zip(runs, results, strict=True):
-        with content_of(run):
-            summaries.append(result.summary)
-    with content_of(" and ".join(runs)):
-        drawn = [(label, r.columns, r.document) for label, r in zip(labels, results, strict=True)]
-        save(figure(drawn, events=[r.events for r in results]), output)
-        found = _found(summaries)
-        document = json_text({"picture": str(output), **found}) if as_json else ""
-        head, rows = table_of(results, labels)
-        differing = list(_in_words(found["differences"], labels))
-    if as_json:  # what cannot be printed is no matter of the recordings
-        click.echo(document)
-        return
-    print_rows(head, rows)
-    for line in differing:
-        show(line)
-    show(f"picture: {output}")
-
-
-def _found(summaries: list[dict[str, Any]]) -> dict[str, Any]:
-    from forcebound.analysis.perception import differences
-
-    first, *others = summaries
-    return {"runs": summaries, "differences": [differences(first, other) for other in others]}
-
-
-def _in_words(compared: Sequence[Sequence[Mapping[str, Any]]], labels: list[str]) -> Iterator[str]:
-    from forcebound.analysis.tables import difference_text
-
-    for label, found in zip(labels[1:], compared, strict=True):
-        for difference in found:
-            yield f"{label} against {labels[0]}: {difference_text(difference)}"
-
-
-@click.command(short_help="Print the JSON schema of launch files.")
-def schema() -> None:
-    r"""Print the JSON schema of launch files, for completion in an editor.
-
-    \b
-    forcebound schema > forcebound.schema.json
-    """
-    from forcebound.config.schema import json_schema
-
-    print_json(json_schema())
 
 
 def _configuration(
@@ -305,7 +211,7 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
     arguments = arguments_of(file)
     if as_json:
-        print_json([asdict(argument) for argument in arguments])
+        print_json(arguments)
         return
     for argument in arguments:
         default = "(required)" if argument.default is None else _as_written(argument.default)
@@ -315,33 +221,3 @@ def _show_arguments(file: str, as_json: bool) -> None:
 
 def _as_written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def report(result: Any, record: Path | None, as_json: bool) -> None:
-    """Show the result of a run.
-
-    Raises:
-        RunError: If the run failed; its result is shown before.
-    """
-    _show_result(result, record, as_json)
-    if result.failed:
-        raise RunError(result.failed)
-
-
-def _show_result(result: Any, record: Path | None, as_json: bool) -> None:
-    if result.interrupted:
-        show("forcebound: interrupted; result up to here", err=True)
-    if as_json:
-        print_json(result.summary)
-        return
-    print_table([result])
-    for cause in result.summary["little_force"]:
-        show(f"little force: {cause['advice']}")
-    if result.summary["phases"]:
-        from forcebound.analysis.tables import phase_rows
-
-        head, *rows = phase_rows(result.summary["phases"])
-        click.echo()
-        print_rows(head, rows)
-    if record is not None:
-        show(f"recording: {record}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from forcebound.cli.common import reports_errors, run_option, show
+from forcebound.cli.common import given_run_option, show
 from forcebound.errors import ConfigError, ForceboundError
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _open(address: str, core: int | None) -> None:
 
 
 @click.command(short_help="Open a live page of the running graph.")
-@run_option
+@given_run_option()
 @click.option("--wait", "waits", is_flag=True, help="Wait for the first graph, too.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
 @click.option(
@@ -92,9 +92,8 @@ def _open(address: str, core: int | None) -> None:
 )
 @click.option("--open/--no-open", "opens", default=True, help="Whether to open a browser.")
 @click.option("--launcher", type=int, hidden=True, help="Show the graph of this process alone.")
-@reports_errors
 def view(
-    run_dir: Path | None,
+    run: Path | None,
     waits: bool,
     port: int,
     listen: str,
@@ -121,13 +120,13 @@ def view(
     check_tornado()
     from forcebound.view.server import Server
 
-    run: Path | None = None
+    first: Path | None = None
     if launcher is not None:
-        run = find_launched(launcher)
+        first = find_launched(launcher)
     elif not waits:
-        run = find(run_dir, require_graph=True)
+        first = find(run, require_graph=True)
     start = partial(Server, listen, port, recordings)
-    asyncio.run(_serve(start, run, partial(_next, run_dir, set()), opens, launcher is None))
+    asyncio.run(_serve(start, first, partial(_next, run, set()), opens, launcher is None))
 
 
 def _next(wanted: Path | None, said: set[str]) -> Path | None:

@@ -5,7 +5,7 @@ Rates are those of the senders' own time stamps, so a slow reader does not chang
 
 import math
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,19 @@ from msgspec import Struct
 from forcebound.config.problems import unknown
 from forcebound.errors import ConfigError, RunError
 from forcebound.launch.run_directory import RUN_FILE, RunDocument, recorded_streams
-from forcebound.messages.packets import TOPICS, Event, Packet, field_types
-from forcebound.monitor.runs import while_running
+from forcebound.messages.packets import TOPICS, Packet, field_types
 from forcebound.process import Reader, Received
 
-DURATION = 2.0  # s, how long rates are measured
 
-
-def topic_named(name: str) -> str:
-    """Return a topic by its name.
+def check_topics(names: Collection[str]) -> None:
+    """Check that there are topics of these names.
 
     Raises:
-        ConfigError: If there is none of that name.
+        ConfigError: If there is none of a name.
     """
-    if name not in TOPICS:
-        raise ConfigError(unknown("topic", name, TOPICS))
-    return name
+    for name in names:
+        if name not in TOPICS:
+            raise ConfigError(unknown("topic", name, TOPICS))
 
 
 def packets_of(
@@ -53,9 +50,7 @@ def packets_of(
     def is_over() -> bool:
         return time.monotonic() >= end or not (run_dir / RUN_FILE).exists()
 
-    with while_running(run_dir):
-        reader = Reader(recorded_streams(run_dir, topics), RunDocument.read(run_dir).core)
-    with reader:
+    with Reader(recorded_streams(run_dir, topics), RunDocument.read(run_dir).core) as reader:
         yield from reader.follow(is_over)
 
 
@@ -81,58 +76,51 @@ class StreamFigures(Struct, frozen=True):
 
 @dataclass
 class Stream:
-    """What was seen of a topic.
+    """The packets of a topic: number and time (ns) of each, by sender, and their sizes (B)."""
 
-    Attributes:
-        seqs: Of its packets, by sender.
-        times_ns: Time stamps of its packets, by sender, in ns.
-        sizes: Of its packets, in B.
-    """
-
-    seqs: dict[str, list[int]] = field(default_factory=dict)
-    times_ns: dict[str, list[int]] = field(default_factory=dict)
+    stamps: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
     sizes: list[int] = field(default_factory=list)
 
     def add(self, packet: Packet, size: int) -> None:
         """Add a packet."""
-        sender = packet.node if isinstance(packet, Event) else ""
-        self.seqs.setdefault(sender, []).append(packet.seq)
-        self.times_ns.setdefault(sender, []).append(packet.time_ns)
+        sender = getattr(packet, "node", "")  # events come from any process
+        self.stamps.setdefault(sender, []).append((packet.seq, packet.time_ns))
         self.sizes.append(size)
 
     def figures(self, duration: float) -> StreamFigures:
         """Return rate, intervals and sizes of what came in ``duration`` s."""
-        count = len(self.sizes)
-        one = next(iter(self.times_ns.values())) if len(self.times_ns) == 1 else []
-        gaps = np.diff(one) * 1e-6
-        interval = None
-        rate = count / duration
-        if gaps.size and gaps.sum() > 0.0:
-            rate = 1e3 / float(gaps.mean())
-            interval = Interval(*map(float, (gaps.min(), gaps.mean(), gaps.max(), gaps.std())))
-        expected = sum(max(seqs) - min(seqs) + 1 for seqs in self.seqs.values())
+        count, interval = len(self.sizes), None
+        rate, missing = count / duration, 0
+        for stamps in self.stamps.values():
+            seqs, times_ns = np.array(stamps).T
+            missing += int(seqs.max() - seqs.min()) + 1 - len(set(seqs))
+            gaps = np.diff(times_ns) * 1e-6
+            if len(self.stamps) == 1 and gaps.sum() > 0.0:
+                rate = 1e3 / float(gaps.mean())
+                interval = Interval(*map(float, (gaps.min(), gaps.mean(), gaps.max(), gaps.std())))
         return StreamFigures(
             packets=count,
             rate_hz=rate,
             interval_ms=interval,
-            missing=expected - sum(len(set(seqs)) for seqs in self.seqs.values()),
+            missing=missing,
             bandwidth_b_per_s=sum(self.sizes) / duration,
             mean_size_b=sum(self.sizes) / count if count else None,
         )
 
 
 def measure_streams(
-    run_dir: Path, topics: Sequence[str], duration: float = DURATION
+    run_dir: Path, topics: Collection[str], duration: float
 ) -> dict[str, StreamFigures]:
-    """Return the figures of topics of a running graph, by topic.
+    """Return the figures of topics of a running graph over ``duration`` s, by topic; none: of all.
 
     Raises:
-        ConfigError: If no graph runs there.
+        ConfigError: If no graph runs there, or there is no such topic.
         RunError: If the graph has ended, and sent nothing before.
     """
-    streams = {topic: Stream() for topic in topics}
+    check_topics(topics)
+    streams = {topic: Stream() for topic in topics or TOPICS}
     start = time.monotonic()
-    for topic, packet, data in packets_of(run_dir, topics, duration):
+    for topic, packet, data in packets_of(run_dir, streams, duration):
         streams[topic].add(packet, len(data))
     watched = time.monotonic() - start
     if not (run_dir / RUN_FILE).exists() and not any(one.sizes for one in streams.values()):
@@ -141,11 +129,12 @@ def measure_streams(
 
 
 def check_fields(topic: str, names: Collection[str]) -> None:
-    """Check that packets of a topic have fields of these names.
+    """Check that there is a topic, and that its packets have fields of these names.
 
     Raises:
-        ConfigError: If one has not.
+        ConfigError: If one is missing.
     """
+    check_topics((topic,))
     known = list(field_types(TOPICS[topic].packet))
     for name in names:
         if name not in known:
