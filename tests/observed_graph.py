@@ -131,8 +131,8 @@ def only(seen: Observations) -> Finding:
 
 
 def commands(finding: Finding) -> list[str]:
-    found: list[str] = finding.document()["commands"]
-    return found
+    given = (finding.command, *(cause.command for cause in finding.causes))
+    return [command for command in given if command]
 
 
 def codes(finding: Finding) -> list[str]:

@@ -153,7 +153,7 @@ def _fate(status: NodeStatus, topic: str, fate: str) -> int:
 
 def _all_lost(receiving: Seen[Any], topic: str, receiver: str) -> Finding:
     lost = sum(receiving.rate(partial(_fate, topic=topic, fate=fate)) for fate in LOSSES)
-    arriving = receiving.received(topic) / receiving.interval
+    arriving = receiving.rate_of(topic)
     words = (
         f"nothing gets through to the {receiver}: {arriving:.3g} packets/s arrive, "
         f"{lost:.3g}/s are lost on purpose"
@@ -175,8 +175,8 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
         where = "it is not on this machine, or not in this run directory"
         cause = Cause("sender_elsewhere", f"is the {sender} running? {where}")
     elif topic == "environment_reply":
-        status = seen.environment.last
-        queries = seen.environment.received("environment_query") / seen.environment.interval
+        environment = seen.of(EnvironmentStatus)
+        status, queries = environment.last, environment.rate_of("environment_query")
         words += f"; the {sender} gets {queries:.3g} queries/s"
         if status is not None and status.failures:
             words += f"; its code failed to answer {status.failures} times"
@@ -184,7 +184,7 @@ def _nothing_arrives(seen: Observations, topic: str, sender: str, receiver: str)
         else:
             limit = "does it compute for longer than that (environment.compute_delay)?"
             cause = Cause("environment_slow", f"{limit} See its log")
-    elif topic == "force_command" and seen.controller.growth(_second_replies):
+    elif topic == "force_command" and seen.of(ControllerStatus).growth(_second_replies):
         cause = Cause("replies_rejected", "the replies are of an environment that does not serve")
     return problem("hop_broken", f"link {topic}", words, causes=(cause,))
 
@@ -195,14 +195,14 @@ def _second_replies(status: ControllerStatus) -> int:
 
 
 def _environments(seen: Observations) -> Iterator[Finding]:
-    own = seen.environment.last
+    own = seen.of(EnvironmentStatus).last
     if "controller" not in seen.processes and own is not None:
-        yield from _serves_elsewhere(seen.environment, own)
-    controller = seen.controller.last
+        yield from _serves_elsewhere(seen.of(EnvironmentStatus), own)
+    controller = seen.of(ControllerStatus).last
     if controller is None:
         return
     serving, name = controller.environment, None if own is None else own.name
-    rejected = seen.controller.rate(_second_replies)
+    rejected = seen.of(ControllerStatus).rate(_second_replies)
     other = f", {name}," if name not in (None, serving) else ""
     if rejected > WAITING_RATE:
         words = (
@@ -223,7 +223,7 @@ def _serves_elsewhere(
     environment: Seen[EnvironmentStatus], status: EnvironmentStatus
 ) -> Iterator[Finding]:
     """Report an environment whose graph is on another machine."""
-    queries = environment.received("environment_query") / environment.interval
+    queries = environment.rate_of("environment_query")
     if status.remote is None or not status.remote.connected or not queries:
         return  # has a finding of its own
     other = status.refused_for

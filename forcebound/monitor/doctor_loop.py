@@ -14,6 +14,7 @@ from forcebound.analysis.bounder import (
 )
 from forcebound.config.graph import GraphConfig
 from forcebound.config.resolved import to_document
+from forcebound.messages.control import DeviceStatus, RecorderStatus
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.findings import Finding, note, problem
 from forcebound.monitor.observation import Observations
@@ -32,7 +33,7 @@ LESS_DELAY = "less delay or loss on the links, or a larger device.age_limit"
 def _force(seen: Observations) -> Iterator[Finding]:
     telemetry = seen.telemetry
     if telemetry.time_ns.size == 0:
-        if seen.device.last is not None and seen.phase not in ("starting", "stopping"):
+        if seen.of(DeviceStatus).last is not None and seen.phase not in ("starting", "stopping"):
             words, action = "answers, but sends no telemetry", "does it hang in its driver?"
             yield problem("no_telemetry", "device", words, action)
         return
@@ -101,7 +102,8 @@ def _ticks(seen: Observations) -> Iterator[Finding]:
 
 def _lateness(seen: Observations) -> tuple[Cause, ...]:
     """Return the likely causes of lateness."""
-    facts = [] if seen.device.last is None else seen.device.last.realtime
+    device = seen.of(DeviceStatus).last
+    facts = [] if device is None else device.realtime
     causes = [Cause(fact.code, fact.sentence) for fact in facts if fact.is_hindrance]
     if seen.neighbours:
         graphs = ", ".join(seen.neighbours)
@@ -118,7 +120,7 @@ def _lateness(seen: Observations) -> tuple[Cause, ...]:
 
 
 def _recorder(seen: Observations) -> Iterator[Finding]:
-    recorder, recording = seen.recorder, seen.recording
+    recorder, recording = seen.of(RecorderStatus), seen.recording
     if recorder.last is None:
         return
     state = recorder.last.recording
@@ -157,10 +159,10 @@ def _law(seen: Observations) -> Iterator[Finding]:
         f"law {law} limits the force in {share:.0%} of the ticks with one: "
         f"of {commanded:.2g} N commanded it applies {applied:.2g} N"
     )
-    status = seen.device.last
+    status = seen.of(DeviceStatus).last
     report = None
     if status is not None:
-        overruns = seen.device.growth(lambda one: one.bounder.overruns)
+        overruns = seen.of(DeviceStatus).growth(lambda one: one.bounder.overruns)
         report = replace(status.bounder, overruns=overruns)
     causes = tuple(causes_of_little_force(seen.telemetry, section, report))
     yield note("law_limits", "device", words, causes=causes)

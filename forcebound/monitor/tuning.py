@@ -32,7 +32,13 @@ from forcebound.launch.run_directory import (
     updating,
     write_launch_document,
 )
-from forcebound.messages.control import Configure, ConfigureNode, Parameters, Refused
+from forcebound.messages.control import (
+    Configure,
+    ConfigureNode,
+    DeviceStatus,
+    Parameters,
+    Refused,
+)
 from forcebound.messages.packets import LINKS
 from forcebound.monitor.control import ANSWER_TIMEOUT, ask_all, await_law
 from forcebound.monitor.kernels import Kernels
@@ -248,7 +254,8 @@ def _prepare_law(law: str, graph: GraphStatus, kernels: Kernels | None) -> None:
     device = graph.processes.get("device")
     if device is not None and device.state == "lost":
         raise ConfigError(f"{LAW}: the device is lost; first, `forcebound device resume`")
-    if kernels is not None and graph.device is not None and graph.device.law != law:
+    status = graph.status_of(DeviceStatus)
+    if kernels is not None and status is not None and status.law != law:
         kernels.wait(law)
 
 
@@ -267,7 +274,7 @@ def _configure(graph: GraphStatus, nodes: Collection[str], request: Configure) -
     if not silent:
         return
     listed = " and ".join(silent)
-    if graph.launcher is None:
+    if graph.phase is None:
         raise RunError(
             f"{listed} did not answer: no change there; suspended (Ctrl-Z), or just ending?"
         )
