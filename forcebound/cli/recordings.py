@@ -28,7 +28,7 @@ from forcebound.cli.common import (
     status_line,
     table_of,
 )
-from forcebound.files import check_writable, content_of
+from forcebound.files import content_of
 
 if TYPE_CHECKING:
     from forcebound.recording import Recording
@@ -55,9 +55,9 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
     forcebound record
     forcebound record stiff_wall -o run.mcap --duration 10s
     """
-    from forcebound.launch.run_directory import RunDocument
     from forcebound.monitor.recorder import free_name, record_running
     from forcebound.monitor.runs import find, while_running
+    from forcebound.process import Stop
 
     run_dir = find(graph, require_graph=True, option="`forcebound record GRAPH`")
 
@@ -65,14 +65,10 @@ def record(graph: Path | None, output: Path | None, duration: float | None, as_j
         if not as_json:
             show(f"recording {name} to {file}; Ctrl-C ends it")
 
-    with while_running(run_dir):
-        file = output or free_name(Path(), RunDocument.read(run_dir).file)
-        check_writable(file, "the recording")
-        found = record_running(run_dir, file, duration, begin)
-    if as_json:
-        print_json(found)
-    else:
-        show(f"recorded {found.seconds:.1f} s, {found.packets['telemetry']} ticks: {file}")
+    with while_running(run_dir), Stop() as stop:
+        file = output or free_name(Path(), run_dir)
+        found = record_running(run_dir, file, duration, begin, stop)
+    print_json(found) if as_json else show(str(found))
 
 
 @click.command(short_help="Draw recordings side by side.")

@@ -1,16 +1,14 @@
-"""A recording that a page begins and ends: ``forcebound record``, a process of its own."""
+"""A recording that a page begins and ends, in a thread of its own."""
 
-import subprocess
-import sys
 import time
 from pathlib import Path
-from typing import Any
+from threading import Event, Lock, Thread
 
-from forcebound.errors import ConfigError, RunError
-from forcebound.launch.run_directory import RunDocument
-from forcebound.monitor.recorder import free_name
+from forcebound.errors import ConfigError, ForceboundError, RunError
+from forcebound.monitor.recorder import free_name, record_running
+from forcebound.process import Stop
 
-END_TIMEOUT_S = 10.0  # s for the end of a recording: there may be much to write to a slow disk
+POLL_S = 0.05  # between two looks whether the recording has begun
 
 
 class PageRecording:
@@ -22,11 +20,11 @@ class PageRecording:
     """
 
     def __init__(self, run_dir: Path, folder: Path) -> None:
-        self._run_dir, self._folder = run_dir, folder
-        self._process: subprocess.Popen[str] | None = None
-        self._file = Path()
+        self._run_dir, self._folder, self._file = run_dir, folder, Path()
+        self._thread, self._lock = Thread(), Lock()
+        self._stop: Stop | None = None  # None: nothing is recorded
         self._began = 0.0  # s, of the monotonic clock
-        self._last_line = ""  # of the last one
+        self._result = ""  # of the last one
 
     def begin(self) -> None:
         """Begin a recording.
@@ -35,53 +33,44 @@ class PageRecording:
             ConfigError: If there is one already.
             RunError: If it cannot be; the message says why.
         """
-        if self._is_running():
+        if self._stop is not None:
             raise ConfigError(f"already recording to {self._file}")
-        self._file = free_name(self._folder, RunDocument.read(self._run_dir).file).absolute()
-        words = ["record", str(self._run_dir), "-o", str(self._file)]
-        self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", "forcebound", *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,  # Ctrl-C is for the page's server, which then ends it
-        )
-        assert self._process.stdout is not None
-        if not self._process.stdout.readline():  # a line when it records
-            self._finish()
-            raise RunError(self._last_line)
+        self._file = free_name(self._folder, self._run_dir).absolute()
+        begun, self._stop = Event(), Stop()
+        self._thread = Thread(target=self._record, args=(self._stop, begun))
+        self._thread.start()
+        while not begun.wait(POLL_S) and self._thread.is_alive():
+            pass
+        if not begun.is_set():
+            raise RunError(self._result)
         self._began = time.monotonic()
+
+    def _record(self, stop: Stop, begun: Event) -> None:
+        try:
+            found = record_running(self._run_dir, self._file, None, lambda _: begun.set(), stop)
+            self._result = str(found)
+        except (ForceboundError, OSError) as error:
+            self._result = str(error)
+        except KeyboardInterrupt:
+            self._result = "it ended before anything came"
+        with self._lock:
+            self._stop = None
+            stop.close()
 
     def end(self) -> None:
         """End the recording, if there is one."""
-        if self._process is not None:
-            self._process.terminate()
-            self._finish()
+        with self._lock:
+            if self._stop is not None:
+                self._stop.request()
+        if self._thread.is_alive():
+            self._thread.join()
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return what pages need to know: the file, since when, or what came of the last one."""
-        is_running = self._is_running()
+        is_running = self._stop is not None
         return {
             "type": "recording",
             "file": str(self._file) if is_running else None,
             "seconds": time.monotonic() - self._began if is_running else None,
-            "said": self._last_line,
+            "said": self._result,
         }
-
-    def _is_running(self) -> bool:
-        if self._process is not None and self._process.poll() is not None:
-            self._finish()  # a full disk, or the end of the graph
-        return self._process is not None
-
-    def _finish(self) -> None:
-        """Wait for the end, and keep the last line that the process prints."""
-        process, self._process = self._process, None
-        assert process is not None
-        try:
-            out, err = process.communicate(timeout=END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            out, err = process.communicate()
-        lines = (err if process.returncode else out).splitlines() or ["the recorder has ended"]
-        self._last_line = lines[-1].removeprefix("forcebound: ")
