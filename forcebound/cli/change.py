@@ -119,7 +119,7 @@ def set_parameters(settings: tuple[str, ...], run: Path, as_json: bool) -> None:
     if not change.values and not as_json:
         show("nothing to change: the graph already has these values")
     for note in change.notes:
-        show(f"note: {note.sentence}", err=True)
+        show(f"note: {note}", err=True)
 
 
 def _print(run: Path, values: "Parameters", as_json: bool, *, with_ranges: bool = False) -> None:
