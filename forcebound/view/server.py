@@ -3,6 +3,7 @@
 import asyncio
 import json
 import mimetypes
+import signal
 import socket
 import time
 from collections.abc import Callable
@@ -28,7 +29,6 @@ from forcebound.view.feed import Feed, Message
 PAGE = Path(__file__).parent / "page"
 FRAME = 1.0 / 30.0  # s between two looks at the graph
 PROCESSES_PERIOD = 1.0  # s between two looks at its processes
-NEXT = 0.5  # s between two looks for the next graph
 PING = 30.0  # s between two; as long may a page on a busy machine take to answer one
 CLOSE_TIMEOUT_S = 1.0  # s that pages have to close
 MOST_PAGES = 32
@@ -54,7 +54,8 @@ class Server:
     Attributes:
         access: Who may look; it has the addresses of the page.
         graph: That is shown; None: none is just now.
-        is_stopped: Whether :meth:`stop` was called.
+        last: That was shown before, if a launcher ran it, which may still compute the result.
+        is_stopped: Whether :meth:`stop` was called, or SIGTERM came.
 
     Raises:
         ConfigError: If the address cannot be listened at.
@@ -66,8 +67,9 @@ class Server:
         self.graph: _Graph | None = None
         self.is_stopped = False
         self._loop = asyncio.get_running_loop()
+        self._loop.add_signal_handler(signal.SIGTERM, self.stop)
         self._recordings = recordings
-        self._last: Path | None = None  # graph that was shown, if a launcher ran it
+        self.last: Path | None = None
         self.pages: set[_Page] = set()
         self.workers = ThreadPoolExecutor(1, "controls")  # one change after the other
         own = {"server": self}
@@ -93,7 +95,7 @@ class Server:
         self._http.add_socket(listening)
 
     def stop(self) -> None:
-        """End :meth:`show` and :meth:`wait`."""
+        """End :meth:`show`."""
         self.is_stopped = True
 
     async def show(self, run_dir: Path) -> None:
@@ -132,24 +134,9 @@ class Server:
                 await asyncio.sleep(max(0.0, FRAME - (time.monotonic() - started)))
         finally:
             if graph.watch.was_launched:  # else its run directory may be used again
-                self._last = graph.run_dir
+                self.last = graph.run_dir
             loop.remove_reader(graph.pointer.descriptor)
             graph.close()
-
-    async def wait(self, find: Callable[[], Path | None]) -> Path | None:
-        """Return the next graph to show, or None after :meth:`stop`.
-
-        Args:
-            find: Returns its run directory; None: there is none yet. The last one is none: its
-                launcher still computes the result.
-        """
-        found = None
-        while found is None and not self.is_stopped:
-            await asyncio.sleep(NEXT)
-            found = find()
-            if found == self._last:
-                found = None
-        return found
 
     def tell(self, message: Message) -> None:
         """Send a message to every page; one that does not read misses it."""
