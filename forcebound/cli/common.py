@@ -17,6 +17,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.files import RECORDING_SUFFIX, printable
 
 if TYPE_CHECKING:
+    from forcebound.config.graph import GraphConfig
     from forcebound.launch.results import RunResult
     from forcebound.launch.screen import Screen
 
@@ -166,6 +167,36 @@ def status_line(as_json: bool) -> "Iterator[Screen]":
         yield screen
     finally:
         screen.status("")
+
+
+def show_live_run(
+    config: "GraphConfig",
+    duration: float | None,
+    record: Path | None,
+    as_json: bool,
+    file: str,
+    folder: Path = Path(),
+) -> None:
+    """Run a graph in real time, and show the result; see :func:`report`."""
+    from forcebound.launch.live import run_live
+
+    with status_line(as_json) as screen:
+        result = run_live(config, duration, record, None, file, screen, folder)
+        screen.status("computing the figures")
+        _ = result.summary
+    report(result, record, as_json)
+
+
+def show_virtual_run(
+    config: "GraphConfig", duration: float | None, record: Path | None, as_json: bool
+) -> None:
+    """Run a graph in virtual time, and show the result; see :func:`report`."""
+    from forcebound.launch.virtual import run_virtual
+
+    with slow_bar("ms of virtual time", as_json) as tell:
+        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
+    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
+    report(result, record, as_json)
 
 
 def report(result: "RunResult", record: Path | None, as_json: bool) -> None:

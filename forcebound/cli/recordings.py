@@ -21,11 +21,10 @@ from forcebound.cli.common import (
     print_rows,
     record_option,
     recording_option,
-    report,
     run_duration_option,
     show,
-    slow_bar,
-    status_line,
+    show_live_run,
+    show_virtual_run,
     table_of,
 )
 from forcebound.files import content_of
@@ -213,8 +212,6 @@ def replay(
         if live or network or environment or duration or record:
             raise click.UsageError("--verify runs no graph: give it alone, or with NAME:=VALUE")
         _verify(run, arguments, as_json)
-    from forcebound.launch.live import run_live
-    from forcebound.launch.virtual import run_virtual
     from forcebound.messages.packets import TOPIC_OF, Telemetry
     from forcebound.recordings.rerun import duration_of, graph_of
 
@@ -225,13 +222,10 @@ def replay(
     config = graph_of(recording, arguments, [feed for feed, is_fed in fed.items() if is_fed])
     seconds = duration_of(recording, config) if duration is None else duration
     if live:
-        described = " ".join((str(run), *arguments))
-        with status_line(as_json) as screen:
-            result = run_live(config, seconds, record, file=described, screen=screen)
+        words = " ".join((str(run), *arguments))
+        show_live_run(config, seconds, record, as_json, file=words)
     else:
-        with slow_bar("ms of virtual time", as_json) as tell:
-            result = run_virtual(config, seconds, record, may_end_early=True, progress=tell)
-    report(result, record, as_json)
+        show_virtual_run(config, seconds, record, as_json)
 
 
 def _verify(run: Path, settings: Sequence[str], as_json: bool) -> NoReturn:

@@ -18,11 +18,10 @@ from forcebound.cli.common import (
     json_option,
     print_json,
     record_option,
-    report,
     run_duration_option,
     show,
-    slow_bar,
-    status_line,
+    show_live_run,
+    show_virtual_run,
 )
 from forcebound.cli.view import check_tornado
 from forcebound.ending import end
@@ -93,20 +92,18 @@ def launch_graph(
     forcebound launch my_wall.yaml --duration 60s --record run.mcap
     """
     from forcebound.config.document import folder_of
-    from forcebound.launch.live import check_here, run_live
+    from forcebound.launch.live import check_here
 
     if has_view:
         check_tornado()
     here = partial(check_here, record=record)
     config = _configuration(file, arguments, check, show_args, as_json, also=here)
     if config is not None:
-        described = " ".join((file, *arguments))
-        folder = folder_of(Path(file))
-        with _page() if has_view else nullcontext(), status_line(as_json) as screen:
-            result = run_live(config, duration, record, None, described, screen, folder)
-            screen.status("computing the figures")
-            _ = result.summary
-        report(result, record, as_json)
+        words = " ".join((file, *arguments))
+        with _page() if has_view else nullcontext():
+            show_live_run(
+                config, duration, record, as_json, file=words, folder=folder_of(Path(file))
+            )
 
 
 @contextmanager
@@ -141,17 +138,11 @@ def simulate(
     forcebound simulate stiff_wall --show-args
     forcebound simulate my_wall.yaml --record run.mcap --json
     """
-    from forcebound.launch.virtual import run_virtual
-
     if record is not None:
         check_writable(record, "the recording")
     config = _configuration(file, arguments, check, show_args, as_json, seed)
-    if config is None:
-        return
-    with slow_bar("ms of virtual time", as_json) as tell:
-        result = run_virtual(config, duration, record, may_end_early=True, progress=tell)
-    show(f"virtual time: {result.times_real_time:.0f} times real time", err=True)
-    report(result, record, as_json)
+    if config is not None:
+        show_virtual_run(config, duration, record, as_json)
 
 
 @click.command(short_help="Serve a graph on another machine.")

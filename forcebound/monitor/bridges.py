@@ -42,14 +42,14 @@ def serve(
     duration: float | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Give topics of a running graph to another program, until the graph ends.
+    """Give topics of a running graph to another program, for ``duration`` s or until it ends.
 
     Args:
         bridge: :func:`plotjuggler` or :func:`foxglove`.
         run: Run directory of the graph.
         topics: Of the packets.
         port: On loopback.
-        duration: Longest time, in s; None: no limit.
+        duration: In s; None: no limit.
         say: Called with a line for people when the port is open.
 
     Raises:

@@ -56,12 +56,12 @@ def record_running(
     begin: Callable[[str], None],
     stop: process.Stop,
 ) -> Recorded:
-    """Record a running graph until a request to stop, or its end.
+    """Record a running graph for ``duration`` s, until a request to stop, or until it ends.
 
     Args:
         run_dir: Of the graph.
         file: To write; replaced if it exists.
-        duration: Longest time, in s; None: no limit.
+        duration: In s; None: no limit.
         begin: Called with the name of the graph when it begins.
         stop: Ends it.
 

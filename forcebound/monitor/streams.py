@@ -22,11 +22,7 @@ from forcebound.process import Reader, Received
 
 
 def check_topics(names: Collection[str]) -> None:
-    """Check that there are topics of these names.
-
-    Raises:
-        ConfigError: If there is none of a name.
-    """
+    """Raise ConfigError if there is no topic of one of these names."""
     for name in names:
         if name not in TOPICS:
             raise ConfigError(unknown("topic", name, TOPICS))
@@ -35,16 +31,7 @@ def check_topics(names: Collection[str]) -> None:
 def packets_of(
     run_dir: Path, topics: Collection[str], duration: float | None = None
 ) -> Iterator[Received]:
-    """Give the packets of a running graph as they come, until the graph ends.
-
-    Args:
-        run_dir: Of the graph.
-        topics: Of the packets.
-        duration: Longest time, in s; None: no limit.
-
-    Raises:
-        ConfigError: If no graph runs there.
-    """
+    """Give the packets of a running graph as they come, for ``duration`` s or until it ends."""
     end = math.inf if duration is None else time.monotonic() + duration
 
     def is_over() -> bool:
@@ -111,10 +98,9 @@ class Stream:
 def measure_streams(
     run_dir: Path, topics: Collection[str], duration: float
 ) -> dict[str, StreamFigures]:
-    """Return the figures of topics of a running graph over ``duration`` s, by topic; none: of all.
+    """Return the figures of topics of a running graph over ``duration`` s; none: of all.
 
     Raises:
-        ConfigError: If no graph runs there, or there is no such topic.
         RunError: If the graph has ended, and sent nothing before.
     """
     check_topics(topics)
@@ -129,11 +115,7 @@ def measure_streams(
 
 
 def check_fields(topic: str, names: Collection[str]) -> None:
-    """Check that there is a topic, and that its packets have fields of these names.
-
-    Raises:
-        ConfigError: If one is missing.
-    """
+    """Raise ConfigError if there is no such topic, or its packets lack one of these fields."""
     check_topics((topic,))
     known = list(field_types(TOPICS[topic].packet))
     for name in names:

@@ -59,11 +59,7 @@ class Change:
 
 
 def configuration(run_dir: Path, with_code: bool = True) -> GraphConfig:
-    """Return the present configuration of a graph; ``with_code``: also parts in users' files.
-
-    Raises:
-        ConfigError: If the run directory has no launch document.
-    """
+    """Return the present configuration of a graph; ``with_code``: also parts in users' files."""
     return with_parts(restore(read_launch_document(run_dir)), of_users=with_code)
 
 
@@ -105,21 +101,13 @@ def found_elsewhere(run_dir: Path, config: GraphConfig, names: Iterable[str]) ->
 
 
 def changed_parameters(run_dir: Path) -> Parameters:
-    """Return the parameters of a graph that were changed since its launch, with their values.
-
-    Raises:
-        ConfigError: If the run directory has no launch document.
-    """
+    """Return the parameters of a graph that were changed since its launch, with their values."""
     started = json.loads(RunDocument.read(run_dir).metadata["launch"])
     return differences(started, configuration(run_dir))
 
 
 def read_settings(texts: Sequence[str]) -> Parameters:
-    """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file.
-
-    Raises:
-        ConfigError: If a text is not of this form.
-    """
+    """Return the settings of ``NAME:=VALUE`` texts; a value is YAML, as in a launch file."""
     settings: Parameters = {}
     for text in texts:
         name, sign, value = text.partition(":=")
@@ -139,19 +127,12 @@ def read_settings(texts: Sequence[str]) -> Parameters:
 
 
 def cut_links(run_dir: Path, time: str, links: Sequence[str]) -> tuple[float, tuple[str, ...]]:
-    """Lose every packet of some links from now for a time.
+    """Lose every packet of some links from now for a time such as ``500ms``.
 
-    Args:
-        run_dir: Of the graph.
-        time: Such as ``500ms``.
-        links: By topic; none: query and reply of the environment.
+    Without links: query and reply of the environment. Errors are as of :func:`set_parameters`.
 
     Returns:
-        The time in s, and the links.
-
-    Raises:
-        ConfigError: As :func:`set_parameters`; and if it is no time.
-        RunError: As there.
+        The time in s, and the links by topic.
     """
     seconds = Range(above=0).check(parse_quantity(time, "s"), "s")
     for link in links:
